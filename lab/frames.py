@@ -1,0 +1,145 @@
+"""Rigid motions as arrays: rotations ``(..., 3, 3)``, poses ``(..., 4, 4)``, quaternions wxyz.
+
+``T_a_b`` is the pose of b in a: ``p_a = T_a_b @ p_b`` and ``T_a_c = T_a_b @ T_b_c``.
+A rotation vector is axis times angle (rad); ``exp`` and ``log`` convert. Lengths in metres.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def skew(v: Array) -> Array:
+    """The matrix ``[v]x`` with ``[v]x w = v x w``; ``(..., 3)`` in, ``(..., 3, 3)`` out."""
+    v = np.asarray(v)
+    matrix = np.zeros((*v.shape, 3), dtype=v.dtype)
+    matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    matrix[..., 1, 2], matrix[..., 2, 0], matrix[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
+    return matrix
+
+
+def _angle_series(angle_squared: Array) -> tuple[Array, Array, Array]:
+    """``sin t / t``, ``(1 - cos t) / t^2`` and ``(t - sin t) / t^3`` from t^2, smooth at zero.
+
+    Written without an absolute value, so that a complex step passes through.
+    """
+    small = np.abs(angle_squared) < 1e-4
+    square = np.where(small, 1.0, angle_squared)
+    t = np.sqrt(square)
+    s = angle_squared
+    a = np.where(small, 1 - s / 6 * (1 - s / 20 * (1 - s / 42)), np.sin(t) / t)
+    b = np.where(small, 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56)), 2 * np.sin(t / 2) ** 2 / square)
+    c = np.where(small, 1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72)), (t - np.sin(t)) / (square * t))
+    return a, b, c
+
+
+def exp(vector: Array) -> Array:
+    """Rotation of a rotation vector (Rodrigues); ``(..., 3)`` rad in, ``(..., 3, 3)`` out."""
+    vector = np.asarray(vector)
+    a, b, _ = _angle_series((vector * vector).sum(-1))
+    k = skew(vector)
+    rotation: Array = np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    return rotation
+
+
+def log(rotation: Array) -> Array:
+    """Rotation vector of a rotation, of length at most pi, right at every angle; the inverse of exp."""
+    q = quaternion_from_rotation(rotation)
+    q = np.where(q[..., :1] < 0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., :1])
+    scale = np.where(sine < 1e-12, 2.0, angle / np.where(sine < 1e-12, 1.0, sine))
+    vector: Array = scale * q[..., 1:]
+    return vector
+
+
+def left_jacobian(vector: Array) -> Array:
+    """``J`` with ``exp(v + dv) = exp(J dv) exp(v)`` to first order; ``(..., 3)`` to ``(..., 3, 3)``."""
+    vector = np.asarray(vector)
+    _, b, c = _angle_series((vector * vector).sum(-1))
+    k = skew(vector)
+    jacobian: Array = np.eye(3) + b[..., None, None] * k + c[..., None, None] * (k @ k)
+    return jacobian
+
+
+def quaternion_from_rotation(rotation: Array) -> Array:
+    """Unit quaternion wxyz from the largest pivot of four; ``(..., 3, 3)`` in, ``(..., 4)`` out."""
+    r = np.asarray(rotation, dtype=np.float64)
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    candidates = np.stack(
+        [
+            _stack(
+                1 + xx + yy + zz, r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+            ),
+            _stack(
+                r[..., 2, 1] - r[..., 1, 2], 1 + xx - yy - zz, r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0]
+            ),
+            _stack(
+                r[..., 0, 2] - r[..., 2, 0], r[..., 0, 1] + r[..., 1, 0], 1 - xx + yy - zz, r[..., 1, 2] + r[..., 2, 1]
+            ),
+            _stack(
+                r[..., 1, 0] - r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1], 1 - xx - yy + zz
+            ),
+        ],
+        axis=-2,
+    )  # each row is 4 q_k q, k = w, x, y, z
+    pivot = np.argmax(np.diagonal(candidates, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(candidates, pivot[..., None, None], axis=-2)[..., 0, :]
+    unit: Array = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return unit
+
+
+def rotation_from_quaternion(quaternion: Array) -> Array:
+    """Rotation of a quaternion wxyz of any length; ``(..., 4)`` in, ``(..., 3, 3)`` out."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    k = skew(q[..., 1:])
+    rotation: Array = np.eye(3) + 2 * (q[..., :1, None] * k + k @ k)
+    return rotation
+
+
+def pose(rotation: Array, position: Array) -> Array:
+    """Homogeneous matrix of a rotation ``(..., 3, 3)`` and a position ``(..., 3)``."""
+    rotation, position = np.asarray(rotation), np.asarray(position)
+    shape = np.broadcast_shapes(rotation.shape[:-2], position.shape[:-1])
+    matrix = np.zeros((*shape, 4, 4), dtype=np.result_type(rotation, position, np.float64))
+    matrix[..., :3, :3] = rotation
+    matrix[..., :3, 3] = position
+    matrix[..., 3, 3] = 1
+    return matrix
+
+
+def inverse(matrix: Array) -> Array:
+    """Pose of a in b from the pose of b in a; ``(..., 4, 4)``."""
+    transposed = np.swapaxes(matrix[..., :3, :3], -1, -2)
+    return pose(transposed, -(transposed @ matrix[..., :3, 3, None])[..., 0])
+
+
+def transform(matrix: Array, points: Array) -> Array:
+    """Points ``(..., n, 3)`` given in b, in a, by the pose ``T_a_b`` ``(..., 4, 4)``."""
+    moved: Array = points @ np.swapaxes(matrix[..., :3, :3], -1, -2) + matrix[..., None, :3, 3]
+    return moved
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation nearest to a 3x3 matrix in the Frobenius norm (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(matrix)
+    flip = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
+    nearest: Array = u @ flip @ vt
+    return nearest
+
+
+def rotation_between(a: Array, b: Array) -> Array:
+    """The smallest rotation that turns unit vector a into unit vector b, both ``(3,)``."""
+    axis, cosine = np.cross(a, b), float(np.dot(a, b))
+    if cosine < -1 + 1e-12:  # opposite: half a turn about any axis normal to a
+        normal = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        return exp(np.pi * normal / np.linalg.norm(normal))
+    k = skew(axis)
+    rotation: Array = np.eye(3) + k + k @ k / (1 + cosine)
+    return rotation
+
+
+def _stack(*parts: Array) -> Array:
+    return np.stack(parts, axis=-1)

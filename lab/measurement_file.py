@@ -1,0 +1,394 @@
+"""Measurements as CSV: one row a pose, units in the column names, nothing guessed.
+
+Lengths in the file are read as decimal numbers and scaled exactly, so that what the lab writes
+(readings in rad or mm, points in mm) reads back to the bit.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from lab.errors import LabError
+from lab.frames import Array
+from lab.measurements import Measurements
+
+USES = ("calibrate", "reference", "test", "skip")
+_ANGLE_UNITS = ("rad", "deg")
+_LENGTH_EXPONENT = {"m": 0, "mm": -3}
+_TEXT_COLUMNS = ("id", "session", "use")
+_NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
+_OTHER_RESERVED = ("location", "socket")
+_ORIENTATION = ("qw", "qx", "qy", "qz", "rx_deg", "ry_deg", "rz_deg")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
+_LARGEST = 1e15  # in m, rad and whatever else a column holds; beyond is a slip, and squares overflow
+_LEAST_SIGMA_M = 1e-12
+
+
+def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]) -> None:
+    """Write the CSV that ``read_measurements`` reads back to the bit.
+
+    Reserved columns are written where a row differs from what their absence means.
+    """
+    columns: dict[str, Sequence[str]] = {}
+    if data.ids != tuple(str(i) for i in range(len(data))):
+        columns["id"] = data.ids
+    if data.marked or set(data.use) != {"calibrate"}:
+        columns["use"] = data.use
+    if any(data.sessions):
+        columns["session"] = data.sessions
+    for j, name in enumerate(data.joint_names):
+        unit, exponent = ("mm", 3) if prismatic[j] else ("rad", 0)
+        columns[f"{name}_{unit}"] = [_decimal(value, exponent) for value in data.joints[:, j]]
+    for k, target in enumerate(data.targets):
+        for i, axis in enumerate("xyz"):
+            columns[f"{target}_{axis}_mm"] = [_decimal(value, 3) for value in data.points[:, k, i]]
+    if np.isfinite(data.sigma_m).any():
+        columns["sigma_mm"] = [_decimal(value, 3) for value in data.sigma_m]
+    columns.update(data.other)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _decimal(value: float, exponent: int) -> str:
+    """``value * 10**exponent`` exactly, in plain digits; "" for NaN."""
+    if np.isnan(value):
+        return ""
+    return format(Decimal(repr(float(value))).scaleb(exponent), "f")
+
+
+def read_measurements(
+    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], *, points: bool = True
+) -> Measurements:
+    """Read a measurement file, or a plan (``points=False``: the points may be missing).
+
+    Args:
+        joint_names: the robot's; the file may call them q1…qn instead.
+        prismatic: which of them slide: their columns are lengths.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    return _Reader(path, list(joint_names), list(prismatic)).read(points)
+
+
+class _Reader:
+    """One file being read: its cells as texts, its columns crossed off as they are understood."""
+
+    def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool]) -> None:
+        self.path, self.joint_names, self.prismatic = path, joint_names, prismatic
+        self.warnings: list[str] = []
+        self.semicolons = False
+        self.decimal: tuple[str, str] | None = None  # the mark of the first decimal number, and where that is
+        self.header, self.rows, self.lines = self._cells()
+        self.unread = list(self.header)
+
+    def read(self, need_points: bool) -> Measurements:
+        n = len(self.rows)
+        joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
+        self._refuse_further_joints()
+        self._warn_of_degrees(joints)
+        targets = self._targets()
+        self._refuse_unknown_axes(targets)
+        if need_points and not targets:
+            raise LabError(f"{self.path}: line 1: no measured point; give columns like p1_x_mm, p1_y_mm, p1_z_mm")
+        points = np.full((n, len(targets), 3), np.nan)
+        for k, target in enumerate(targets):
+            points[:, k] = np.stack([self._coordinate(target, axis) for axis in "xyz"], axis=1)
+            self._refuse_half_seen(target, points[:, k])
+        if need_points and not np.isfinite(points).all(axis=2).any():
+            raise LabError(f"{self.path}: every point is empty; give at least one measured position")
+        texts = {name: self._texts(name) for name in _TEXT_COLUMNS}
+        use = self._uses(texts["use"])
+        ids = self._ids(texts["id"])
+        sigma = self._optional_numbers("sigma_mm", -3, positive=True)
+        other = self._rest(targets)
+        return Measurements(
+            tuple(self.joint_names),
+            joints,
+            tuple(targets),
+            points,
+            ids,
+            use,
+            texts["session"] or ("",) * n,
+            np.full(n, np.nan) if sigma is None else sigma,
+            other,
+            texts["use"] is not None,
+            tuple(self.warnings),
+            tuple(self.lines),
+        )
+
+    # The table of texts
+
+    def _cells(self) -> tuple[list[str], list[list[str]], list[int]]:
+        try:
+            text = self.path.read_text(encoding="utf-8-sig")
+        except OSError as error:
+            raise LabError(f"{self.path}: cannot be read ({error.strerror}); check the path") from error
+        except UnicodeDecodeError as error:
+            raise LabError(
+                f"{self.path}: not a text file in UTF-8 (byte {error.start}); save it as CSV UTF-8"
+            ) from error
+        if not text.strip():
+            raise LabError(f"{self.path}: the file is empty; give a header line and one row a pose")
+        first = text.splitlines()[0]
+        if "\t" in first and "," not in first and ";" not in first:
+            raise LabError(f"{self.path}: line 1: the columns are separated by tabs; separate them by commas")
+        self.semicolons = ";" in first and "," not in first
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if self.semicolons else ",", strict=True)
+        table: list[list[str]] = []
+        lines: list[int] = []
+        line = 1  # where a row begins
+        try:
+            for row in reader:
+                if any(cell.strip() for cell in row):
+                    table.append([cell.strip() for cell in row])
+                    lines.append(line)
+                line = reader.line_num + 1
+        except csv.Error as error:
+            raise LabError(
+                f"{self.path}: line {line}: {error}; mend the quotes of the row that begins there"
+            ) from error
+        if not lines or lines[0] > 1:
+            raise LabError(f"{self.path}: line 1 is blank; begin the file with the header")
+        self._check_table(table[0], table[1:], lines[1:])
+        return table[0], table[1:], lines[1:]
+
+    def _check_table(self, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
+        for i, name in enumerate(header):
+            if not name:
+                raise LabError(f"{self.path}: line 1: column {i + 1} has no name; name it or remove it")
+            if name in header[:i]:
+                raise LabError(f"{self.path}: line 1: column {name} is there twice; keep one")
+        if not rows:
+            raise LabError(f"{self.path}: no rows below the header; give one row a pose")
+        for row, line in zip(rows, lines, strict=True):
+            if len(row) != len(header):
+                raise LabError(
+                    f"{self.path}: line {line}: {len(row)} cells, but the header has {len(header)}; give every column"
+                )
+
+    def _texts(self, name: str) -> tuple[str, ...] | None:
+        if name not in self.header:
+            return None
+        if name in self.unread:
+            self.unread.remove(name)
+        column = self.header.index(name)
+        return tuple(row[column] for row in self.rows)
+
+    def _fail(self, row: int, column: str, what: str) -> LabError:
+        return LabError(f"{self.path}: line {self.lines[row]}, column {column}: {what}")
+
+    def _numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
+        """A column as numbers times ten to an exponent, correctly rounded; NaN where empty."""
+        cells = self._texts(column)
+        assert cells is not None
+        out = np.full(len(cells), np.nan)
+        for i, cell in enumerate(cells):
+            if cell or not empty:
+                out[i] = self._number(i, column, cell, exponent)
+        return out
+
+    def _number(self, row: int, column: str, cell: str, exponent: int) -> float:
+        if not cell:
+            raise self._fail(row, column, "the cell is empty; give a number")
+        if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            raise self._fail(row, column, f"'{cell}' is not a finite number; leave a point's cells empty if not seen")
+        plain = self._with_point(row, column, cell)
+        if not _NUMBER.fullmatch(plain):
+            hint = " with a decimal point" if "," in cell and not self.semicolons else ""
+            raise self._fail(row, column, f"'{cell}' is not a number; give a number{hint}")
+        try:
+            value = float(Decimal(plain).scaleb(exponent))
+        except ArithmeticError:  # beyond what even decimals hold
+            value = np.inf
+        if abs(value) > _LARGEST:
+            raise self._fail(row, column, f"'{cell}' is too large to be true; check the number and its unit")
+        return value
+
+    def _with_point(self, row: int, column: str, cell: str) -> str:
+        """A number with its decimal comma, allowed where ``;`` separates cells, as a point."""
+        marks = [mark for mark in ",." if mark in cell]
+        if not self.semicolons or len(marks) != 1:
+            return cell
+        first, where = self.decimal = self.decimal or (marks[0], f"line {self.lines[row]}, column {column}")
+        if marks[0] != first:
+            raise self._fail(
+                row, column, f"'{cell}' is written with '{marks[0]}', but {where} with '{first}'; use one decimal mark"
+            )
+        plain = cell.replace(",", ".")
+        self.rows[row][self.header.index(column)] = plain  # what is kept of the file has points
+        return plain
+
+    def _optional_numbers(self, column: str, exponent: int, *, positive: bool = False) -> Array | None:
+        if column not in self.header:
+            return None
+        numbers = self._numbers(column, exponent, empty=True)
+        if positive and (bad := np.flatnonzero(numbers < _LEAST_SIGMA_M)).size:
+            raise self._fail(int(bad[0]), column, "not above zero; give the standard deviation")
+        return numbers
+
+    # Joints
+
+    def _joint(self, j: int) -> Array:
+        name, plain = self.joint_names[j], f"q{j + 1}"
+        units = tuple(_LENGTH_EXPONENT) if self.prismatic[j] else _ANGLE_UNITS
+        wrong = _ANGLE_UNITS if self.prismatic[j] else tuple(_LENGTH_EXPONENT)
+        names = dict.fromkeys((name, plain))
+        columns = [f"{n}_{unit}" for n in names for unit in units if f"{n}_{unit}" in self.header]
+        if len(columns) > 1:
+            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} are the same joint; keep one")
+        if not columns:
+            kind = "a slide, in mm or m" if self.prismatic[j] else "a revolute joint, in deg or rad"
+            for n in names:
+                if f"{n}_{wrong[0]}" in self.header or f"{n}_{wrong[1]}" in self.header:
+                    raise LabError(f"{self.path}: line 1: joint {n} is {kind}; rename its column to {n}_{units[0]}")
+                strays = [c for c in self.header if c == n or c.startswith(f"{n}_")]
+                if strays:
+                    raise LabError(
+                        f"{self.path}: line 1: column {strays[0]}: unknown unit; "
+                        f"joint {n} is {kind}: {n}_{units[0]} or {n}_{units[1]}"
+                    )
+            raise LabError(
+                f"{self.path}: line 1: joint {name} is missing; the robot has {', '.join(self.joint_names)}: "
+                f"give {name}_{units[0]} or {name}_{units[1]}"
+            )
+        unit = columns[0].rsplit("_", 1)[1]
+        values = self._numbers(columns[0], _LENGTH_EXPONENT.get(unit, 0))
+        return np.deg2rad(values) if unit == "deg" else values
+
+    def _refuse_further_joints(self) -> None:
+        plain = [f"q{j + 1}" for j in range(len(self.joint_names))]
+        known = "|".join(re.escape(name) for name in (*self.joint_names, *plain))
+        for column in self.unread:
+            if re.fullmatch(r"approach_.*", column):
+                continue
+            if re.match(rf"({known})(_|$)", column):
+                raise LabError(
+                    f"{self.path}: line 1: column {column}: unknown unit; "
+                    "a joint is given once, in _deg, _rad, _mm or _m"
+                )
+            if re.fullmatch(r"q\d+(_.*)?", column):
+                raise LabError(
+                    f"{self.path}: line 1: column {column} is no joint of the robot, which has "
+                    f"{', '.join(self.joint_names)}; choose the right --robot or remove the column"
+                )
+
+    def _warn_of_degrees(self, joints: Array) -> None:
+        for j, name in enumerate(self.joint_names):
+            in_radians = any(f"{n}_rad" in self.header for n in (name, f"q{j + 1}"))
+            if in_radians and np.abs(joints[:, j]).max() > 4 * np.pi:
+                largest = np.abs(joints[:, j]).max()
+                self.warnings.append(
+                    f"{self.path}: joint {name} reaches {largest:.4g} rad, which looks like degrees: "
+                    "rename the column to _deg if so"
+                )
+
+    # Points
+
+    def _targets(self) -> list[str]:
+        """Names of the measured targets, in the order of the file; plain x, y, z are p1's."""
+        targets: list[str] = []
+        for column in self.unread:
+            match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
+            if match and (name := match[1] or "p1") not in targets:
+                targets.append(name)
+        plain = any(re.fullmatch(r"[xyz]_(mm|m)", column) for column in self.unread)
+        if plain and (len(targets) > 1 or any(column.startswith("p1_") for column in self.unread)):
+            raise LabError(
+                f"{self.path}: line 1: plain x, y, z beside named targets; name their columns p1_x_mm and so on"
+            )
+        return targets
+
+    def _coordinate_column(self, target: str, axis: str) -> str:
+        stems = (f"{target}_{axis}", axis) if target == "p1" else (f"{target}_{axis}",)
+        columns = [f"{s}_{unit}" for s in stems for unit in _LENGTH_EXPONENT if f"{s}_{unit}" in self.header]
+        if len(columns) > 1:
+            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} are the same coordinate; keep one")
+        if not columns:
+            raise LabError(f"{self.path}: line 1: target {target} has no {axis}; give {target}_{axis}_mm")
+        return columns[0]
+
+    def _coordinate(self, target: str, axis: str) -> Array:
+        column = self._coordinate_column(target, axis)
+        return self._numbers(column, _LENGTH_EXPONENT[column.rsplit("_", 1)[1]], empty=True)
+
+    def _refuse_half_seen(self, target: str, points: Array) -> None:
+        empty = np.isnan(points)
+        for row in np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1)):
+            column = self._coordinate_column(target, "xyz"[int(np.argmax(empty[row]))])
+            raise self._fail(int(row), column, "empty while other coordinates are there; give all three or none")
+
+    # Everything else
+
+    def _uses(self, texts: tuple[str, ...] | None) -> tuple[str, ...]:
+        for i, text in enumerate(texts or ()):
+            if text not in USES:
+                raise self._fail(i, "use", f"'{text}' is unknown; write one of {', '.join(USES)}")
+        return texts or ("calibrate",) * len(self.rows)
+
+    def _ids(self, texts: tuple[str, ...] | None) -> tuple[str, ...]:
+        ids = tuple((texts or ())[i] if texts and texts[i] else str(i) for i in range(len(self.rows)))
+        first: dict[str, int] = {}
+        for i, name in enumerate(ids):
+            if name in first:
+                raise self._fail(
+                    i, "id", f"'{name}' is also the id of line {self.lines[first[name]]}; give each row its own"
+                )
+            first[name] = i
+        return ids
+
+    def _rest(self, targets: list[str]) -> dict[str, tuple[str, ...]]:
+        """Columns that say nothing to this reader: kept, and named where nobody reserved them."""
+        orientation, unknown = [], []
+        rest = list(self.unread)
+        for column in rest:
+            approach = column.removeprefix("approach_")
+            if column in _NUMBER_COLUMNS:
+                self._numbers(column, empty=True)
+            elif column.startswith("approach_"):
+                self._approach(column, approach)
+            elif any(column in (f"{t}_{o}" for o in _ORIENTATION) for t in targets) or column in _ORIENTATION:
+                self._numbers(column, empty=True)
+                orientation.append(column)
+            elif column not in _OTHER_RESERVED:
+                unknown.append(column)
+        if orientation:
+            self.warnings.append(
+                f"{self.path}: orientation columns {', '.join(orientation)} are ignored: positions are fitted"
+            )
+        if unknown:
+            self.warnings.append(
+                f"{self.path}: columns {', '.join(unknown)} have no meaning here and are kept as they are"
+            )
+        kept = {column: self._texts(column) for column in rest}
+        return {column: texts for column, texts in kept.items() if texts is not None}
+
+    def _approach(self, column: str, joint: str) -> None:
+        if joint not in (*self.joint_names, *(f"q{j + 1}" for j in range(len(self.joint_names)))):
+            raise LabError(
+                f"{self.path}: line 1: column {column}: no joint {joint}; the robot has {', '.join(self.joint_names)}"
+            )
+        values = self._numbers(column, empty=True)
+        if (bad := np.flatnonzero(~np.isin(values, (1, -1)) & np.isfinite(values))).size:
+            raise self._fail(int(bad[0]), column, "neither 1 nor -1; give the direction of approach")
+
+    def _refuse_unknown_axes(self, targets: list[str]) -> None:
+        ends = (*_COORDINATES, *_ORIENTATION)
+        known = {*ends, *(f"{target}_{end}" for target in targets for end in ends)}
+        for column in self.unread:
+            if column in known:
+                continue
+            where = f"{self.path}: line 1: column {column}: unknown unit or axis"
+            for target in targets:
+                if column == target or column.startswith(f"{target}_"):
+                    raise LabError(f"{where}; target {target} is given as {target}_x_mm, _y_mm, _z_mm (or _m)")
+            if re.fullmatch(r"([xyz]|q[wxyz]|r[xyz])(_.*)?|.+_[xyz]_[A-Za-z]+", column):
+                raise LabError(f"{where}; points are in _mm or _m, angles rx_deg, ry_deg, rz_deg")

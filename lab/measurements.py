@@ -1,0 +1,88 @@
+"""What an instrument saw: joint readings with the positions of targets."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.frames import Array
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Joint readings with what an instrument saw there, in the instrument's frame.
+
+    Attributes:
+        joint_names: of the columns of ``joints``.
+        joints: ``(n, joints)``, rad for a revolute joint, m for a slide.
+        targets: names of the measured points.
+        points: ``(n, k, 3)`` m; NaN where a target was not seen.
+        ids: what a row is called: its ``id``, else its 0-based data row.
+        use: ``calibrate``, ``reference``, ``test`` or ``skip``, one a row.
+        sessions: the row's session, "" where the file has none.
+        sigma_m: ``(n,)`` standard deviation of a coordinate, NaN where not given.
+        other: further columns as texts, kept as they are.
+        marked: whether the file said what each row is for.
+        warnings: what a reader should be told.
+        lines: of the file, as an editor counts them, one a row; empty where there is no file.
+    """
+
+    joint_names: tuple[str, ...]
+    joints: Array
+    targets: tuple[str, ...]
+    points: Array
+    ids: tuple[str, ...]
+    use: tuple[str, ...]
+    sessions: tuple[str, ...]
+    sigma_m: Array
+    other: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    marked: bool = False
+    warnings: tuple[str, ...] = ()
+    lines: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        n, k = len(self.joints), len(self.targets)
+        assert self.joints.shape == (n, len(self.joint_names)) and self.points.shape == (n, k, 3)
+        assert len(self.ids) == len(self.use) == len(self.sessions) == n and self.sigma_m.shape == (n,)
+        assert np.isfinite(self.joints).all()
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """``(n, k)``: whether a target was seen at a pose."""
+        return seen_mask(self.points)
+
+    def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
+        """The measurements of some rows."""
+        index = np.asarray(rows, dtype=np.int_)
+        pick = index.tolist()
+        return replace(
+            self,
+            joints=self.joints[index],
+            points=self.points[index],
+            ids=tuple(self.ids[i] for i in pick),
+            use=tuple(self.use[i] for i in pick),
+            sessions=tuple(self.sessions[i] for i in pick),
+            sigma_m=self.sigma_m[index],
+            other={name: tuple(column[i] for i in pick) for name, column in self.other.items()},
+            lines=tuple(self.lines[i] for i in pick) if self.lines else (),
+        )
+
+    def only(self, *uses: str) -> "Measurements":
+        """The rows of these uses."""
+        return self.take([i for i, use in enumerate(self.use) if use in uses])
+
+
+def seen_mask(points: Array) -> NDArray[np.bool_]:
+    """``(n, k)``: which of the points ``(n, k, 3)`` were seen."""
+    return np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
+
+
+def measured(joint_names: tuple[str, ...], joints: Array, targets: tuple[str, ...], points: Array) -> Measurements:
+    """Measurements of plain arrays: every row for calibration, ids 0 to n - 1."""
+    n = len(joints)
+    ids, sigma = tuple(str(i) for i in range(n)), np.full(n, np.nan)
+    return Measurements(joint_names, joints, targets, points, ids, ("calibrate",) * n, ("",) * n, sigma)

@@ -1,0 +1,88 @@
+"""Rotations and poses: group axioms, and every angle."""
+
+import numpy as np
+import pytest
+
+from lab import frames
+from lab.frames import Array
+
+
+def rotation_vectors(regime: str, rng: np.random.Generator) -> Array:
+    directions = rng.normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    angles = {
+        "anywhere": rng.uniform(0, np.pi, 500),
+        "near identity": rng.uniform(0, 1e-7, 500),
+        "near half a turn": np.pi - rng.uniform(0, 1e-9, 500),
+        "where the series ends": rng.uniform(0.009, 0.011, 500),
+    }[regime]
+    return directions * angles[:, None]
+
+
+REGIMES = ["anywhere", "near identity", "near half a turn", "where the series ends"]
+
+
+@pytest.mark.parametrize("regime", REGIMES)
+def test_log_undoes_exp(regime: str) -> None:
+    vectors = rotation_vectors(regime, np.random.default_rng(0))
+    back = frames.log(frames.exp(vectors))
+    np.testing.assert_allclose(frames.exp(back), frames.exp(vectors), atol=1e-14)
+    if regime != "near half a turn":  # there v and v - 2 pi are equally good
+        np.testing.assert_allclose(back, vectors, atol=1e-14)
+    assert (np.linalg.norm(back, axis=1) <= np.pi + 1e-15).all()
+
+
+@pytest.mark.parametrize("regime", REGIMES)
+def test_exp_is_a_rotation_and_quaternions_agree(regime: str) -> None:
+    rotations = frames.exp(rotation_vectors(regime, np.random.default_rng(1)))
+    np.testing.assert_allclose(
+        rotations @ np.swapaxes(rotations, 1, 2), np.broadcast_to(np.eye(3), (500, 3, 3)), atol=1e-14
+    )
+    np.testing.assert_allclose(np.linalg.det(rotations), 1, atol=1e-14)
+    quaternions = frames.quaternion_from_rotation(rotations)
+    np.testing.assert_allclose(frames.rotation_from_quaternion(quaternions), rotations, atol=2e-15)
+
+
+@pytest.mark.parametrize("regime", REGIMES)
+def test_left_jacobian_is_the_derivative_of_exp(regime: str) -> None:
+    rng = np.random.default_rng(2)
+    for vector in rotation_vectors(regime, rng)[:20]:
+        for axis in np.eye(3):
+            rate = frames.exp(vector + 1e-30j * axis).imag / 1e-30
+            expected = frames.skew(frames.left_jacobian(vector) @ axis) @ frames.exp(vector)
+            np.testing.assert_allclose(rate, expected, atol=1e-13)
+
+
+def test_known_rotation() -> None:
+    np.testing.assert_allclose(frames.exp(np.array([0, 0, np.pi / 2])) @ [1, 0, 0], [0, 1, 0], atol=2e-16)
+
+
+def test_poses_compose_and_invert() -> None:
+    rng = np.random.default_rng(3)
+    a = frames.pose(frames.exp(rng.normal(size=(20, 3))), rng.normal(size=(20, 3)))
+    b = frames.pose(frames.exp(rng.normal(size=(20, 3))), rng.normal(size=(20, 3)))
+    points = rng.normal(size=(20, 5, 3))
+    np.testing.assert_allclose(
+        frames.transform(a @ b, points), frames.transform(a, frames.transform(b, points)), atol=1e-14
+    )
+    np.testing.assert_allclose(a @ frames.inverse(a), np.broadcast_to(np.eye(4), (20, 4, 4)), atol=1e-14)
+
+
+def test_rotation_between_opposite_and_near_vectors() -> None:
+    rng = np.random.default_rng(4)
+    for scale in (1.0, 1e-8, 0.0):
+        a = rng.normal(size=3)
+        a /= np.linalg.norm(a)
+        b = a + scale * rng.normal(size=3)
+        b /= np.linalg.norm(b)
+        for target in (b, -b):
+            turn = frames.rotation_between(a, target)
+            np.testing.assert_allclose(turn @ a, target, atol=2e-8 if target is not b else 1e-14)
+            np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+
+
+def test_nearest_rotation_never_mirrors() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        nearest = frames.nearest_rotation(rng.normal(size=(3, 3)))
+        assert np.linalg.det(nearest) == pytest.approx(1)
