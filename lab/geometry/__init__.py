@@ -1,0 +1,1 @@
+"""The arm as equations: chains, kinematics with derivatives, gauge."""

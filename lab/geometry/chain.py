@@ -1,0 +1,87 @@
+"""The drawing of a serial arm: its Denavit-Hartenberg table, joint directions and limits.
+
+Two conventions, each with Hayati's beta between nominally parallel axes (Hayati 1983):
+
+* ``distal``: Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) (Denavit & Hartenberg 1955);
+* ``craig``: Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d), also called modified (Khalil & Kleinfinger 1986).
+
+A joint's reading, times its sign, adds to theta (revolute) or to d (prismatic).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from lab.errors import LabError
+from lab.frames import Array
+
+Convention = Literal["distal", "craig"]
+COLUMNS = ("theta", "d", "a", "alpha", "beta")
+PARALLEL_RAD = 1e-3  # neighbouring axes within this angle are parallel on the drawing
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A serial chain of n joints, as drawn.
+
+    Attributes:
+        table: ``(n, 5)``, a row a link: theta (rad), d (m), a (m), alpha (rad), beta (rad).
+        sign: ``(n,)``, +1 or -1, how a joint's reading counts.
+        lower, upper: ``(n,)`` limits of the readings, rad or m.
+        speed: ``(n,)`` largest joint speeds, rad/s or m/s; NaN where unknown.
+        parallel: links with a beta, because they join nominally parallel axes.
+    """
+
+    name: str
+    convention: Convention
+    joint_names: tuple[str, ...]
+    prismatic: tuple[bool, ...]
+    table: Array
+    sign: Array
+    lower: Array
+    upper: Array
+    speed: Array
+    parallel: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        n = len(self.joint_names)
+        if n == 0:
+            raise LabError(f"robot '{self.name}' has no joint: give it at least one")
+        if len(set(self.joint_names)) < n:
+            raise LabError(f"robot '{self.name}': two joints share a name; rename one of {', '.join(self.joint_names)}")
+        shapes = (self.table.shape, self.sign.shape, self.lower.shape, self.upper.shape, self.speed.shape)
+        assert shapes == ((n, 5), (n,), (n,), (n,), (n,)) and len(self.prismatic) == len(self.parallel) == n
+        for name, row, lower, upper in zip(self.joint_names, self.table, self.lower, self.upper, strict=True):
+            if not np.isfinite([*row, lower, upper]).all():
+                raise LabError(f"robot '{self.name}', joint {name}: a value is not finite")
+            if not lower < upper:
+                raise LabError(f"robot '{self.name}', joint {name}: its lower limit is not below the upper one")
+
+    @property
+    def size(self) -> int:
+        """The number of joints."""
+        return len(self.joint_names)
+
+    def with_table(self, table: Array) -> "Chain":
+        """The same joints with other link parameters ``(n, 5)``."""
+        return replace(self, table=np.array(table, dtype=np.float64))
+
+    def random_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Readings ``(count, n)`` uniform within the limits."""
+        return rng.uniform(self.lower, self.upper, (count, self.size))
+
+    def joins_parallel_axes(self, i: int) -> bool:
+        """Whether axes i and i + 1 (0-based joints) are parallel on the drawing."""
+        link = i if self.convention == "distal" else i + 1
+        return i + 1 < self.size and self.parallel[link]
+
+
+def parallel_links(convention: Convention, alpha: Array) -> tuple[bool, ...]:
+    """Which links join nominally parallel (or antiparallel) axes, from alpha ``(n,)``.
+
+    A distal chain's last link and a Craig chain's first one join no two joints.
+    """
+    flags = np.abs(np.sin(alpha)) < PARALLEL_RAD
+    flags[-1 if convention == "distal" else 0] = False
+    return tuple(bool(flag) for flag in flags)

@@ -1,0 +1,40 @@
+"""The seam: all that identification, observability and assessment ever need of an arm."""
+
+from typing import Protocol
+
+import numpy as np
+
+from lab.frames import Array
+
+
+class Model(Protocol):
+    """Joints and parameters in, positions and their derivatives out.
+
+    A chain is one (``serial.SerialArm``); a chain with joint effects or a closed chain can be
+    another, and nothing above asks which. Parameters named ``base.*`` (place and rotation
+    vector in the tracker's frame) and ``tool.*`` (a target's place in the last frame) are
+    located with no initial guess; all others start at the drawing's values.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters, in the order of every ``values`` (m, rad)."""
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The measured points."""
+
+    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
+        """Positions ``(n, k, 3)`` (m, tracker's frame) at readings ``(n, joints)``; derivatives ``(n, k, 3, p)``."""
+
+    def points(self, joints: Array, values: Array) -> Array:
+        """The positions alone."""
+
+    def preferred(self) -> tuple[int, ...]:
+        """All parameters in the order in which they are kept if they can be told apart."""
+
+    def structural(self, values: Array) -> Array:
+        """``values`` where the rank is decided: exactly as the drawing means them."""
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Readings ``(count, joints)`` spread over the limits, at which the rank is decided."""
