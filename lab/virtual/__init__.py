@@ -1,0 +1,1 @@
+"""The stand-in for reality: the only room that imports mujoco."""

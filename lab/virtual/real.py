@@ -1,0 +1,164 @@
+"""The "real" robot: a copy of the model whose bodies are a little off, and what a tracker sees of it."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from lab import frames
+from lab.frames import Array
+from lab.geometry.axes import JointAxes, Truth, parameters_from_axes
+from lab.geometry.serial import SerialArm
+from lab.instruments import Instrument
+from lab.measurements import Measurements, measured
+from lab.virtual.placement import place_bodies
+from lab.virtual.robot import FLANGE, TRACKER, RobotModel, joint_axes
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """How far the bodies are off.
+
+    Attributes:
+        bodies: which ones.
+        position_m: ``(b, 3)``, added to the body's place in its parent's frame.
+        rotation_rad: ``(b, 3)``, a rotation vector in the body's own frame.
+        joint_offset: ``(n,)`` rad or m: the joint stands at its reading plus this.
+    """
+
+    bodies: tuple[str, ...]
+    position_m: Array
+    rotation_rad: Array
+    joint_offset: Array
+
+
+def perturbed_bodies(robot: RobotModel) -> tuple[str, ...]:
+    """The bodies that can be off: base, every link, and the flange where it is a body of its own."""
+    flange = [robot.model.body(int(robot.model.site(FLANGE).bodyid[0])).name] if _has_site(robot, FLANGE) else []
+    base = [robot.base_body] if robot.base_body else []
+    return tuple(dict.fromkeys([*base, *robot.bodies, *flange]))
+
+
+def random_perturbation(
+    robot: RobotModel, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator
+) -> Perturbation:
+    """Every body off by normal draws of these standard deviations per axis."""
+    bodies = perturbed_bodies(robot)
+    draws = rng.standard_normal((len(bodies), 6))
+    offset = np.zeros(robot.chain.size)
+    return Perturbation(bodies, position_sigma_m * draws[:, :3], rotation_sigma_rad * draws[:, 3:], offset)
+
+
+def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator) -> Array:
+    """Parameters ``(p,)`` with only the links' Denavit-Hartenberg entries (and betas) off."""
+    base, table, tool = arm.split(arm.nominal())
+    sigma = np.array([rotation_sigma_rad, position_sigma_m, position_sigma_m, rotation_sigma_rad, rotation_sigma_rad])
+    return arm.assemble(base, table + sigma * rng.standard_normal(table.shape), tool)
+
+
+@dataclass(frozen=True)
+class RealArm:
+    """A perturbed arm before a tracker: what may be measured, and what it truly is.
+
+    Attributes:
+        model: with the bodies and the tracker where they really are.
+        T_world_tracker: pose ``(4, 4)`` of the tracker's frame.
+        joint_offset: ``(n,)``.
+    """
+
+    robot: RobotModel
+    model: mujoco.MjModel
+    T_world_tracker: Array
+    joint_offset: Array
+
+    def points(self, joints: Array, targets: Sequence[str]) -> Array:
+        """Exact positions ``(n, k, 3)`` of the targets in the tracker's frame, at readings ``(n, joints)``."""
+        data = mujoco.MjData(self.model)
+        sites = [self.model.site(name).id for name in targets]
+        stands = np.zeros((len(joints), self.model.nq))
+        stands[:, self._addresses()] = joints + self.joint_offset
+        world = np.empty((len(joints), len(sites), 3))
+        for i, qpos in enumerate(stands):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(self.model, data)
+            world[i] = data.site_xpos[sites]
+        return frames.transform(frames.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
+
+    def truth(self, arm: SerialArm) -> Truth:
+        """The canonical parameters, read off the joint axes."""
+        data = mujoco.MjData(self.model)
+        data.qpos[self._addresses()] = self.joint_offset
+        mujoco.mj_kinematics(self.model, data)
+        world = joint_axes(self.model, data, self.robot.chain.joint_names, arm.targets)
+        T_tracker_world = frames.inverse(self.T_world_tracker)
+        axes = JointAxes(
+            frames.transform(T_tracker_world, world.origins),
+            world.directions @ T_tracker_world[:3, :3].T,
+            frames.transform(T_tracker_world, world.targets),
+        )
+        start = arm.nominal(self.robot.tool)
+        T_tracker_frame0 = T_tracker_world @ self.robot.T_world_frame0
+        start[:3], start[3:6] = T_tracker_frame0[:3, 3], frames.log(T_tracker_frame0[:3, :3])
+        return parameters_from_axes(arm, axes, start)
+
+    def _addresses(self) -> list[int]:
+        return [int(self.model.joint(name).qposadr[0]) for name in self.robot.chain.joint_names]
+
+
+def real_arm(robot: RobotModel, perturbation: Perturbation, T_world_tracker: Array) -> RealArm:
+    """The robot with its bodies off, before a tracker."""
+    model = copy.deepcopy(robot.model)
+    for name, position, rotation in zip(
+        perturbation.bodies, perturbation.position_m, perturbation.rotation_rad, strict=True
+    ):
+        body = model.body(name)
+        turned = frames.rotation_from_quaternion(body.quat) @ frames.exp(rotation)
+        body.pos[:] += position
+        body.quat[:] = frames.quaternion_from_rotation(turned)
+    return _before_tracker(robot, model, T_world_tracker, perturbation.joint_offset)
+
+
+def real_arm_from_table(robot: RobotModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> RealArm:
+    """The robot with its bodies where a Denavit-Hartenberg chain puts them; the base stays."""
+    model = copy.deepcopy(robot.model)
+    place_bodies(model, robot, arm, values)
+    return _before_tracker(robot, model, T_world_tracker, np.zeros(robot.chain.size))
+
+
+def random_tracker(robot: RobotModel, rng: np.random.Generator) -> Array:
+    """A tracker's pose ``(4, 4)``: set up near its nominal place, turned anyhow about z, a little tilted."""
+    place = robot.T_world_tracker.copy()
+    place[:3, 3] += rng.uniform(-0.15, 0.15, 3)
+    tilt = np.append(np.deg2rad(2.0) * rng.standard_normal(2), 0.0)
+    place[:3, :3] = frames.exp(tilt) @ frames.exp(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))
+    return place
+
+
+def track(
+    real: RealArm,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int = 1,
+) -> Measurements:
+    """What the tracker reads at these joint readings: each point the mean of some readings."""
+    exact = real.points(joints, targets)
+    return measured(real.robot.chain.joint_names, joints, targets, instrument.sample(exact, rng, readings))
+
+
+def _before_tracker(robot: RobotModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealArm:
+    nominal = robot.T_world_tracker
+    body = model.body(int(model.site(TRACKER).bodyid[0]))
+    if body.id:  # a tracker's body stands in the world: move it so that its site gets there
+        stand = frames.pose(frames.rotation_from_quaternion(body.quat), body.pos)
+        moved = T_world_tracker @ frames.inverse(nominal) @ stand
+        body.pos[:], body.quat[:] = moved[:3, 3], frames.quaternion_from_rotation(moved[:3, :3])
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return RealArm(robot, model, T_world_tracker, offset)
+
+
+def _has_site(robot: RobotModel, name: str) -> bool:
+    return any(robot.model.site(i).name == name for i in range(robot.model.nsite))
