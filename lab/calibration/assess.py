@@ -1,0 +1,248 @@
+"""How good a calibration is: errors on poses it has not seen, against a truth, and the verdict.
+
+*Before* is nominal links with base and targets fitted to the same measurements as *after*.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from lab import frames
+from lab.calibration.identify import Identification
+from lab.calibration.locate import columns_of, locate
+from lab.calibration.solver import Observations, fit
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.axes import Truth
+from lab.geometry.model import Model
+from lab.measurements import Measurements
+from lab.seeds import stream
+
+SAME_CONFIGURATION = 0.01  # rad (m for a slide): readings this near are repeats of one configuration
+FOLDS = 5
+ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
+REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
+
+Rows = NDArray[np.int_]
+Identify = Callable[[Measurements], Identification]
+JudgedBy = Literal["fresh", "holdout", "file", "cross-validation"]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Lengths of position errors (m) at poses that were not fitted, one a seen point, NaN elsewhere."""
+
+    before: Array  # (n, k)
+    after: Array  # (n, k)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """By what a calibration was judged, and the errors found there; ``errors`` is None if by nothing."""
+
+    judged_by: JudgedBy | None
+    errors: Errors | None
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """``good``, ``bad`` or ``not judged``, with the reason where it is bad."""
+
+    word: Literal["good", "bad", "not judged"]
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class TruthComparison:
+    """How far the estimates are from a virtual arm's truth, in the canonical gauge.
+
+    Attributes:
+        error: ``(f,)`` estimate less truth (m, rad); the base's rotation as log(R_estimate' R_truth).
+        z: ``(f,)`` in standard deviations.
+        max_abs_error: over the parameters that were fitted, in m or rad.
+        nees_per_parameter: e' C^-1 e / f, one on average.
+        coverage_95: share of the 95 % intervals that hold the truth.
+    """
+
+    error: Array
+    z: Array
+    nees_per_parameter: float
+    coverage_95: float
+
+
+def errors_at(identification: Identification, joints: Array, points: Array) -> Errors:
+    """Errors of the identified and the nominal arm at ``joints``, where the targets are at ``points`` (n, k, 3)."""
+    model = identification.model
+    before, after = (
+        np.linalg.norm(model.points(joints, v) - points, axis=2) for v in (identification.before, identification.values)
+    )
+    return Errors(before, after)
+
+
+def configurations(joints: Array) -> Array:
+    """``(n,)`` labels: rows within 0.01 rad of each other in every joint share one, transitively."""
+    pairs = cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
+    labels: Array = connected_components(links, directed=False)[1]
+    return labels
+
+
+def split_by_configuration(joints: Array, share: float, seed: int) -> tuple[Rows, Rows]:
+    """Rows to fit and rows to hold out: whole configurations, at random, until the share is reached."""
+    labels = configurations(joints)
+    order = stream(seed, "split").permutation(labels.max() + 1)
+    sizes = np.bincount(labels)[order]
+    held = order[np.cumsum(sizes) - sizes < share * len(joints) - 0.5]
+    test = np.isin(labels, held)
+    return np.flatnonzero(~test), np.flatnonzero(test)
+
+
+def judge_holdout(identify: Identify, data: Measurements, share: float, seed: int) -> tuple[Identification, Judgement]:
+    """Fit some configurations, judge on the others; what is delivered comes from those fitted."""
+    if not 0 < share < 1:
+        raise LabError(f"--holdout {share:g}: give a share between 0 and 1, e.g. 0.3")
+    fitted, held = split_by_configuration(data.joints, share, seed)
+    if not len(held) or not len(fitted):
+        raise LabError(f"--holdout {share:g}: {len(data)} poses leave nothing to fit or to judge; change the share")
+    identification = identify(data.take(fitted))
+    test = data.take(held)
+    return identification, Judgement("holdout", errors_at(identification, test.joints, test.points))
+
+
+def judge_rows(identification: Identification, test: Measurements) -> Judgement:
+    """Judge on rows that the file itself keeps for this (``use`` = ``test``)."""
+    return Judgement("holdout", errors_at(identification, test.joints, test.points))
+
+
+def judge_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Judgement:
+    """Five-fold cross-validation by configuration; by nothing where a fold would leave too little to fit."""
+    labels = configurations(data.joints)
+    order = stream(seed, "split").permutation(labels.max() + 1)
+    fold_of = np.empty(len(order), dtype=np.int_)
+    fold_of[order] = np.arange(len(order)) % FOLDS
+    rows = fold_of[labels]
+    kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
+    enough = all(3 * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(FOLDS))
+    if len(order) < FOLDS or not enough:
+        return Judgement(None, None, ("too few poses to hold any out: the accuracy on fresh poses is not judged",))
+    before, after = np.full(data.seen.shape, np.nan), np.full(data.seen.shape, np.nan)
+    for fold in range(FOLDS):
+        test = np.flatnonzero(rows == fold)
+        part = identify(data.take(np.flatnonzero(rows != fold)))
+        errors = errors_at(part, data.joints[test], data.points[test])
+        before[test], after[test] = errors.before, errors.after
+    return Judgement("cross-validation", Errors(before, after))
+
+
+def judge_file(identification: Identification, model: Model, data: Measurements, refit: Sequence[str]) -> Judgement:
+    """Judge on another file, where each session may place its base or its targets anew.
+
+    The rows with use ``reference`` (every third one where the file does not mark them) place
+    ``refit``, the same for before and after; errors come from the other rows.
+
+    Args:
+        model: the identified arm with the targets of ``data``.
+    """
+    _refuse_unknown_targets(identification, model, refit)
+    before: list[Array] = []
+    after: list[Array] = []
+    for session in dict.fromkeys(data.sessions):
+        part = data.take([i for i, s in enumerate(data.sessions) if s == session])
+        reference, test = _reference_and_test(part, refit)
+        joints, points = part.joints[test], part.points[test]
+        for values, out in ((identification.before, before), (identification.values, after)):
+            moved = _transfer(identification.model, model, values)
+            if refit:
+                moved = _placed(model, part.take(reference), moved, refit, session)
+            out.append(np.linalg.norm(model.points(joints, moved) - points, axis=2))
+    return Judgement("file", Errors(np.concatenate(before), np.concatenate(after)), data.warnings)
+
+
+def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
+    """Errors of the fitted parameters, in units and in standard deviations."""
+    model, free = identification.model, list(identification.fit.free)
+    turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
+    difference = identification.values - truth.values
+    estimate, true = (frames.exp(values[turning]) for values in (identification.values, truth.values))
+    difference[turning] = frames.log(true.T @ estimate)
+    error = difference[free]
+    tangent = np.eye(len(model.names))
+    tangent[np.ix_(turning, turning)] = frames.left_jacobian(-identification.values[turning])
+    local = tangent[np.ix_(free, free)]
+    covariance = local @ identification.covariance @ local.T
+    std = np.sqrt(np.diag(covariance))
+    if not (np.isfinite(std).all() and (std > 0).all()):
+        return TruthComparison(error, np.full(len(free), np.nan), float("nan"), float("nan"))
+    z = error / std
+    nees = float((error / std) @ np.linalg.solve(covariance / np.outer(std, std), error / std)) / len(free)
+    return TruthComparison(error, z, nees, float(np.mean(np.abs(z) <= identification.half_width_95)))
+
+
+def verdict(identification: Identification, judgement: Judgement, gate_m: float) -> Verdict:
+    """Bad: not converged, rank short of the base set, or a mean error on fresh poses above the gate."""
+    if identification.status != "converged":
+        return Verdict("bad", "Gauss-Newton did not converge")
+    if identification.unseen:
+        names = ", ".join(identification.model.names[i] for i in identification.unseen)
+        return Verdict("bad", f"these poses do not tell {names} apart from the others")
+    if judgement.errors is None:
+        return Verdict("not judged")
+    mean = float(np.nanmean(judgement.errors.after))
+    if mean > gate_m:
+        return Verdict(
+            "bad", f"does not fit: {1e3 * mean:.3g} mm on fresh poses, above the gate of {1e3 * gate_m:g} mm"
+        )
+    return Verdict("good")
+
+
+def _refuse_unknown_targets(identification: Identification, model: Model, refit: Sequence[str]) -> None:
+    if stray := set(refit) - {"base", "tool"}:
+        raise LabError(f"--refit {sorted(stray)[0]}: unknown; give base, tool or base,tool")
+    unknown = [target for target in model.targets if target not in identification.model.targets]
+    if unknown and "tool" not in refit:
+        raise LabError(
+            f"target {unknown[0]} of the validation file was not identified (those are "
+            f"{', '.join(identification.model.targets)}); rename it, or add --refit tool"
+        )
+
+
+def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[int], list[int]]:
+    rows = [i for i, use in enumerate(part.use) if use != "skip"]
+    if part.marked:
+        reference = [i for i in rows if part.use[i] == "reference"]
+    else:
+        reference = rows[::REFERENCE_EVERY] if refit else []
+    test = [i for i in rows if i not in set(reference)]
+    where = f"session '{part.sessions[0]}' of the validation file" if part.sessions[0] else "the validation file"
+    if refit and not reference:
+        raise LabError(f"{where} has no row with use = reference to refit {', '.join(refit)}; mark one")
+    if not test:
+        raise LabError(f"{where} has no row left to judge; mark fewer rows as reference")
+    return reference, test
+
+
+def _transfer(source: Model, target: Model, values: Array) -> Array:
+    """Values by name from one model to another; targets that are new start at zero."""
+    known = dict(zip(source.names, values, strict=True))
+    return np.array([known.get(name, 0.0) for name in target.names])
+
+
+def _placed(model: Model, reference: Measurements, values: Array, refit: Sequence[str], session: str) -> Array:
+    seen = Observations.unweighted(reference)
+    free = columns_of(model, refit)
+    moved = locate(model, seen, values, refit)
+    solution = fit(model, seen, free, moved)
+    if solution.rank < len(free):
+        where = f"session '{session}'" if session else "the validation file"
+        raise LabError(
+            f"{where}: {len(reference)} reference rows cannot place {', '.join(refit)} "
+            f"({solution.rank} of {len(free)} parameters); mark more rows as reference"
+        )
+    return solution.values

@@ -1,0 +1,59 @@
+"""What can be identified, in words: the base set, aliases, and how many poses it takes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.frames import Array
+from lab.geometry.gauge import BaseSet, base_set
+from lab.geometry.model import Model
+from lab.seeds import stream
+
+ALIAS_FLOOR = 1e-9  # coefficients below this share of their row are rounding
+
+
+@dataclass(frozen=True)
+class Alias:
+    """A parameter that is fixed, and the identifiable ones that an error of it goes into.
+
+    ``into`` are (name, coefficient) with the coefficient in the units of the two names, SI.
+    """
+
+    name: str
+    into: tuple[tuple[str, float], ...]
+
+
+def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:
+    """What each fixed parameter is aliased into.
+
+    A coefficient is dropped where its effect is rounding beside the others' of the same
+    parameter; ``jacobian_scale`` ``(p,)`` are the columns' norms by which effects compare.
+    """
+    scale = np.ones(len(model.names)) if jacobian_scale is None else jacobian_scale
+    result = []
+    for column, fixed in enumerate(structure.fixed):
+        coefficients = structure.alias[:, column]
+        effects = np.abs(coefficients) * scale[list(structure.kept)]
+        strong = effects > ALIAS_FLOOR * max(effects.max(initial=0.0), 1e-300)
+        into = tuple(
+            (model.names[i], float(c)) for i, c, keep in zip(structure.kept, coefficients, strong, strict=True) if keep
+        )
+        result.append(Alias(model.names[fixed], into))
+    return tuple(result)
+
+
+def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
+    """The least number of poses at which generic poses tell the whole base set apart."""
+    structure = structure or base_set(model, values)
+    wanted, rows = len(structure.kept), 3 * len(model.targets)
+    count = -(-wanted // rows)
+    joints = model.structure_joints(4 * wanted + count, stream(0, "structure"))
+    _, jacobian = model.observe(joints, model.structural(values))
+    columns = jacobian[..., list(structure.kept)]
+    while count < len(joints):
+        part = columns[:count].reshape(-1, wanted)
+        sizes = np.linalg.svd(part / np.linalg.norm(part, axis=0), compute_uv=False)
+        if len(sizes) == wanted and sizes[-1] > 1e-9 * sizes[0]:
+            break
+        count += 1
+    return count

@@ -1,0 +1,204 @@
+"""The identifier: an arm's parameters from measured target positions.
+
+It sees an arm only through ``Model``: joints and parameters in, points and derivatives out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from lab import frames
+from lab.calibration.identifiability import poses_needed
+from lab.calibration.locate import columns_of, locate
+from lab.calibration.solver import Fit, Observations, Status, fit
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.gauge import BaseSet, base_set, independent_columns
+from lab.geometry.model import Model
+from lab.instruments import Instrument
+from lab.measurements import Measurements, seen_mask
+
+BARELY_TOLD_APART = 1e4  # a condition above which poses hardly tell the parameters apart
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the identifier assumes of the noise: an instrument's, a given sigma, or nothing.
+
+    A row's own ``sigma_m`` goes before both. With nothing, all readings weigh the same and
+    sigma is estimated from the residuals.
+    """
+
+    instrument: Instrument | None = None
+    sigma_m: float | None = None
+    readings: int = 1
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What one set of measurements says of an arm.
+
+    Attributes:
+        before: values with nominal links, base and targets fitted to the same measurements.
+        values: the identified parameters ``(p,)`` in the order of ``model.names``.
+        base_set: which parameters the arm's structure lets one tell apart.
+        fit: of the parameters that these poses tell apart; ``fit.free`` are their indices.
+        sigma_m: noise of a coordinate, given (a root mean square) or estimated; NaN if unknown.
+        sigma_known: whether it was given.
+        freedom: residual degrees of freedom.
+        covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
+        residuals: ``(n, k, 3)`` measured less predicted (m), NaN where not seen.
+    """
+
+    model: Model
+    before: Array
+    values: Array
+    base_set: BaseSet
+    fit: Fit
+    sigma_m: float
+    sigma_known: bool
+    freedom: int
+    covariance: Array
+    residuals: Array
+    warnings: tuple[str, ...]
+
+    @property
+    def status(self) -> Status:
+        """Whether Gauss-Newton converged."""
+        return self.fit.status
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations ``(f,)`` of the free parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def half_width_95(self) -> float:
+        """Half a 95 % interval in standard deviations: Student's t where sigma was estimated."""
+        if self.sigma_known:
+            return 1.959963984540054
+        return float(student.ppf(0.975, self.freedom)) if self.freedom > 0 else float("nan")
+
+    @property
+    def unseen(self) -> tuple[int, ...]:
+        """Identifiable parameters that these poses do not tell apart, held at nominal."""
+        return tuple(i for i in self.base_set.kept if i not in self.fit.free)
+
+
+def locate_before(model: Model, seen: Observations, nominal: Array) -> Array:
+    """Nominal links with base and targets fitted: what *before* is, and where *after* starts."""
+    placing = list(columns_of(model, ("base", "tool")))
+    joints = model.structure_joints(50, np.random.default_rng(0))
+    _, jacobian = model.observe(joints, model.structural(nominal))
+    free = independent_columns(jacobian.reshape(-1, len(model.names))[:, placing], range(len(placing)))
+    start = locate(model, seen, nominal)
+    held = [column for i, column in enumerate(placing) if i not in free]
+    start[held] = nominal[held]
+    return fit(model, seen, [placing[i] for i in free], start, tolerance_m=1e-7).values
+
+
+def identify(model: Model, data: Measurements, nominal: Array, noise: Noise | None = None) -> Identification:
+    """Identify an arm's base set from the rows of ``data``, from nominal links and no idea of base and tool.
+
+    Args:
+        nominal: the drawing's parameters ``(p,)``; its base is not used.
+
+    Raises:
+        LabError: there are fewer poses than the base set needs.
+    """
+    noise = noise or Noise()
+    seen, known = _weighed(data, noise)
+    count = int(data.seen.sum())
+    if count < 3:
+        raise LabError(
+            f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
+        )
+    before = locate_before(model, seen, nominal)
+    structure = base_set(model, before)
+    free = _told_apart(model, seen, before, structure)
+    if len(free) < len(structure.kept) and len(data) < (needed := poses_needed(model, before, structure)):
+        raise LabError(
+            f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
+            f"need at least {needed}: measure more"
+        )
+    solution = fit(model, seen, free, before)
+    values = _canonical_rotation(model, solution.values)
+    residuals = data.points - model.points(data.joints, values)
+    squares = float(np.nansum(seen.apply(residuals) ** 2))
+    freedom = 3 * count - len(free)
+    estimated = np.sqrt(squares / freedom) if freedom > 0 else float("nan")
+    sigma = _root_mean_square_sigma(seen) if known else estimated
+    covariance = solution.unit_covariance() * (1.0 if known else estimated**2)
+    warnings = list(data.warnings) + _warnings(model, structure, solution, estimated if known else None)
+    return Identification(
+        model, before, values, structure, solution, float(sigma), known, freedom, covariance, residuals, tuple(warnings)
+    )
+
+
+def _weighed(data: Measurements, noise: Noise) -> tuple[Observations, bool]:
+    """The points with their weights, and whether these stand on a known sigma."""
+    given = np.isfinite(data.sigma_m)
+    instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None
+    if noise.sigma_m is None and instrument is None:
+        if given.any() and not given.all():
+            raise LabError("sigma_mm is empty in some rows; fill it in, or say --noise-mm or --instrument for those")
+        if not given.any():
+            return Observations.unweighted(data), False
+    shape = data.points.shape[:2]
+    rows = np.broadcast_to(data.sigma_m[:, None], shape)
+    if instrument is not None and instrument.kind == "spherical":
+        covariance = instrument.covariance(np.nan_to_num(data.points, nan=1.0), noise.readings)
+        covariance = np.where(given[:, None, None, None], rows[..., None, None] ** 2 * np.eye(3), covariance)
+        return Observations(data.joints, data.points, np.linalg.inv(np.linalg.cholesky(covariance))), True
+    default = noise.sigma_m
+    if instrument is not None:
+        default = instrument.radial_m / np.sqrt(noise.readings)
+    sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
+    return Observations(data.joints, data.points, 1 / sigma), True
+
+
+def _root_mean_square_sigma(seen: Observations) -> float:
+    if seen.whiten.ndim == 2:
+        return float(np.sqrt(np.mean(1 / seen.whiten**2)))
+    factor = np.linalg.inv(seen.whiten)
+    return float(np.sqrt(np.mean(np.sum(factor**2, axis=(2, 3))) / 3))
+
+
+def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet) -> tuple[int, ...]:
+    """Those of the base set that the measured poses tell apart, at the nominal links."""
+    _, jacobian = model.observe(seen.joints, model.structural(before))
+    rows = jacobian[seen_mask(seen.points)].reshape(-1, len(model.names))
+    kept = list(structure.kept)
+    order = [kept.index(i) for i in model.preferred() if i in structure.kept]
+    return tuple(kept[i] for i in independent_columns(rows[:, kept], order))
+
+
+def _canonical_rotation(model: Model, values: Array) -> Array:
+    """The same base rotation as a rotation vector of at most half a turn."""
+    turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
+    values = values.copy()
+    values[turning] = frames.log(frames.exp(values[turning]))
+    return values
+
+
+def _warnings(model: Model, structure: BaseSet, solution: Fit, misfit: float | None) -> list[str]:
+    warnings = []
+    if solution.status != "converged":
+        warnings.append(f"Gauss-Newton did not converge in {solution.iterations} steps: the result is not to be used")
+    if unseen := [model.names[i] for i in structure.kept if i not in solution.free]:
+        warnings.append(
+            f"these poses do not tell {', '.join(unseen)} apart from the others: they stay nominal; "
+            "move every joint through more of its range"
+        )
+    elif solution.condition > BARELY_TOLD_APART:
+        warnings.append(
+            f"the condition is {solution.condition:.0f}: these measurements barely tell the parameters apart; "
+            "move every joint through more of its range, or set the target further off the last axis"
+        )
+    if misfit is not None and misfit > 1.5:
+        warnings.append(
+            f"the residuals are {misfit:.1f} times the assumed noise: the geometric model does not explain them all, "
+            "and the intervals are too narrow"
+        )
+    return warnings

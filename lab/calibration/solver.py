@@ -1,0 +1,180 @@
+"""Gauss-Newton, damped where it must be, on whitened positions and unit columns.
+
+The step is solved through an orthogonal factorization of the scaled Jacobian and the singular
+values of its triangle, so that a deficient system gives the shortest step, and is told.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.frames import Array
+from lab.geometry.model import Model
+from lab.measurements import Measurements, seen_mask
+
+Status = Literal["converged", "not converged"]
+MAX_ITERATIONS = 50
+MOST_HALVINGS = 5
+DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # of the largest singular value, squared
+RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Seen points as rows, ready to be fitted.
+
+    Attributes:
+        joints: ``(n, joints)``.
+        points: ``(n, k, 3)`` m, NaN where not seen.
+        whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, 3, 3)`` the inverse of
+            the covariance's Cholesky factor; ones where the noise is to be estimated.
+    """
+
+    joints: Array
+    points: Array
+    whiten: Array
+
+    @staticmethod
+    def unweighted(data: Measurements) -> "Observations":
+        """The points of some measurements, all with weight one."""
+        return Observations(data.joints, data.points, np.ones(data.points.shape[:2]))
+
+    def apply(self, vectors: Array) -> Array:
+        """Whitened rows of the seen points: ``(n, k, 3, ...)`` to ``(3 seen, ...)``."""
+        seen = seen_mask(self.points)
+        if self.whiten.ndim == 2:
+            rows = vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
+        else:
+            flat = vectors.reshape(*vectors.shape[:3], -1)
+            rows = (self.whiten @ flat).reshape(vectors.shape)
+        picked: Array = (rows if seen.all() else rows[seen]).reshape(-1, *vectors.shape[3:])
+        return picked
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where Gauss-Newton ended.
+
+    Attributes:
+        values: all parameters ``(p,)``.
+        free: indices of those that were fitted.
+        cost_trace: half the sum of squared whitened residuals, before the first and after each step.
+        triangle: ``(f, f)`` R of the whitened Jacobian's free columns, scaled to unit norm.
+        scale: ``(f,)`` the norms they had.
+        singular_values: of ``triangle``, descending.
+    """
+
+    values: Array
+    free: tuple[int, ...]
+    status: Status
+    cost_trace: tuple[float, ...]
+    triangle: Array
+    scale: Array
+    singular_values: Array
+
+    @property
+    def iterations(self) -> int:
+        """The number of steps taken."""
+        return len(self.cost_trace) - 1
+
+    @property
+    def rank(self) -> int:
+        """The number of singular values that are not zero."""
+        return int((self.singular_values > RANK_TOLERANCE * self.singular_values[0]).sum())
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value of the column-scaled Jacobian."""
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0 else float("inf")
+
+    def unit_covariance(self) -> Array:
+        """Covariance ``(f, f)`` of the free parameters where whitened noise has variance one."""
+        inverse = np.linalg.pinv(self.triangle, rcond=RANK_TOLERANCE) / self.scale[:, None]
+        covariance: Array = inverse @ inverse.T
+        return covariance
+
+
+def fit(model: Model, seen: Observations, free: Sequence[int], start: Array, *, tolerance_m: float = 1e-9) -> Fit:
+    """Least squares over the free parameters from ``start``, the others held.
+
+    Gauss-Newton; where its step does not lower the cost, halved, then damped as by Levenberg and
+    Marquardt. It has converged when a full step would move the predicted points by less than ``tolerance_m``
+    (root mean square, of what is weighed as one metre); that step is still taken, so that what
+    remains is its square.
+    """
+    index = list(free)
+    metre = _typical_weight(seen.whiten) * np.sqrt(max(len(seen.joints), 1))
+    values = start.copy()
+    residual, jacobian = _linearized(model, seen, values, index)
+    trace = [_cost(residual)]
+    status: Status = "not converged"
+    while True:
+        scale = np.linalg.norm(jacobian, axis=0)
+        scale[scale == 0] = 1.0
+        triangle, right = _triangle(jacobian / scale, residual)
+        decomposed = np.linalg.svd(triangle)
+        step = _step(*decomposed, right)
+        moved = float(np.linalg.norm(triangle @ step)) / metre
+        if moved < tolerance_m:
+            values[index] += step / scale
+            status = "converged"
+            break
+        if len(trace) > MAX_ITERATIONS:
+            break
+        for trial in _trial_steps(*decomposed, right):
+            tried = values.copy()
+            tried[index] += trial / scale
+            new_residual, new_jacobian = _linearized(model, seen, tried, index)
+            if _cost(new_residual) < trace[-1]:
+                break
+        else:  # nothing lowers the cost: rounding, if what is left to move is
+            status = "converged" if moved < 1e3 * tolerance_m else "not converged"
+            break
+        values, residual, jacobian = tried, new_residual, new_jacobian
+        trace.append(_cost(residual))
+    return Fit(values, tuple(index), status, tuple(trace), triangle, scale, decomposed.S)
+
+
+def _trial_steps(u: Array, sizes: Array, vt: Array, right: Array) -> Iterator[Array]:
+    """Steps to try, in scaled parameters: Gauss and Newton's, parts of it, then ever shorter damped ones."""
+    whole = _step(u, sizes, vt, right)
+    for halvings in range(MOST_HALVINGS):
+        yield whole * 0.5**halvings
+    for damping in DAMPINGS:
+        yield vt.T @ (sizes / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2) * (u.T @ right))
+
+
+def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
+    """The step that solves the linearized problem; the shortest, where some directions do nothing."""
+    gain = np.where(sizes > RANK_TOLERANCE * sizes[0], 1 / np.maximum(sizes, 1e-300), 0.0)
+    step: Array = vt.T @ (gain * (u.T @ right))
+    return step
+
+
+def _cost(residual: Array) -> float:
+    return 0.5 * float(residual @ residual)
+
+
+def _linearized(model: Model, seen: Observations, values: Array, free: list[int]) -> tuple[Array, Array]:
+    """Whitened residual ``(r,)``, measured less predicted, and Jacobian ``(r, f)`` of the prediction."""
+    points, jacobian = model.observe(seen.joints, values)
+    return seen.apply(seen.points - points), seen.apply(jacobian[..., free])
+
+
+def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:
+    """R of the Jacobian and Q'r, from one factorization of both side by side."""
+    size = jacobian.shape[1]
+    both = np.linalg.qr(np.column_stack([jacobian, residual]), mode="r")
+    padded = np.zeros((size + 1, size + 1))
+    padded[: len(both)] = both
+    return padded[:size, :size], padded[:size, size]
+
+
+def _typical_weight(whiten: Array) -> float:
+    """The root mean square weight of a coordinate."""
+    if whiten.ndim == 2:
+        return float(np.sqrt(np.mean(whiten**2)))
+    return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(2, 3))) / 3))
