@@ -1,0 +1,155 @@
+"""The command line: arguments in, library call, result out. Exit 0 done, 1 the answer is bad, 2 the input is bad."""
+
+import contextlib
+import io
+import json
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from lab.errors import LabError
+from lab.study.options import Flag, MeasuredCampaign, Names, VirtualCampaign
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """A virtual campaign, end to end: perturb an arm, measure it, identify it, judge it on fresh poses."""
+
+    options: tyro.conf.OmitArgPrefixes[VirtualCampaign] = field(default_factory=VirtualCampaign)
+    out: Path | None = None
+    """The run's folder (runs/calibrate-ROBOT-seedN by default); an earlier run there is replaced."""
+    json: Flag = False
+    """Print the result as one JSON object."""
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Identify an arm from measured data, and judge it on poses that were not fitted."""
+
+    options: tyro.conf.OmitArgPrefixes[MeasuredCampaign]
+    out: Path | None = None
+    """The run's folder (runs/identify-FILE by default); an earlier run there is replaced."""
+    json: Flag = False
+    """Print the result as one JSON object."""
+
+
+@dataclass(frozen=True)
+class Inspect:
+    """Print a robot's table, its limits, and what can be identified."""
+
+    robot: tyro.conf.Positional[str] = "irb120"
+    """A model's name, or a path to an MJCF, a URDF or a TOML table."""
+    targets: Names = ("p1",)
+    """Measured points of the tool."""
+    json: Flag = False
+    """Print the same as one JSON object."""
+
+
+Command = (
+    Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
+    | Annotated[Identify, tyro.conf.subcommand("identify")]
+    | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code."""
+    command = _parsed(arguments)
+    try:
+        code = _inspect(command) if isinstance(command, Inspect) else _campaign(command)
+        sys.stdout.flush()
+        return code
+    except LabError as error:
+        print(f"lab: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:  # of files the library tells; what is left is the output
+        sys.stdout = io.StringIO()  # so that Python does not try once more when it ends
+        print(f"lab: the output cannot be written ({error.strerror}); look where it goes", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("lab: interrupted; nothing was written", file=sys.stderr)
+        return 130
+
+
+def _parsed(arguments: Sequence[str] | None) -> Calibrate | Identify | Inspect:
+    """The command; what cannot be parsed ends the program with one line and exit code 2."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            command: Calibrate | Identify | Inspect = tyro.cli(
+                Command,
+                prog="lab",
+                description="Plan, run and judge the calibration of a robot arm, virtual or measured.",
+                args=arguments,
+                config=(tyro.conf.OmitSubcommandPrefixes,),
+            )
+    except SystemExit as stop:
+        if stop.code not in (0, None):
+            print(f"lab: {_one_line(said.getvalue())}", file=sys.stderr)
+        raise
+    return command
+
+
+def _one_line(panel: str) -> str:
+    """What a boxed message says, without the box and all but its first paragraph."""
+    lines = [re.sub(r"[│╭╮╰╯]", "", line).strip() for line in panel.splitlines()]
+    body = lines[1:] if panel.lstrip().startswith("╭") else lines
+    paragraph = []
+    for line in body:
+        if line and not line.strip("─"):
+            break
+        paragraph.append(line)
+    text = " ".join(" ".join(paragraph).split()).removesuffix(".")
+    text = re.sub(r"invalid literal for int\(\) with base 10: (.*)", r"\1 is not a whole number", text)
+    text = re.sub(r"could not convert string to float: (.*)", r"\1 is not a number", text)
+    return f"{text}; see lab --help"
+
+
+def _campaign(command: Calibrate | Identify) -> int:
+    """Run, write and print a campaign; 1 where its verdict is bad."""
+    from threadpoolctl import threadpool_limits
+
+    from lab.output.result import summary
+    from lab.output.run import free_name, run_folder, write_run
+    from lab.output.tables import print_outcome
+    from lab.study.campaign import run_measured, run_virtual
+
+    options = command.options
+    if isinstance(options, MeasuredCampaign):
+        stem = f"identify-{options.file.stem}"
+    else:
+        stem = f"calibrate-{Path(options.robot).stem}-seed{options.seed}"
+    out = command.out or free_name(Path("runs"), stem)
+    with threadpool_limits(1), run_folder(out) as folder:  # small matrices: more threads wait for each other
+        outcome = run_measured(options) if isinstance(options, MeasuredCampaign) else run_virtual(options)
+        write_run(folder, outcome, options)
+        from lab.output.recording import record  # rerun is slow to import: only once there is something to show
+
+        record(folder / "recording.rrd", outcome)
+    for warning in outcome.warnings:
+        print(f"lab: warning: {warning}", file=sys.stderr)
+    if command.json:
+        print(json.dumps(summary(outcome), allow_nan=False))
+    else:
+        print_outcome(outcome, out)
+    return 1 if outcome.verdict.word == "bad" else 0
+
+
+def _inspect(command: Inspect) -> int:
+    """Print what a robot is and what of it can be identified."""
+    from lab.output.tables import inspection, print_inspection
+    from lab.study.robots import load_robot
+
+    robot = load_robot(command.robot)
+    for warning in robot.warnings:
+        print(f"lab: warning: {warning}", file=sys.stderr)
+    if command.json:
+        print(json.dumps(inspection(robot, command.targets), allow_nan=False))
+    else:
+        print_inspection(robot, command.targets)
+    return 0

@@ -1,0 +1,143 @@
+"""How a recording opens: the arm large, the two ellipsoids beside it, plots below, text at hand."""
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from lab import frames
+from lab.frames import Array
+from lab.output.scene import Scene
+from lab.study.campaign import Outcome
+
+MEASURED, BEFORE, AFTER = (250, 215, 70), (235, 50, 90), (60, 205, 130)
+MAPPING, UNCERTAINTY = (95, 155, 255), (190, 130, 255)
+SUMMARY, PARAMETERS = "summary", "parameters"
+SINGULAR_VALUES, CONVERGENCE = "singular_values", "convergence"
+CLOSE_M = 0.5  # how far a close view's eye is from the target
+SHOULDER_RAD, DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
+FAR = 4.0  # reaches: an instrument further away does not have to be in view
+HALF_FIELD, ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewer's field of 55 degrees
+
+
+def blueprint(outcome: Outcome, shown: Scene) -> rrb.Blueprint:
+    """The layout of a campaign's recording."""
+    before_mm, after_mm = (1e3 * float(np.nanmax(error)) for error in (shown.error_before, shown.error_after))
+    unit = "in σ" if outcome.identification.sigma_known else "in mm"
+    left = rrb.Vertical(
+        _main(shown),
+        rrb.Horizontal(_errors("before", before_mm), _errors("after", after_mm)),
+        row_shares=[3, 1],
+    )
+    texts = rrb.Tabs(
+        rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
+        rrb.TextDocumentView(origin=PARAMETERS, name="Parameters"),
+        active_tab=0,
+    )
+    bars = rrb.Horizontal(
+        _bars(SINGULAR_VALUES, "Singular values of J, scaled"),
+        _bars(f"{CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
+    )
+    right = rrb.Vertical(_close_views(shown), texts, bars, row_shares=[1.3, 1.7, 0.9])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.TimePanel(timeline="pose", play_state="paused", state="collapsed"),
+        collapse_panels=True,
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _main(shown: Scene) -> rrb.Spatial3DView:
+    """The arm and what was measured; ellipsoids have their own views."""
+    return rrb.Spatial3DView(
+        origin="world",
+        name="Arm, measured points, errors",
+        contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/focus/**"],
+        line_grid=_floor(),
+        eye_controls=_eye(shown),
+        background=_backdrop(),
+    )
+
+
+def _close_views(shown: Scene) -> rrb.Horizontal:
+    """The target from near by, fixed in the middle, with one ellipsoid each."""
+    views = [_close("mapping", "Mapping ellipsoid")]
+    if shown.uncertainty is not None:
+        views.append(_close("uncertainty", "Uncertainty ellipsoid"))
+    return rrb.Horizontal(*views)
+
+
+def _close(ellipsoid: str, name: str) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin="world/focus",
+        name=name,
+        contents=["+ /world/arm/**", "+ /world/targets/measured", f"+ /world/ellipsoid/{ellipsoid}/**"],
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=CLOSE_M * np.array([0.45, -0.8, 0.4]),
+            look_target=(0.0, 0.0, 0.0),
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+        background=_backdrop(),
+    )
+
+
+def _errors(name: str, largest_mm: float) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"error_mm/{name}",
+        name=f"Error {name}, mm, by pose",
+        axis_y=rrb.ScalarAxis(range=(0.0, 1.08 * largest_mm)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _bars(origin: str, name: str) -> rrb.BarChartView:
+    return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
+
+
+def _eye(shown: Scene) -> rrb.EyeControls3D:
+    """Over the arm's shoulder towards the instrument: the arm near and large, the instrument behind it."""
+    foot = shown.origins[0, 0] + 0.25 * shown.reach_m * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
+    arm = np.concatenate([foot, shown.origins.reshape(-1, 3), shown.all_measured])
+    middle = (arm.min(axis=0) + arm.max(axis=0)) / 2
+    head = shown.T_world_instrument[:3, 3]
+    towards = (head - middle) * np.array([1.0, 1.0, 0.0])
+    distance = float(np.linalg.norm(towards))
+    towards = towards / distance if distance > 1e-6 else np.array([1.0, 0.0, 0.0])
+    forward = frames.exp(np.array([0.0, 0.0, SHOULDER_RAD])) @ towards + np.array([0.0, 0.0, -DOWN])
+    forward /= np.linalg.norm(forward)
+    near = distance < FAR * shown.reach_m
+    span = np.concatenate([arm, head + np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -head[2]]])]) if near else arm
+    target, back = _framed(span, forward)
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=target - back * forward, look_target=target, eye_up=(0.0, 0.0, 1.0)
+    )
+
+
+def _framed(points: Array, forward: Array) -> tuple[Array, float]:
+    """Where to look, and from how far back along ``forward``, so that all ``points`` ``(n, 3)`` are in view."""
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    target, back = points.mean(axis=0), 0.0
+    for _ in range(5):  # centre the picture, which moves as the eye does
+        local = points - target
+        depth, across, above = local @ forward, local @ right, local @ up
+        needed = np.maximum(np.abs(across) / (ASPECT * HALF_FIELD), np.abs(above) / HALF_FIELD)
+        back = float((needed - depth).max())
+        u, v = across / (depth + back), above / (depth + back)
+        target = target + 0.5 * back * ((u.min() + u.max()) * right + (v.min() + v.max()) * up)
+    return target, back
+
+
+def _floor() -> rrb.archetypes.LineGrid3D:
+    return rrb.LineGrid3D(
+        visible=True, spacing=0.1, plane=rr.components.Plane3D.XY, stroke_width=0.5, color=(120, 120, 130, 60)
+    )
+
+
+def _backdrop() -> Any:
+    return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(30, 33, 40))

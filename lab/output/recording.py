@@ -1,0 +1,240 @@
+"""A campaign as a rerun recording: what it measured, what it found, and how sure, pose by pose.
+
+Only this module and ``blueprint`` import rerun. What moves that moves is on the timeline ``pose``,
+the 0-based row of the fitted measurements; ``convergence/rms`` is on the timeline ``iteration``.
+Positions are float32 there: the numbers to compute with are in the run's other files.
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from lab import frames
+from lab.frames import Array
+from lab.output.blueprint import (
+    AFTER,
+    BEFORE,
+    CONVERGENCE,
+    MAPPING,
+    MEASURED,
+    PARAMETERS,
+    SINGULAR_VALUES,
+    SUMMARY,
+    UNCERTAINTY,
+    blueprint,
+)  # fmt: skip
+from lab.output.narrative import parameter_table, times, wording
+from lab.output.scene import Drawn, Scene, scene
+from lab.study.campaign import Outcome
+
+_STEEL, _JOINT = (150, 155, 165), (242, 97, 15)
+_AXES = np.array([[230, 70, 70], [90, 190, 90], [80, 130, 240]], dtype=np.uint8)  # x, y, z
+
+
+def record(path: Path, outcome: Outcome) -> None:
+    """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
+    shown = scene(outcome)
+    identity = _identity(outcome)
+    application = f"{outcome.robot.name} {identity[:8]}"  # a viewer has one blueprint for each application
+    recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
+    recording.save(path)
+    recording.send_blueprint(blueprint(outcome, shown))
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    _shells(recording, shown)
+    if not shown.shells:
+        _chain(recording, shown)
+    _instrument(recording, outcome, shown)
+    _points(recording, shown)
+    _arrows(recording, shown)
+    _ellipsoids(recording, shown)
+    _numbers(recording, outcome, shown)
+    recording.log(SUMMARY, _markdown(wording(outcome, shown)), static=True)
+    recording.log(PARAMETERS, _markdown(parameter_table(outcome)), static=True)
+    recording.flush()
+    recording.disconnect()
+
+
+def _identity(outcome: Outcome) -> str:
+    """The same for the same content, so that the same campaign gives the same recording."""
+    digest = hashlib.sha256(outcome.robot.sha256.encode())
+    for array in (outcome.fitted.joints, outcome.fitted.points, outcome.identification.values):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _poses(rows: NDArray[np.int_]) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn("pose", sequence=rows)]
+
+
+def _shells(recording: rr.RecordingStream, shown: Scene) -> None:
+    """The robot's shells, which move through the poses."""
+    for shell in shown.shells:
+        entity = f"world/arm/{rr.escape_entity_path_part(shell.body)}"
+        mesh = rr.Mesh3D(
+            vertex_positions=shell.vertices,
+            triangle_indices=shell.faces,
+            vertex_normals=shell.normals,
+            vertex_colors=shell.rgba,
+        )
+        recording.log(entity, mesh, static=True)
+        _move(recording, entity, shown.rows, shown.bodies[shell.body])
+
+
+def _chain(recording: rr.RecordingStream, shown: Scene) -> None:
+    """A robot without a body: its links and tool as lines, its frames' origins as balls."""
+    strips = []
+    for corners, hand, targets in zip(shown.corners, shown.origins[:, -1], shown.after, strict=True):
+        strips += [corners, *(np.stack([hand, target]) for target in targets)]
+    each = 1 + shown.after.shape[1]
+    links = rr.LineStrips3D.columns(strips=strips).partition([each] * len(shown.rows))
+    recording.send_columns("world/arm/links", _poses(shown.rows), links)
+    style = rr.LineStrips3D.from_fields(colors=_STEEL, radii=0.018 * shown.reach_m)
+    recording.log("world/arm/links", style, static=True)
+    count, each = shown.origins.shape[:2]
+    joints = rr.Points3D.columns(positions=shown.origins.reshape(-1, 3)).partition([each] * count)
+    recording.send_columns("world/arm/joints", _poses(shown.rows), joints)
+    recording.log("world/arm/joints", rr.Points3D.from_fields(colors=_JOINT, radii=0.03 * shown.reach_m), static=True)
+
+
+def _move(recording: rr.RecordingStream, entity: str, rows: NDArray[np.int_], Ts: Array) -> None:
+    """Log poses ``(m, 4, 4)``, once where nothing moves."""
+    positions, quaternions = Ts[:, :3, 3], _xyzw(Ts[:, :3, :3])
+    if np.ptp(Ts, axis=0).max() == 0:
+        still = rr.Transform3D(translation=positions[0], quaternion=quaternions[0])
+        recording.log(entity, still, static=True)
+        return
+    moving = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
+    recording.send_columns(entity, _poses(rows), moving)
+
+
+def _xyzw(rotations: Array) -> Array:
+    return frames.quaternion_from_rotation(rotations)[..., [1, 2, 3, 0]]
+
+
+def _instrument(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
+    """Its frame; of a virtual tracker also the beam to each target that it sees."""
+    T = shown.T_world_instrument
+    name = "tracker" if outcome.real is not None else "instrument's frame"
+    axes = rr.Arrows3D(
+        origins=np.tile(T[:3, 3], (3, 1)), vectors=0.25 * T[:3, :3].T, colors=_AXES, radii=0.006, labels=[name, "", ""]
+    )
+    recording.log("world/instrument/frame", axes, static=True)
+    if outcome.real is None:
+        return
+    seen = np.isfinite(shown.measured).all(axis=2)
+    strips = [np.stack([T[:3, 3], point]) for point in shown.measured[seen]]
+    beams = rr.LineStrips3D.columns(strips=strips).partition(seen.sum(axis=1))
+    recording.send_columns("world/instrument/beam", _poses(shown.rows), beams)
+    recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=(235, 60, 60), radii=0.0015), static=True)
+
+
+def _points(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Measured and predicted points: these in points on the screen, so that they part when one comes close."""
+    radius = 0.007 * shown.reach_m * min(1.0, (100 / len(shown.all_measured)) ** (1 / 3))
+    cloud = rr.Points3D(shown.all_measured, colors=MEASURED, radii=radius)
+    recording.log("world/targets/all_measured", cloud, static=True)
+    for name, points, colour, size in (
+        ("measured", shown.measured, MEASURED, 5.0),
+        ("predicted_before", shown.before, BEFORE, 4.0),
+        ("predicted_after", shown.after, AFTER, 3.0),
+    ):
+        seen = np.isfinite(points).all(axis=2)
+        columns = rr.Points3D.columns(positions=points[seen]).partition(seen.sum(axis=1))
+        recording.send_columns(f"world/targets/{name}", _poses(shown.rows), columns)
+        style = rr.Points3D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
+        recording.log(f"world/targets/{name}", style, static=True)
+
+
+def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Measured less predicted, magnified, from the predicted point, with the factors.
+
+    The factor of the arrow that points higher stands above the target, the other one's below.
+    """
+    seen = np.isfinite(shown.measured).all(axis=2)
+    lengths = seen.sum(axis=1)
+    height = shown.factor_before * (shown.measured - shown.before) - shown.factor_after * (shown.measured - shown.after)
+    above = np.where(height[:, 0, 2] < 0, -1.0, 1.0)[:, None] * np.array([0.0, 0.0, 0.2 * shown.reach_m])  # (m, 3)
+    for name, points, factor, colour, offset in (
+        ("before", shown.before, shown.factor_before, BEFORE, above),
+        ("after", shown.after, shown.factor_after, AFTER, -above),
+    ):
+        vectors = factor * (shown.measured - points)[seen]
+        columns = rr.Arrows3D.columns(origins=points[seen], vectors=vectors).partition(lengths)
+        recording.send_columns(f"world/errors/{name}", _poses(shown.rows), columns)
+        style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
+        recording.log(f"world/errors/{name}", style, static=True)
+        text = f"{name} {times(factor)}"
+        _tag(recording, f"world/errors/{name}/factor", shown.rows, shown.after[:, 0] + offset, text, colour)
+
+
+def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
+    focus = rr.Transform3D.columns(translation=shown.mapping.centers)
+    recording.send_columns("world/focus", _poses(shown.rows), focus)
+    _ellipsoid(recording, "mapping", shown.rows, shown.mapping, MAPPING)
+    if shown.uncertainty is not None:
+        _ellipsoid(recording, "uncertainty", shown.rows, shown.uncertainty, UNCERTAINTY)
+
+
+def _ellipsoid(
+    recording: rr.RecordingStream, name: str, rows: NDArray[np.int_], drawn: Drawn, colour: tuple[int, int, int]
+) -> None:
+    shape = rr.Ellipsoids3D.columns(half_sizes=drawn.half_sizes, centers=drawn.centers, quaternions=_xyzw(drawn.axes))
+    recording.send_columns(f"world/ellipsoid/{name}/shape", _poses(rows), shape)
+    style = rr.Ellipsoids3D.from_fields(colors=colour, fill_mode="TransparentFillMajorWireframe", line_radii=0.0008)
+    recording.log(f"world/ellipsoid/{name}/shape", style, static=True)
+    vectors = np.swapaxes(drawn.axes * drawn.half_sizes[:, None, :], 1, 2).reshape(-1, 3)  # rows: the half-axes
+    axes = rr.Arrows3D.columns(origins=np.repeat(drawn.centers, 3, axis=0), vectors=vectors).partition([3] * len(rows))
+    recording.send_columns(f"world/ellipsoid/{name}/axes", _poses(rows), axes)
+    recording.log(
+        f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=(245, 245, 250), radii=0.002), static=True
+    )
+    above = drawn.centers + np.array([0.0, 0.0, 1.1]) * drawn.half_sizes[:, :1]
+    _tag(recording, f"world/ellipsoid/{name}/factor", rows, above, times(drawn.factor), colour)
+
+
+def _tag(
+    recording: rr.RecordingStream,
+    entity: str,
+    rows: NDArray[np.int_],
+    positions: Array,
+    text: str,
+    colour: tuple[int, int, int],
+) -> None:
+    """A text that goes along with ``positions`` ``(m, 3)``."""
+    recording.send_columns(entity, _poses(rows), rr.Points3D.columns(positions=positions))
+    style = rr.Points3D.from_fields(colors=colour, radii=0.0005, labels=text, show_labels=True)
+    recording.log(entity, style, static=True)
+
+
+def _numbers(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
+    """Errors of every fitted pose, singular values, and how the fit converged."""
+    for name, errors, colour in (("before", shown.error_before, BEFORE), ("after", shown.error_after, AFTER)):
+        used = np.flatnonzero(np.isfinite(errors))
+        recording.send_columns(f"error_mm/{name}", _poses(used), rr.Scalars.columns(scalars=1e3 * errors[used]))
+        line = rr.SeriesLines(colors=colour, names=f"{name}, mm", widths=2)
+        recording.log(f"error_mm/{name}", line, static=True)
+    sizes = outcome.identification.fit.singular_values
+    recording.log(
+        SINGULAR_VALUES, rr.BarChart(sizes, abscissa=np.arange(1, len(sizes) + 1), color=MAPPING), static=True
+    )
+    rms = convergence(outcome)
+    steps = np.arange(len(rms))
+    iterations = [rr.TimeColumn("iteration", sequence=steps)]
+    recording.send_columns(f"{CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
+    recording.log(f"{CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=AFTER), static=True)
+
+
+def convergence(outcome: Outcome) -> Array:
+    """Root mean square residual of a coordinate before and after each step: in sigmas, in mm if sigma was estimated."""
+    identification = outcome.identification
+    squares = 2 * np.array(identification.fit.cost_trace) / (3 * outcome.fitted.seen.sum())
+    rms: Array = np.sqrt(squares) * (1.0 if identification.sigma_known else 1e3)
+    return rms
+
+
+def _markdown(text: str) -> rr.TextDocument:
+    return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)

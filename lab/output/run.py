@@ -1,0 +1,122 @@
+"""A run as a folder, complete or not there: written under a temporary name, then renamed."""
+
+import itertools
+import json
+import os
+import platform
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import lab
+from lab.errors import LabError
+from lab.geometry.table import write_table
+from lab.measurement_file import write_measurements
+from lab.output.result import parameters, summary
+from lab.study.campaign import Outcome
+from lab.study.options import MeasuredCampaign, VirtualCampaign
+from lab.virtual.placement import calibrated_mjcf
+
+_FILES = {"config.json", "measurements.csv", "parameters.json", "result.json", "calibrated.xml", "calibrated.toml"}
+_FILES |= {"recording.rrd", "report.html"}  # a folder with anything else is not replaced
+_LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
+
+
+@contextmanager
+def run_folder(out: Path) -> Iterator[Path]:
+    """A folder to write a run into, which becomes ``out`` when the block ends well.
+
+    ``out`` may be missing, empty, or an earlier run, which is then replaced.
+
+    Raises:
+        LabError: ``out`` holds something else, or cannot be written.
+    """
+    place = out.absolute().resolve()
+    draft = place.parent / f".{place.name}.partial-{os.getpid()}"
+    new_parents = [parent for parent in draft.parents if not parent.exists()]
+    try:
+        try:
+            _refuse_other_files(out)
+            draft.mkdir(parents=True)
+        except OSError as error:
+            raise LabError(f"{out}: cannot be written ({error.strerror}); give --out another folder") from error
+        try:
+            yield draft
+            _swap(draft, place)
+        except OSError as error:
+            why = error.strerror or error
+            raise LabError(f"{out}: writing failed ({why}); nothing was kept, make room and run again") from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+        for parent in new_parents:  # empty again if nothing came of the run
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def _refuse_other_files(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise LabError(f"{out}: is a file; give --out a folder")
+    names = {path.name for path in out.iterdir()} if out.exists() else set()
+    if strays := sorted(names - _FILES):
+        raise LabError(f"{out}: holds {strays[0]}, which is no file of a run; give --out another folder")
+    if names and not _is_config(out / "config.json"):
+        raise LabError(f"{out}: holds files that are no run of the lab; give --out another folder")
+
+
+def _is_config(path: Path) -> bool:
+    return path.is_file() and b'"model_sha256"' in path.read_bytes()
+
+
+def free_name(parent: Path, stem: str) -> Path:
+    """A folder that does not exist yet: the stem, or the stem with a number."""
+    names = (parent / (stem if i == 1 else f"{stem}-{i}") for i in itertools.count(1))
+    return next(name for name in names if not name.exists())
+
+
+def _swap(draft: Path, out: Path) -> None:
+    old = out.parent / f".{out.name}.replaced-{os.getpid()}"
+    if out.exists():
+        out.rename(old)
+    try:
+        draft.rename(out)
+    except OSError:
+        if old.exists():
+            old.rename(out)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) -> None:
+    """Everything of a run but its recording."""
+    robot, identification = outcome.robot, outcome.identification
+    command = "calibrate" if isinstance(options, VirtualCampaign) else "identify"
+    _write_json(folder / "config.json", _config(command, options, robot.sha256))
+    write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
+    _write_json(folder / "parameters.json", parameters(outcome))
+    arm = robot.arm(outcome.fitted.targets)
+    if robot.model is not None:
+        text = calibrated_mjcf(robot.model, arm, identification.values)
+        (folder / "calibrated.xml").write_text(text, encoding="utf-8")
+    else:
+        base, table, tool = arm.split(identification.values)
+        targets = dict(zip(arm.targets, tool, strict=True))
+        (folder / "calibrated.toml").write_text(
+            write_table(robot.chain.with_table(table), base, targets), encoding="utf-8"
+        )
+    _write_json(folder / "result.json", summary(outcome))
+
+
+def _config(command: str, options: VirtualCampaign | MeasuredCampaign, model_sha256: str) -> dict[str, Any]:
+    """Every option, and what else the numbers depend on."""
+    versions = {name: metadata.version(name) for name in _LIBRARIES}
+    versions |= {"python": platform.python_version(), "virtual-calibration-lab": lab.__version__}
+    return {"command": command, "options": asdict(options), "model_sha256": model_sha256, "versions": versions}
+
+
+def _write_json(path: Path, content: Any) -> None:
+    text = json.dumps(content, indent=1, default=str, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")

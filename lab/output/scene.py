@@ -1,0 +1,224 @@
+"""What a recording shows of a campaign, as arrays in the world: magnified so that a person can see it.
+
+The world is the model's where there is one; for a robot given as a table it is frame 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab import frames
+from lab.calibration.identify import Identification
+from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.serial import SerialArm
+from lab.study.campaign import Outcome
+from lab.virtual.appearance import Shell, body_poses, instrument_body, shells
+
+MOST_POSES = 300  # whose bodies, points and ellipsoids are drawn
+ARROW = 0.15  # of the arm's reach: how long the mean error arrow is to be drawn
+HALF_AXIS_M = 0.11  # the same for the longest half-axis of an ellipsoid, in the median over the poses
+LARGEST_FACTOR = 1e6  # of error arrows: what is still too short to be seen is nothing
+ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Ellipsoids in the world, one a drawn pose, magnified.
+
+    Attributes:
+        centers: ``(m, 3)`` m.
+        axes: ``(m, 3, 3)``, columns unit and right-handed.
+        half_sizes: ``(m, 3)``, descending, times ``factor``.
+    """
+
+    centers: Array
+    axes: Array
+    half_sizes: Array
+    factor: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A campaign's fitted poses in the world (m).
+
+    Attributes:
+        rows: ``(m,)`` which of the fitted poses are drawn.
+        reach_m: the largest distance of a measured point from frame 0; sizes of marks follow it.
+        T_world_instrument: ``(4, 4)``, identified.
+        measured, before, after: ``(m, k, 3)`` points as seen (NaN where not), and as predicted.
+        all_measured: ``(seen, 3)`` of every fitted pose.
+        error_before, error_after: ``(n,)`` m, mean over the targets seen at each fitted pose, NaN where none was.
+        factor_before, factor_after: magnification of the error arrows.
+        uncertainty: None where the noise is not known, or there was none.
+        shells: of the bodies in ``bodies``; empty for a robot given as a table.
+        bodies: world poses ``(m, 4, 4)`` by name.
+        corners: ``(m, 2 joints + 1, 3)`` of the chain as a strip of lines, base outward to the last frame.
+        origins: ``(m, joints + 1, 3)`` of the table's frames.
+    """
+
+    rows: NDArray[np.int_]
+    reach_m: float
+    T_world_instrument: Array
+    measured: Array
+    before: Array
+    after: Array
+    all_measured: Array
+    error_before: Array
+    error_after: Array
+    factor_before: float
+    factor_after: float
+    mapping: Drawn
+    uncertainty: Drawn | None
+    shells: tuple[Shell, ...]
+    bodies: dict[str, Array]
+    corners: Array
+    origins: Array
+
+
+def scene(outcome: Outcome) -> Scene:
+    """The scene of a campaign; an evenly spaced part of its poses where they are many."""
+    fitted, identification = outcome.fitted, outcome.identification
+    model = identification.model
+    rows = drawn_rows(len(fitted))
+    joints = fitted.joints[rows]
+    T_world_instrument = world_of(outcome)
+    before, after = (model.points(fitted.joints, v) for v in (identification.before, identification.values))
+    errors = [_mean_length(fitted.points - predicted) for predicted in (before, after)]
+    measured, before, after = (_moved(T_world_instrument, points) for points in (fitted.points, before, after))
+    reach = float(np.linalg.norm(measured[fitted.seen] - _world_frame0(outcome)[:3, 3], axis=1).max())
+    arm = _arm(outcome)
+    strip = _moved(_world_frame0(outcome), chain_corners(arm, identification.values, joints))
+    visible, bodies = _bodies(outcome, arm, joints)
+    return Scene(
+        rows,
+        reach,
+        T_world_instrument,
+        measured[rows],
+        before[rows],
+        after[rows],
+        measured[fitted.seen],
+        errors[0],
+        errors[1],
+        _error_factor(errors[0], ARROW * reach),
+        _error_factor(errors[1], ARROW * reach),
+        _drawn(mapping_ellipsoids(identification, joints), after[rows, 0], T_world_instrument),
+        _uncertainty(identification, joints, after[rows, 0], T_world_instrument),
+        visible,
+        bodies,
+        strip,
+        strip[:, ::2],
+    )
+
+
+def drawn_rows(count: int) -> NDArray[np.int_]:
+    """All rows, or ``MOST_POSES`` of them evenly spaced from the first to the last."""
+    if count <= MOST_POSES:
+        return np.arange(count)
+    return np.round(np.linspace(0, count - 1, MOST_POSES)).astype(np.int_)
+
+
+def magnification(length: float, shown: float) -> float:
+    """The factor out of 1, 2, 5 times a power of ten that draws ``length`` nearest to ``shown``; 1 for nothing."""
+    if not (np.isfinite(length) and length > 0):
+        return 1.0
+    wanted = np.log10(shown / length)
+    steps = [(float(mantissa), int(np.floor(wanted)) + ten) for ten in (0, 1) for mantissa in (1, 2, 5)]
+    mantissa, ten = min(steps, key=lambda step: abs(np.log10(step[0]) + step[1] - wanted))
+    return float(f"{mantissa}e{ten}")
+
+
+def _error_factor(errors: Array, shown: float) -> float:
+    return min(max(magnification(float(np.nanmean(errors)), shown), 1.0), LARGEST_FACTOR)
+
+
+def _mean_length(vectors: Array) -> Array:
+    """Mean length ``(n,)`` of those of the vectors ``(n, k, 3)`` that are not NaN; NaN where all are."""
+    lengths = np.linalg.norm(vectors, axis=2)
+    seen = np.isfinite(lengths)
+    mean: Array = np.where(seen, lengths, 0.0).sum(axis=1) / np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
+    return mean
+
+
+def world_of(outcome: Outcome) -> Array:
+    """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
+    base = _arm(outcome).split(outcome.identification.values)[0]
+    T_instrument_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
+    return _world_frame0(outcome) @ frames.inverse(T_instrument_frame0)
+
+
+def chain_corners(arm: SerialArm, values: Array, joints: Array) -> Array:
+    """The chain in frame 0 as a strip of lines ``(n, 2 joints + 1, 3)``; every other corner is a frame's origin.
+
+    A link runs along its joint's axis and then along the common normal (a Craig one the other
+    way round): between two origins there is the corner where it turns.
+    """
+    table = arm.split(values)[1]
+    corners = [np.zeros((len(joints), 3))]
+    for size in range(1, arm.chain.size + 1):
+        Ts = _last_frames(arm, table, joints, size)
+        origin, (_, d, a, _, beta) = Ts[:, :3, 3], table[size - 1]
+        if arm.chain.convention == "distal":
+            corner = origin - a * (np.cos(beta) * Ts[:, :3, 0] + np.sin(beta) * Ts[:, :3, 2])  # x before beta
+        else:
+            reading = joints[:, size - 1] * arm.chain.sign[size - 1] if arm.chain.prismatic[size - 1] else 0.0
+            corner = origin - np.atleast_1d(d + reading)[:, None] * Ts[:, :3, 2]
+        corners += [corner, origin]
+    return np.stack(corners, axis=1)
+
+
+def _last_frames(arm: SerialArm, table: Array, joints: Array, size: int) -> Array:
+    """Poses ``(n, 4, 4)`` in frame 0 of frame ``size``: the last one of the chain cut off there."""
+    chain, cut = arm.chain, slice(0, size)
+    part = SerialArm(
+        type(chain)(
+            chain.name, chain.convention, chain.joint_names[cut], chain.prismatic[cut], table[cut],
+            chain.sign[cut], chain.lower[cut], chain.upper[cut], chain.speed[cut], (True,) * size,
+        )
+    )  # fmt: skip
+    return part.flange(joints[:, cut], part.nominal())
+
+
+def _world_frame0(outcome: Outcome) -> Array:
+    return np.eye(4) if outcome.robot.model is None else outcome.robot.model.T_world_frame0
+
+
+def _moved(T_a_b: Array, points: Array) -> Array:
+    """Points ``(m, k, 3)`` given in b, in a."""
+    return frames.transform(T_a_b, points.reshape(-1, 3)).reshape(points.shape)
+
+
+def _arm(outcome: Outcome) -> SerialArm:
+    model = outcome.identification.model
+    if not isinstance(model, SerialArm):
+        raise LabError(f"robot {outcome.robot.name}: only a serial arm can be drawn")
+    return model
+
+
+def _bodies(outcome: Outcome, arm: SerialArm, joints: Array) -> tuple[tuple[Shell, ...], dict[str, Array]]:
+    """What is seen of the robot; of the instrument only where it is known: a virtual one."""
+    robot = outcome.robot.model
+    if robot is None:
+        return (), {}
+    hidden = instrument_body(robot) if outcome.real is None else ""
+    visible = tuple(shell for shell in shells(robot) if shell.body != hidden)
+    poses = body_poses(robot, arm, outcome.identification.values, joints)
+    return visible, {shell.body: poses[shell.body] for shell in visible}
+
+
+def _uncertainty(
+    identification: Identification, joints: Array, centers: Array, T_world_instrument: Array
+) -> Drawn | None:
+    """What the covariance leaves in position; None where it is unknown, or nothing but rounding."""
+    covariance = position_covariance(identification, joints)
+    if not np.isfinite(covariance).all():
+        return None
+    shapes = ellipsoids(covariance)
+    return _drawn(shapes, centers, T_world_instrument) if shapes.half_lengths.max() > ROUNDING_M else None
+
+
+def _drawn(shapes: Ellipsoids, centers: Array, T_world_instrument: Array) -> Drawn:
+    factor = magnification(float(np.median(shapes.half_lengths[:, 0])), HALF_AXIS_M)
+    return Drawn(centers, T_world_instrument[:3, :3] @ shapes.axes, factor * shapes.half_lengths, factor)

@@ -1,0 +1,1 @@
+"""One campaign as one readable function, and the options it takes."""

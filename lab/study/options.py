@@ -1,0 +1,73 @@
+"""What can be asked of a campaign: the options of the commands, and of the library calls behind them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+Names = Annotated[
+    tuple[str, ...],
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="A,B,…",
+        instance_from_str=lambda given: tuple(name.strip() for name in given[0].split(",") if name.strip()),
+        is_instance=lambda instance: isinstance(instance, tuple) and all(isinstance(name, str) for name in instance),
+        str_from_instance=lambda names: [",".join(names)],
+    ),
+]
+Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+
+@dataclass(frozen=True)
+class VirtualCampaign:
+    """A campaign on a virtual arm."""
+
+    robot: str = "irb120"
+    """A model's name, or a path to an MJCF or URDF."""
+    poses: int = 50
+    """How many random collision-free poses to measure."""
+    plan: Path | None = None
+    """Measure the poses of this CSV instead."""
+    seed: int = 0
+    """Of the arm, the tracker, the poses and the noise, each its own stream."""
+    targets: Names = ("p1",)
+    """Measured points of the tool."""
+    instrument: str = "uniform-8um"
+    """Whose noise the tracker has: exact, uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm."""
+    readings: int = 1
+    """Readings that each measured point is the mean of."""
+    noise_mm: float | None = None
+    """The noise that the identifier assumes (1σ per axis), instead of the instrument's."""
+    position_sigma_mm: float = 0.5
+    """How far base, links and flange are off, per axis."""
+    rotation_sigma_mrad: float = 1.5
+    """How far base, links and flange are turned, per axis."""
+    dh_only: Flag = False
+    """Perturb nothing but the Denavit-Hartenberg parameters."""
+    gate_mm: float = 1.0
+    """A larger mean error on fresh poses is a bad result."""
+
+
+@dataclass(frozen=True)
+class MeasuredCampaign:
+    """A calibration from a measurement file."""
+
+    file: tyro.conf.Positional[Path]
+    """Measurements, CSV."""
+    robot: str = "irb120"
+    """A model's name, or a path to an MJCF, a URDF or a TOML table."""
+    seed: int = 0
+    """Of the split into poses to fit and poses to judge by."""
+    instrument: str | None = None
+    """Weigh the points by this instrument's noise, with its head at the file's origin."""
+    noise_mm: float | None = None
+    """Weigh the points by this noise (1σ per axis); without either it is estimated."""
+    holdout: float | None = None
+    """Hold out this share of the poses, and judge by them."""
+    validate: Path | None = None
+    """Judge by this file."""
+    refit: Names = ()
+    """What each session of that file may place anew: base, tool, or base,tool."""
+    gate_mm: float = 1.0
+    """A larger mean error on poses not fitted is a bad result."""

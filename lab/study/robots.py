@@ -1,0 +1,80 @@
+"""A robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import lab
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.chain import Chain
+from lab.geometry.serial import SerialArm
+from lab.geometry.table import read_table
+from lab.virtual.robot import RobotModel, load_model
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What the lab knows of a robot before anything is measured.
+
+    Attributes:
+        tool: the targets it has (m, in the last frame).
+        model: its MuJoCo model; None for a robot given as a table.
+        sha256: of the files that it was read from.
+    """
+
+    name: str
+    chain: Chain
+    tool: dict[str, Array]
+    model: RobotModel | None
+    sha256: str
+    warnings: tuple[str, ...] = ()
+
+    def arm(self, targets: tuple[str, ...]) -> SerialArm:
+        """The arm as equations, with these targets."""
+        return SerialArm(self.chain, targets)
+
+    def needed_model(self) -> RobotModel:
+        """The MuJoCo model; a LabError where there is none."""
+        if self.model is None:
+            raise LabError(f"robot {self.name} is a table without bodies: a virtual arm needs an MJCF or a URDF")
+        return self.model
+
+
+def models_folder() -> Path:
+    """Where the robots live: in the installed package, or beside it in a checkout."""
+    installed = Path(lab.__file__).parent / "models"
+    return installed if installed.is_dir() else installed.parent.parent / "models"
+
+
+def load_robot(robot: str) -> Robot:
+    """Load a robot given as on the command line.
+
+    Raises:
+        LabError: there is no such robot (the message lists those there are), or it cannot be read.
+    """
+    folder = models_folder() / robot
+    path = Path(robot)
+    if robot and Path(robot).name == robot and folder.is_dir():
+        names = ("scene.xml", "robot.xml", "robot.toml")
+        path = next((folder / name for name in names if (folder / name).is_file()), folder)
+    if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
+        known = ", ".join(sorted(p.name for p in models_folder().iterdir() if (p / "README.md").is_file()))
+        raise LabError(
+            f"robot '{robot}': no such model or file; there are {known}, or give a path to .xml, .urdf or .toml"
+        )
+    if path.suffix == ".toml":
+        table = read_table(path)
+        return Robot(table.chain.name, table.chain, table.tool, None, _sha256(path), table.warnings)
+    model = load_model(path)
+    return Robot(model.chain.name, model.chain, model.tool, model, _sha256(path), model.warnings)
+
+
+def _sha256(path: Path) -> str:
+    """Of a model's folder of the lab without its README, else of the file alone."""
+    digest = hashlib.sha256()
+    whole = path.parent.parent == models_folder()
+    files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if whole else [path]
+    for file in files:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()

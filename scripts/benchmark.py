@@ -1,0 +1,134 @@
+"""How fast the lab is: medians on one thread, and the ratio to scipy with finite differences in the same run."""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from threadpoolctl import threadpool_limits
+
+from lab.calibration.identify import Identification, Noise, identify
+from lab.calibration.solver import Observations, fit
+from lab.geometry.serial import SerialArm
+from lab.instruments import instrument
+from lab.measurements import Measurements
+from lab.seeds import stream
+from lab.study.campaign import perturbed_arm
+from lab.study.options import VirtualCampaign
+from lab.study.robots import load_robot
+from lab.virtual.feasible import random_poses
+from lab.virtual.real import track
+
+BUDGET_MS = {
+    "identify 27 parameters, 50 poses": 5,
+    "positions and derivatives, 50 poses": 0.5,
+    "positions and derivatives, 100,000 poses": 150,
+    "truth of a virtual arm": 5,
+    "10,000 poses measured": 100,
+    "lab --help": 500,
+    "lab calibrate": 8000,
+}
+
+
+def median_ms(call: Callable[[], Any], repeats: int) -> float:
+    """The median time of a call, after one that does not count."""
+    call()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - started)
+    return 1e3 * float(np.median(times))
+
+
+def peak_beyond_result_mb(call: Callable[[], tuple[np.ndarray, np.ndarray]]) -> float:
+    """The most memory that a call needs beyond the arrays that it returns."""
+    tracemalloc.start()
+    returned = call()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return (peak - sum(array.nbytes for array in returned)) / 1e6
+
+
+def by_the_lab(arm: SerialArm, data: Measurements, start: Identification) -> None:
+    """The fit alone, from located base and tool."""
+    solved = fit(arm, Observations.unweighted(data), start.fit.free, start.before)
+    assert np.abs(solved.values - start.values).max() < 1e-9
+
+
+def by_scipy(arm: SerialArm, data: Measurements, start: Identification) -> None:
+    """The same from the same start, by scipy's least squares with finite differences."""
+    free, values = list(start.fit.free), start.before.copy()
+    scale = start.fit.scale / start.fit.scale.max()
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        values[free] = x / scale
+        return 1e6 * (arm.points(data.joints, values) - data.points).ravel()
+
+    solved = least_squares(residual, start.before[free] * scale, x_scale="jac")
+    assert np.abs(solved.x / scale - start.values[free]).max() < 1e-6
+
+
+def kernels() -> dict[str, float]:
+    """Milliseconds of the parts, and megabytes of the large batch."""
+    robot, options = load_robot("irb120"), VirtualCampaign(seed=7)
+    model, arm, tracker = robot.needed_model(), robot.arm(("p1",)), instrument("uniform-8um")
+    real, nominal = perturbed_arm(robot, options), arm.nominal(robot.tool)
+    data = track(real, random_poses(model, 50, stream(7, "poses")), ("p1",), tracker, stream(7, "noise"))
+    many = robot.chain.random_joints(100_000, stream(7, "fresh"))
+    found = identify(arm, data, nominal, Noise(tracker))
+    rng = stream(7, "noise")
+    results = {
+        "identify 27 parameters, 50 poses": median_ms(lambda: identify(arm, data, nominal, Noise(tracker)), 100),
+        "its fit alone": median_ms(lambda: by_the_lab(arm, data, found), 100),
+        "that fit by scipy, finite differences": median_ms(lambda: by_scipy(arm, data, found), 10),
+        "positions and derivatives, 50 poses": median_ms(lambda: arm.observe(data.joints, nominal), 200),
+        "positions and derivatives, 100,000 poses": median_ms(lambda: arm.observe(many, nominal), 10),
+        "truth of a virtual arm": median_ms(lambda: real.truth(arm), 100),
+        "10,000 poses measured": median_ms(lambda: track(real, many[:10_000], ("p1",), tracker, rng), 10),
+    }
+    results["MB beyond the result, 100,000 poses"] = peak_beyond_result_mb(lambda: arm.observe(many, nominal))
+    return results
+
+
+def processes() -> dict[str, float]:
+    """Milliseconds of whole commands."""
+    with tempfile.TemporaryDirectory() as folder:
+        calibrate = [sys.executable, "-m", "lab", "calibrate", "--seed", "7", "--json", "--out", f"{folder}/run"]
+
+        def run(command: list[str]) -> None:
+            subprocess.run(command, check=True, capture_output=True)
+
+        return {
+            "lab --help": median_ms(lambda: run([sys.executable, "-m", "lab", "--help"]), 5),
+            "lab calibrate": median_ms(lambda: run(calibrate), 5),
+        }
+
+
+def main() -> None:
+    """Measure everything and print it beside its budget."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    arguments = parser.parse_args()
+    with threadpool_limits(1):
+        results = kernels() | processes()
+    ratio = results["that fit by scipy, finite differences"] / results["its fit alone"]
+    if arguments.json:
+        print(json.dumps(results | {"times faster than scipy": ratio}))
+        return
+    for name, value in results.items():
+        unit = "MB" if name.startswith("MB") else "ms"
+        budget = 50 if unit == "MB" else BUDGET_MS.get(name)
+        print(f"{name:42} {value:10.3f} {unit}" + (f"   (budget {budget:g})" if budget else ""))
+    print(f"the fit is {ratio:.1f} times faster than scipy's least_squares from the same start")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,261 @@
+"""The commands as a user calls them: what they print, what they write, what they promise."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from arms import IRB120, ROOT, data_file
+
+from lab import frames
+from lab.cli import main
+from lab.geometry.serial import SerialArm
+from lab.geometry.table import read_table
+from lab.measurement_file import read_measurements
+
+FILES = {"config.json", "measurements.csv", "parameters.json", "result.json", "calibrated.xml", "recording.rrd"}
+
+
+def run(capsys, *arguments) -> tuple[int, dict]:
+    code = main([str(argument) for argument in arguments] + ["--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def seven(tmp_path_factory) -> Path:
+    """The run of ``lab calibrate --seed 7 --poses 50``."""
+    out = tmp_path_factory.mktemp("runs") / "seven"
+    assert main(["calibrate", "--seed", "7", "--poses", "50", "--out", str(out), "--json"]) == 0
+    return out
+
+
+def test_a_virtual_campaign_reaches_the_floor(seven: Path) -> None:
+    result = json.loads((seven / "result.json").read_text())
+    assert {path.name for path in seven.iterdir()} == FILES
+    assert (result["rank"], result["parameters"], result["identifiable"]) == (27, 34, 27)
+    assert result["status"] == "converged" and result["iterations"] <= 8
+    assert result["verdict"] == "good" and result["judged_by"] == "fresh"
+    assert 0.3 < result["before_mm"]["mean"] < 7
+    assert result["after_mm"]["mean"] <= 0.006 and result["after_mm"]["max"] <= 0.02
+    assert result["before_mm"]["count"] == result["after_mm"]["count"] == 1000
+    assert result["noise_mm"] == pytest.approx(8e-3 / np.sqrt(3))
+    assert 0.3 < result["truth"]["nees_per_parameter"] < 2 and result["truth"]["max_abs_z"] < 5
+    assert not result["outliers"] and not result["warnings"]
+
+
+def test_the_same_seed_gives_the_same_bytes(seven: Path, tmp_path, capsys) -> None:
+    out = tmp_path / "again"
+    code, printed = run(capsys, "calibrate", "--seed", 7, "--out", out)
+    assert code == 0
+    for name in FILES - {"result.json", "recording.rrd"}:
+        assert (out / name).read_bytes() == (seven / name).read_bytes(), name
+    first, second = (json.loads((folder / "result.json").read_text()) for folder in (seven, out))
+    assert second == printed
+    for result in (first, second):
+        assert result.pop("seconds") > 0
+    assert first == second
+
+
+def test_more_poses_leave_arm_and_fresh_poses_as_they_were(seven: Path, tmp_path, capsys) -> None:
+    """The first 50 measured rows are the same to the last digit: same arm, tracker, poses and noise."""
+    out = tmp_path / "sixty"
+    code, result = run(capsys, "calibrate", "--seed", 7, "--poses", 60, "--out", out)
+    assert code == 0 and result["poses"] == 60
+    fifty, sixty = ((folder / "measurements.csv").read_text().splitlines() for folder in (seven, out))
+    assert sixty[:51] == fifty
+
+
+def test_the_calibrated_arm_predicts_what_was_identified(seven: Path) -> None:
+    parameters = json.loads((seven / "parameters.json").read_text())
+    arm = SerialArm(IRB120.chain)
+    assert [row["name"] for row in parameters] == list(arm.names)
+    values = np.array([row["estimate"] for row in parameters])
+    model = mujoco.MjModel.from_xml_path(str(seven / "calibrated.xml"))
+    data, tracker, site = mujoco.MjData(model), model.site("tracker").id, model.site("p1").id
+    for joints in IRB120.chain.random_joints(200, np.random.default_rng(0)):
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        T = frames.pose(data.site_xmat[tracker].reshape(3, 3), data.site_xpos[tracker])
+        seen = frames.transform(frames.inverse(T), data.site_xpos[site][None])[0]
+        np.testing.assert_allclose(seen, arm.points(joints[None], values)[0, 0], atol=1e-12)
+
+
+def test_the_parameter_file_says_what_is_fixed_and_where_it_hides(seven: Path) -> None:
+    rows = {row["name"]: row for row in json.loads((seven / "parameters.json").read_text())}
+    fixed = {name for name, row in rows.items() if row["status"] == "fixed"}
+    assert fixed == {"link1.theta", "link1.d", "link2.d", *(f"link6.{c}" for c in ("theta", "d", "a", "alpha"))}
+    assert list(rows["link2.d"]["aliases"]) == ["link3.d"] and rows["link2.d"]["std"] is None
+    assert rows["link2.d"]["aliases"]["link3.d"] == pytest.approx(1)
+    row = rows["link3.a"]
+    assert row["unit"] == "m" and rows["link3.alpha"]["unit"] == "rad"
+    low, high = row["interval_95"]
+    assert low < row["estimate"] < high and high - low == pytest.approx(2 * 1.96 * row["std"], rel=1e-3)
+
+
+def test_the_measurements_of_a_run_identify_the_same_arm(seven: Path, tmp_path, capsys) -> None:
+    """The file that a campaign writes is what identify reads: the same estimates, judged by cross-validation."""
+    out = tmp_path / "identified"
+    code, result = run(
+        capsys, "identify", seven / "measurements.csv", "--instrument", "uniform-8um", "--out", out
+    )  # fmt: skip
+    assert code == 0 and result["judged_by"] == "cross-validation"
+    first, second = (json.loads((f / "parameters.json").read_text()) for f in (seven, out))
+    assert [row["estimate"] for row in first] == [row["estimate"] for row in second]
+    assert result["after_mm"]["mean"] < 0.02
+
+
+def test_the_exact_tracker_gives_the_truth(tmp_path, capsys) -> None:
+    for seed in (7, 8, 9):
+        code, result = run(capsys, "calibrate", "--seed", seed, "--instrument", "exact", "--out", tmp_path / str(seed))
+        assert code == 0 and result["after_mm"]["max"] <= 1e-9
+        assert result["truth"]["max_abs_error"] <= 1e-9
+
+
+def test_three_targets_have_rank_33(tmp_path, capsys) -> None:
+    code, result = run(capsys, "calibrate", "--targets", "p1,p2,p3", "--out", tmp_path / "run")
+    assert code == 0 and result["rank"] == 33 and result["targets"] == ["p1", "p2", "p3"]
+
+
+def test_every_option_of_a_campaign_does_something(seven: Path, tmp_path, capsys) -> None:
+    base = json.loads((seven / "result.json").read_text())
+    plan = tmp_path / "plan.csv"
+    shutil.copy(seven / "measurements.csv", plan)
+    changed = {
+        "--instrument": "leica-at960",
+        "--readings": "4",
+        "--noise-mm": "0.01",
+        "--position-sigma-mm": "1.5",
+        "--rotation-sigma-mrad": "0.1",
+        "--dh-only": None,
+        "--plan": str(plan),
+        "--seed": "8",
+    }
+    for flag, value in changed.items():
+        given = [flag] if value is None else [flag, value]
+        seed = [] if flag == "--seed" else ["--seed", 7]
+        code, result = run(capsys, "calibrate", *seed, *given, "--out", tmp_path / flag.strip("-"))
+        assert code == 0
+        same = result["after_mm"] == base["after_mm"] and result["noise_mm"] == base["noise_mm"]
+        assert same == (flag == "--plan"), flag  # the plan holds the very poses that were drawn
+    code, result = run(capsys, "calibrate", "--seed", 7, "--gate-mm", "0.001", "--out", tmp_path / "gate")
+    assert code == 1 and result["verdict"] == "bad" and "does not fit" in result["reason"]
+
+
+def test_another_arms_measurements_exit_with_one(tmp_path, capsys) -> None:
+    code, result = run(capsys, "identify", data_file("ur10_ipa_D.csv"), "--robot", "irb120", "--out", tmp_path / "run")
+    assert code == 1 and result["verdict"] == "bad"
+
+
+def test_too_few_poses_to_hold_out_are_not_judged(seven: Path, tmp_path, capsys) -> None:
+    lines = (seven / "measurements.csv").read_text().splitlines()
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(lines[:13]) + "\n")
+    code, result = run(capsys, "identify", few, "--out", tmp_path / "run")
+    assert code == 0 and result["verdict"] == "not judged"
+    assert result["before_mm"] is result["after_mm"] is result["judged_by"] is None
+
+
+def test_rows_marked_for_a_test_are_judged_and_never_fitted(seven: Path, tmp_path, capsys) -> None:
+    lines = (seven / "measurements.csv").read_text().splitlines()
+    uses = ["use"] + ["calibrate"] * 35 + ["test"] * 10 + ["skip"] * 5
+    marked = tmp_path / "marked.csv"
+    marked.write_text("\n".join(f"{use},{line}" for use, line in zip(uses, lines, strict=True)) + "\n")
+    code, result = run(capsys, "identify", marked, "--out", tmp_path / "run")
+    assert code == 0 and result["judged_by"] == "holdout"
+    assert result["poses"] == 35 and result["after_mm"]["count"] == 10
+    back = read_measurements(tmp_path / "run" / "measurements.csv", IRB120.chain.joint_names, IRB120.chain.prismatic)
+    assert len(back) == 50 and back.use.count("skip") == 5
+
+
+def test_a_wild_row_is_named(seven: Path, tmp_path, capsys) -> None:
+    lines = (seven / "measurements.csv").read_text().splitlines()
+    cells = lines[21].split(",")
+    cells[6] = str(float(cells[6]) + 3.0)
+    lines[21] = ",".join(cells)
+    wild = tmp_path / "wild.csv"
+    wild.write_text("\n".join(lines) + "\n")
+    _, result = run(capsys, "identify", wild, "--out", tmp_path / "run")
+    assert [outlier["id"] for outlier in result["outliers"]] == ["20"]
+    assert 1 < result["outliers"][0]["size_mm"] < 3
+
+
+def test_a_robot_given_as_a_table_comes_back_as_a_table(tmp_path, capsys) -> None:
+    """calibrated.toml reads back to the bit, and predicts what was identified."""
+    table, out = data_file("ur10.toml"), tmp_path / "run"
+    code, result = run(capsys, "identify", data_file("ur10_ipa_D.csv"), "--robot", table, "--out", out)
+    assert code == 0 and result["rank"] == 27 and result["judged_by"] == "cross-validation"
+    assert any("rx_deg" in warning for warning in result["warnings"])
+    values = {row["name"]: row["estimate"] for row in json.loads((out / "parameters.json").read_text())}
+    back = read_table(out / "calibrated.toml")
+    arm = SerialArm(back.chain)
+    assert back.base is not None
+    again = arm.assemble(back.base, back.chain.table, back.tool["p1"])
+    assert dict(zip(arm.names, again, strict=True)) == values
+
+
+def test_inspect_prints_the_table_of_the_drawing(capsys) -> None:
+    assert main(["inspect", "irb120"]) == 0
+    printed = capsys.readouterr().out
+    rows = [line.replace("│", " ").split() for line in printed.splitlines() if line.startswith("│")]
+    assert [" ".join(row) for row in rows] == [
+        "1 q1 290 0 −90 −165 … 165 250",
+        "2 q2 − 90 0 270 0 −110 … 110 250",
+        "3 q3 0 70 −90 −110 … 70 250",
+        "4 q4 302 0 90 −160 … 160 320",
+        "5 q5 0 0 −90 −120 … 120 320",
+        "6 q6 + 180 72 0 0 −400 … 400 420",
+    ]
+    assert "27 of 34" in printed and "link2.d is hidden in link3.d" in printed
+
+
+def test_inspect_as_json(capsys) -> None:
+    code, seen = run(capsys, "inspect", "--targets", "p1,p2,p3")
+    assert code == 0 and seen["rank"] == 33 and seen["poses_needed"] == 5
+    assert seen["joints"][1]["theta_deg"] == -90 and seen["joints"][1]["a_mm"] == 270
+
+
+def test_help_needs_nothing_heavy() -> None:
+    """``lab --help`` imports neither numpy nor MuJoCo nor rerun."""
+    code = """
+import sys
+from lab.cli import main
+try:
+    main(["--help"])
+except SystemExit as stop:
+    assert stop.code == 0
+assert not {"numpy", "mujoco", "rerun", "scipy"} & set(sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+    for command in ("calibrate", "identify", "inspect"):
+        assert command in done.stdout
+
+
+def test_a_person_reads_the_outcome(tmp_path, capsys) -> None:
+    assert main(["calibrate", "--seed", "7", "--out", str(tmp_path / "run")]) == 0
+    printed = capsys.readouterr().out
+    for words in ("27 of 34 parameters", "before", "after", "fresh poses", "verdict: good", "µm per axis"):
+        assert words in printed
+
+
+def test_the_first_script_says_what_the_command_says(seven: Path) -> None:
+    script = ROOT / "scripts" / "first_calibration.py"
+    assert len(script.read_text().splitlines()) <= 40
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True, cwd=ROOT)
+    result = json.loads((seven / "result.json").read_text())
+    for name in ("before", "after"):
+        assert f"{result[f'{name}_mm']['mean']:.4f} mm mean, {result[f'{name}_mm']['max']:.4f} mm max" in done.stdout
+
+
+def test_the_default_folder_is_never_overwritten(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert main(["calibrate", "--json"]) == 0
+    assert {path.name for path in (tmp_path / "runs").iterdir()} == {
+        "calibrate-irb120-seed0",
+        "calibrate-irb120-seed0-2",
+    }

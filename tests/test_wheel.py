@@ -1,0 +1,28 @@
+"""A built wheel works away from the repository: the models travel in it."""
+
+import os
+import subprocess
+import sys
+
+from arms import ROOT
+
+
+def test_the_wheel_inspects_a_robot_from_an_empty_folder(tmp_path) -> None:
+    wheels, site, empty = (tmp_path / name for name in ("wheels", "site", "empty"))
+    empty.mkdir()
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
+    build = [*pip, "wheel", str(ROOT), "--no-deps", "--no-build-isolation", "-w", str(wheels)]
+    subprocess.run(build, check=True, capture_output=True)
+    (wheel,) = wheels.glob("*.whl")
+    assert wheel.stat().st_size < 3_000_000
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(wheel)], check=True, capture_output=True)
+    environment = {**os.environ, "PYTHONPATH": str(site), "COLUMNS": "100"}
+    where = "import lab, lab.study.robots as r; print(lab.__file__); print(r.models_folder())"
+    done = subprocess.run(
+        [sys.executable, "-c", where], capture_output=True, text=True, check=True, cwd=empty, env=environment
+    )
+    assert all(line.startswith(str(site)) for line in done.stdout.splitlines())
+    command = [sys.executable, "-m", "lab", "inspect", "irb120"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=empty, env=environment)
+    assert "q6 + 180" in done.stdout and "27 of 34" in done.stdout
+    assert not list(empty.iterdir())
