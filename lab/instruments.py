@@ -39,8 +39,9 @@ class Sight:
         reach, elevation = np.linalg.norm(points, axis=-1), np.arctan2(z, np.hypot(x, y))
         facing = -np.sum(points * axes, axis=-1) >= np.cos(self.acceptance_rad) * reach
         in_range = (self.nearest_m <= reach) & (reach <= self.farthest_m)
-        seen: NDArray[np.bool_] = in_range & (self.lowest_rad <= elevation) & (elevation <= self.highest_rad)
-        return seen & (facing | (self.acceptance_rad >= np.pi))
+        in_view = (self.lowest_rad <= elevation) & (elevation <= self.highest_rad)
+        seen: NDArray[np.bool_] = in_range & in_view & (facing | (self.acceptance_rad >= np.pi))
+        return seen
 
 
 @dataclass(frozen=True)

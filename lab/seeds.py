@@ -9,7 +9,9 @@ from zlib import crc32
 
 import numpy as np
 
-Purpose = Literal["arm", "tracker", "poses", "noise", "fresh", "split", "structure", "candidates", "tour"]
+Purpose = Literal[
+    "arm", "tracker", "poses", "noise", "fresh", "split", "structure", "candidates", "design", "promise", "tour"
+]
 
 
 def stream(seed: int, purpose: Purpose) -> np.random.Generator:

@@ -279,13 +279,12 @@ def _add_sites(
         for name, site in existing.items()
         if name and name not in (FLANGE, TRACKER) and int(model.site_bodyid[site]) in beyond
     }
-    carrier = max(beyond) if FLANGE not in existing else int(model.site_bodyid[existing[FLANGE]])
-    if FLANGE not in existing:
-        carrier = model.body(bodies[-1]).id
+    carrier = int(model.site_bodyid[existing[FLANGE]]) if FLANGE in existing else model.body(bodies[-1]).id
     T_carrier_last = frames.inverse(body_pose(data, carrier)) @ T_world_last
     for name, place in DEFAULT_TOOL.items():
         if name not in tool and name not in existing:
             tool[name] = np.array(place)
             local = frames.transform(T_carrier_last, tool[name][None])[0]
-            spec.body(model.body(carrier).name).add_site(name=name, pos=local)
+            quat = frames.quaternion_from_rotation(T_carrier_last[:3, :3])  # a reflector faces along the last frame's z
+            spec.body(model.body(carrier).name).add_site(name=name, pos=local, quat=quat)
     return tool
