@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from lab import frames
 from lab.calibration.identifiability import poses_needed
 from lab.calibration.locate import columns_of, locate
-from lab.calibration.solver import Fit, Observations, Status, fit
+from lab.calibration.solver import Fit, Observations, Status, fit, whitening
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet, base_set, independent_columns
@@ -150,7 +150,7 @@ def _weighed(data: Measurements, noise: Noise) -> tuple[Observations, bool]:
     if instrument is not None and instrument.kind == "spherical":
         covariance = instrument.covariance(np.nan_to_num(data.points, nan=1.0), noise.readings)
         covariance = np.where(given[:, None, None, None], rows[..., None, None] ** 2 * np.eye(3), covariance)
-        return Observations(data.joints, data.points, np.linalg.inv(np.linalg.cholesky(covariance))), True
+        return Observations(data.joints, data.points, whitening(covariance)), True
     default = noise.sigma_m
     if instrument is not None:
         default = instrument.radial_m / np.sqrt(noise.readings)

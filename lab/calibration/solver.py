@@ -97,6 +97,11 @@ class Fit:
         return covariance
 
 
+def whitening(covariance: Array) -> Array:
+    """Matrices ``(..., 3, 3)`` that make noise of these covariances white: inverse Cholesky factors."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
+
+
 def fit(model: Model, seen: Observations, free: Sequence[int], start: Array, *, tolerance_m: float = 1e-9) -> Fit:
     """Least squares over the free parameters from ``start``, the others held.
 

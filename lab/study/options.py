@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -71,3 +71,31 @@ class MeasuredCampaign:
     """What each session of that file may place anew: base, tool, or base,tool."""
     gate_mm: float = 1.0
     """A larger mean error on poses not fitted is a bad result."""
+
+
+@dataclass(frozen=True)
+class PlannedCampaign:
+    """Which poses to measure, and what accuracy they promise."""
+
+    robot: str = "irb120"
+    """A model's name, or a path to an MJCF or URDF."""
+    poses: int = 30
+    """How many poses to choose."""
+    accuracy_mm: float | None = None
+    """Choose as few poses as keep 95 % of the fresh poses within this, in 95 % of the campaigns."""
+    criterion: str = "O1"
+    """What to make as good as can be: O1, O2, O3, O4, O5, condition, A, G or I."""
+    scaling: Literal["raw", "unit", "length", "whitened"] = "whitened"
+    """Units of the indices: mm and rad, unit columns, a characteristic length, or tolerances and noise."""
+    targets: Names = ("p1",)
+    """Measured points of the tool."""
+    instrument: str = "uniform-8um"
+    """Whose noise and sight the plan is for."""
+    candidates: int = 2000
+    """How many feasible poses to choose from."""
+    starts: int = 4
+    """How many times to choose anew; the best is kept."""
+    extend: Path | None = None
+    """Poses measured already (CSV), to which these are added."""
+    seed: int = 0
+    """Of the candidates, the starts and the test poses."""

@@ -1,0 +1,72 @@
+"""The best O1 of the thesis' case (fig. IV.2): 20 poses, 19 parameters, the flange's origin, millimetres and radians.
+
+Mahdadi & Bouafia (2020) found 12.2487 without joint limits; random poses within the limits have 9.87.
+"""
+
+import argparse
+import json
+import time
+
+import numpy as np
+
+from lab.calibration.design import ascend, exchange
+from lab.calibration.observability import Scaling, criterion, indices
+from lab.seeds import stream
+from lab.study.robots import load_robot
+
+POSES, CANDIDATES, STARTS = 20, 1000, 12
+DROPPED = (
+    "link2.d",
+    "link2.beta",
+    "link5.d",
+    "link5.a",
+    "link6.theta",
+    "link6.alpha",
+)  # aliased at the flange's origin
+
+
+def best_o1(seed: int, *, limits: bool) -> tuple[np.ndarray, float]:
+    """Joint angles ``(20, 6)`` and their O1, the best of several exchanges, each followed by an ascent."""
+    robot = load_robot("irb120")
+    arm = robot.arm(("p1",))
+    values = arm.nominal({"p1": np.zeros(3)})
+    kept = [i for i, name in enumerate(arm.names) if name.startswith("link") and name not in DROPPED]
+    scale = Scaling("raw").columns([arm.names[i] for i in kept], np.empty((0, 3, len(kept))))
+
+    def sensitivity(joints: np.ndarray) -> np.ndarray:
+        return arm.observe(joints, values)[1][:, 0][..., kept] * scale
+
+    goal, rng = criterion("O1", len(kept)), stream(seed, "design")
+    turn = np.full(6, np.pi)
+    lower, upper = (robot.chain.lower, robot.chain.upper) if limits else (-turn, turn)
+    candidates = rng.uniform(lower, upper, (CANDIDATES, 6))
+    jacobian = sensitivity(candidates)
+    bounds = (lower, upper) if limits else (-np.inf * turn, np.inf * turn)
+    best = None
+    for _ in range(STARTS):
+        design = exchange(candidates, jacobian, POSES, goal, rng, starts=1)
+        design = ascend(design, sensitivity, goal, lambda q: np.ones(len(q), dtype=bool), *bounds)
+        if best is None or design.score > best.score:
+            best = design
+    return best.joints, float(indices(best.jacobian).o1)
+
+
+def main() -> None:
+    """Print the best O1 of a seed, with and without limits as asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--ignore-limits", action="store_true", help="let every joint turn freely, as the thesis does")
+    parser.add_argument("--seed", type=int, default=0, help="of the candidates and the starts")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    arguments = parser.parse_args()
+    started = time.perf_counter()
+    joints, o1 = best_o1(arguments.seed, limits=not arguments.ignore_limits)
+    seconds = time.perf_counter() - started
+    if arguments.json:
+        print(json.dumps({"o1": o1, "seconds": seconds, "joints_deg": np.rad2deg(joints).tolist()}))
+        return
+    where = "without limits (the thesis: 12.2487)" if arguments.ignore_limits else "within the limits (random: 9.87)"
+    print(f"O1 = {o1:.4f} {where}, in {seconds:.1f} s")
+
+
+if __name__ == "__main__":
+    main()
