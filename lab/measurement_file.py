@@ -5,7 +5,6 @@ Lengths in the file are read as decimal numbers and scaled exactly, so that what
 """
 
 import csv
-import io
 import re
 from collections.abc import Sequence
 from decimal import Decimal
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lab.csv_table import CsvTable
 from lab.errors import LabError
 from lab.frames import Array
 from lab.measurements import Measurements
@@ -24,9 +24,7 @@ _TEXT_COLUMNS = ("id", "session", "use")
 _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("location", "socket")
 _ORIENTATION = ("qw", "qx", "qy", "qz", "rx_deg", "ry_deg", "rz_deg")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
-_LARGEST = 1e15  # in m, rad and whatever else a column holds; beyond is a slip, and squares overflow
 _LEAST_SIGMA_M = 1e-12
 
 
@@ -79,16 +77,13 @@ def read_measurements(
     return _Reader(path, list(joint_names), list(prismatic)).read(points)
 
 
-class _Reader:
-    """One file being read: its cells as texts, its columns crossed off as they are understood."""
+class _Reader(CsvTable):
+    """A measurement file being read: what its columns mean."""
 
     def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool]) -> None:
-        self.path, self.joint_names, self.prismatic = path, joint_names, prismatic
+        super().__init__(path)
+        self.joint_names, self.prismatic = joint_names, prismatic
         self.warnings: list[str] = []
-        self.semicolons = False
-        self.decimal: tuple[str, str] | None = None  # the mark of the first decimal number, and where that is
-        self.header, self.rows, self.lines = self._cells()
-        self.unread = list(self.header)
 
     def read(self, need_points: bool) -> Measurements:
         n = len(self.rows)
@@ -105,7 +100,7 @@ class _Reader:
             self._refuse_half_seen(target, points[:, k])
         if need_points and not np.isfinite(points).all(axis=2).any():
             raise LabError(f"{self.path}: every point is empty; give at least one measured position")
-        texts = {name: self._texts(name) for name in _TEXT_COLUMNS}
+        texts = {name: self.texts(name) for name in _TEXT_COLUMNS}
         use = self._uses(texts["use"])
         ids = self._ids(texts["id"])
         sigma = self._optional_numbers("sigma_mm", -3, positive=True)
@@ -125,114 +120,12 @@ class _Reader:
             tuple(self.lines),
         )
 
-    # The table of texts
-
-    def _cells(self) -> tuple[list[str], list[list[str]], list[int]]:
-        try:
-            text = self.path.read_text(encoding="utf-8-sig")
-        except OSError as error:
-            raise LabError(f"{self.path}: cannot be read ({error.strerror}); check the path") from error
-        except UnicodeDecodeError as error:
-            raise LabError(
-                f"{self.path}: not a text file in UTF-8 (byte {error.start}); save it as CSV UTF-8"
-            ) from error
-        if not text.strip():
-            raise LabError(f"{self.path}: the file is empty; give a header line and one row a pose")
-        first = text.splitlines()[0]
-        if "\t" in first and "," not in first and ";" not in first:
-            raise LabError(f"{self.path}: line 1: the columns are separated by tabs; separate them by commas")
-        self.semicolons = ";" in first and "," not in first
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if self.semicolons else ",", strict=True)
-        table: list[list[str]] = []
-        lines: list[int] = []
-        line = 1  # where a row begins
-        try:
-            for row in reader:
-                if any(cell.strip() for cell in row):
-                    table.append([cell.strip() for cell in row])
-                    lines.append(line)
-                line = reader.line_num + 1
-        except csv.Error as error:
-            raise LabError(
-                f"{self.path}: line {line}: {error}; mend the quotes of the row that begins there"
-            ) from error
-        if not lines or lines[0] > 1:
-            raise LabError(f"{self.path}: line 1 is blank; begin the file with the header")
-        self._check_table(table[0], table[1:], lines[1:])
-        return table[0], table[1:], lines[1:]
-
-    def _check_table(self, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
-        for i, name in enumerate(header):
-            if not name:
-                raise LabError(f"{self.path}: line 1: column {i + 1} has no name; name it or remove it")
-            if name in header[:i]:
-                raise LabError(f"{self.path}: line 1: column {name} is there twice; keep one")
-        if not rows:
-            raise LabError(f"{self.path}: no rows below the header; give one row a pose")
-        for row, line in zip(rows, lines, strict=True):
-            if len(row) != len(header):
-                raise LabError(
-                    f"{self.path}: line {line}: {len(row)} cells, but the header has {len(header)}; give every column"
-                )
-
-    def _texts(self, name: str) -> tuple[str, ...] | None:
-        if name not in self.header:
-            return None
-        if name in self.unread:
-            self.unread.remove(name)
-        column = self.header.index(name)
-        return tuple(row[column] for row in self.rows)
-
-    def _fail(self, row: int, column: str, what: str) -> LabError:
-        return LabError(f"{self.path}: line {self.lines[row]}, column {column}: {what}")
-
-    def _numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
-        """A column as numbers times ten to an exponent, correctly rounded; NaN where empty."""
-        cells = self._texts(column)
-        assert cells is not None
-        out = np.full(len(cells), np.nan)
-        for i, cell in enumerate(cells):
-            if cell or not empty:
-                out[i] = self._number(i, column, cell, exponent)
-        return out
-
-    def _number(self, row: int, column: str, cell: str, exponent: int) -> float:
-        if not cell:
-            raise self._fail(row, column, "the cell is empty; give a number")
-        if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
-            raise self._fail(row, column, f"'{cell}' is not a finite number; leave a point's cells empty if not seen")
-        plain = self._with_point(row, column, cell)
-        if not _NUMBER.fullmatch(plain):
-            hint = " with a decimal point" if "," in cell and not self.semicolons else ""
-            raise self._fail(row, column, f"'{cell}' is not a number; give a number{hint}")
-        try:
-            value = float(Decimal(plain).scaleb(exponent))
-        except ArithmeticError:  # beyond what even decimals hold
-            value = np.inf
-        if abs(value) > _LARGEST:
-            raise self._fail(row, column, f"'{cell}' is too large to be true; check the number and its unit")
-        return value
-
-    def _with_point(self, row: int, column: str, cell: str) -> str:
-        """A number with its decimal comma, allowed where ``;`` separates cells, as a point."""
-        marks = [mark for mark in ",." if mark in cell]
-        if not self.semicolons or len(marks) != 1:
-            return cell
-        first, where = self.decimal = self.decimal or (marks[0], f"line {self.lines[row]}, column {column}")
-        if marks[0] != first:
-            raise self._fail(
-                row, column, f"'{cell}' is written with '{marks[0]}', but {where} with '{first}'; use one decimal mark"
-            )
-        plain = cell.replace(",", ".")
-        self.rows[row][self.header.index(column)] = plain  # what is kept of the file has points
-        return plain
-
     def _optional_numbers(self, column: str, exponent: int, *, positive: bool = False) -> Array | None:
         if column not in self.header:
             return None
-        numbers = self._numbers(column, exponent, empty=True)
+        numbers = self.numbers(column, exponent, empty=True)
         if positive and (bad := np.flatnonzero(numbers < _LEAST_SIGMA_M)).size:
-            raise self._fail(int(bad[0]), column, "not above zero; give the standard deviation")
+            raise self.fail(int(bad[0]), column, "not above zero; give the standard deviation")
         return numbers
 
     # Joints
@@ -261,7 +154,7 @@ class _Reader:
                 f"give {name}_{units[0]} or {name}_{units[1]}"
             )
         unit = columns[0].rsplit("_", 1)[1]
-        values = self._numbers(columns[0], _LENGTH_EXPONENT.get(unit, 0))
+        values = self.numbers(columns[0], _LENGTH_EXPONENT.get(unit, 0))
         return np.deg2rad(values) if unit == "deg" else values
 
     def _refuse_further_joints(self) -> None:
@@ -318,20 +211,20 @@ class _Reader:
 
     def _coordinate(self, target: str, axis: str) -> Array:
         column = self._coordinate_column(target, axis)
-        return self._numbers(column, _LENGTH_EXPONENT[column.rsplit("_", 1)[1]], empty=True)
+        return self.numbers(column, _LENGTH_EXPONENT[column.rsplit("_", 1)[1]], empty=True)
 
     def _refuse_half_seen(self, target: str, points: Array) -> None:
         empty = np.isnan(points)
         for row in np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1)):
             column = self._coordinate_column(target, "xyz"[int(np.argmax(empty[row]))])
-            raise self._fail(int(row), column, "empty while other coordinates are there; give all three or none")
+            raise self.fail(int(row), column, "empty while other coordinates are there; give all three or none")
 
     # Everything else
 
     def _uses(self, texts: tuple[str, ...] | None) -> tuple[str, ...]:
         for i, text in enumerate(texts or ()):
             if text not in USES:
-                raise self._fail(i, "use", f"'{text}' is unknown; write one of {', '.join(USES)}")
+                raise self.fail(i, "use", f"'{text}' is unknown; write one of {', '.join(USES)}")
         return texts or ("calibrate",) * len(self.rows)
 
     def _ids(self, texts: tuple[str, ...] | None) -> tuple[str, ...]:
@@ -339,7 +232,7 @@ class _Reader:
         first: dict[str, int] = {}
         for i, name in enumerate(ids):
             if name in first:
-                raise self._fail(
+                raise self.fail(
                     i, "id", f"'{name}' is also the id of line {self.lines[first[name]]}; give each row its own"
                 )
             first[name] = i
@@ -352,11 +245,11 @@ class _Reader:
         for column in rest:
             approach = column.removeprefix("approach_")
             if column in _NUMBER_COLUMNS:
-                self._numbers(column, empty=True)
+                self.numbers(column, empty=True)
             elif column.startswith("approach_"):
                 self._approach(column, approach)
             elif any(column in (f"{t}_{o}" for o in _ORIENTATION) for t in targets) or column in _ORIENTATION:
-                self._numbers(column, empty=True)
+                self.numbers(column, empty=True)
                 orientation.append(column)
             elif column not in _OTHER_RESERVED:
                 unknown.append(column)
@@ -368,7 +261,7 @@ class _Reader:
             self.warnings.append(
                 f"{self.path}: columns {', '.join(unknown)} have no meaning here and are kept as they are"
             )
-        kept = {column: self._texts(column) for column in rest}
+        kept = {column: self.texts(column) for column in rest}
         return {column: texts for column, texts in kept.items() if texts is not None}
 
     def _approach(self, column: str, joint: str) -> None:
@@ -376,9 +269,9 @@ class _Reader:
             raise LabError(
                 f"{self.path}: line 1: column {column}: no joint {joint}; the robot has {', '.join(self.joint_names)}"
             )
-        values = self._numbers(column, empty=True)
+        values = self.numbers(column, empty=True)
         if (bad := np.flatnonzero(~np.isin(values, (1, -1)) & np.isfinite(values))).size:
-            raise self._fail(int(bad[0]), column, "neither 1 nor -1; give the direction of approach")
+            raise self.fail(int(bad[0]), column, "neither 1 nor -1; give the direction of approach")
 
     def _refuse_unknown_axes(self, targets: list[str]) -> None:
         ends = (*_COORDINATES, *_ORIENTATION)

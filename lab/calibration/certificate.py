@@ -85,7 +85,7 @@ def _weighted(jacobian: Array, weights: Array) -> Array:
 
 
 def _gains(jacobian: Array, information: Array) -> Array:
-    """Of each candidate ``(m,)``, d = tr(J M^-1 J') ``(m,)``."""
+    """For each candidate d = tr(J M^-1 J'), ``(m,)``."""
     flat = jacobian.reshape(-1, jacobian.shape[2])
     gains: Array = (np.linalg.solve(information, flat.T).T * flat).sum(axis=1).reshape(jacobian.shape[:2]).sum(axis=1)
     return gains

@@ -92,7 +92,7 @@ def indices(jacobian: Array, test: Array | None = None) -> Indices:
     """
     n, rows, p = jacobian.shape[-3:]
     stacked = jacobian.reshape(*jacobian.shape[:-3], n * rows, p)
-    s = np.linalg.svd(stacked, compute_uv=False)
+    s = np.asarray(np.linalg.svd(stacked, compute_uv=False), dtype=np.float64)
     s = np.concatenate([s, np.zeros((*s.shape[:-1], p - s.shape[-1]))], axis=-1)
     s[s < _ROUNDING * s[..., :1]] = 0.0
     first, last = s[..., 0], s[..., -1]

@@ -28,6 +28,7 @@ from lab.virtual.feasible import random_poses
 from lab.virtual.robot import RobotModel
 
 TEST_POSES = 500
+SAFE_POSES = 20  # candidates that a blocked move may pass through
 MOST_POSES = 200  # where an accuracy is asked for
 
 
@@ -116,8 +117,9 @@ def plan_campaign(options: PlannedCampaign) -> Plan:
     everything = np.concatenate([design.jacobian, problem.sensitivity(problem.already)])
     prediction = _prediction(problem, design.joints, options.seed)
     speed, warnings = joint_speeds(robot.chain)
+    safe = problem.candidates.joints[:SAFE_POSES]
     home = np.clip(np.zeros(robot.chain.size), robot.chain.lower, robot.chain.upper)
-    tour = plan_tour(design.joints, speed, path_check(model), stream(options.seed, "tour"), home)
+    tour = plan_tour(design.joints, speed, path_check(model), stream(options.seed, "tour"), home, safe)
     return Plan(
         options,
         problem,
