@@ -5,15 +5,15 @@ import io
 import json
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from lab.errors import LabError
-from lab.study.options import Flag, MeasuredCampaign, Names, VirtualCampaign
+from lab.study.options import Flag, MeasuredCampaign, Names, PlannedCampaign, VirtualCampaign
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,22 @@ class Inspect:
     """Print the same as one JSON object."""
 
 
+@dataclass(frozen=True)
+class Design:
+    """Choose the poses to measure, their order and their number, and say how good the choice is."""
+
+    options: tyro.conf.OmitArgPrefixes[PlannedCampaign] = field(default_factory=PlannedCampaign)
+    out: Path | None = None
+    """The plan's folder (runs/design-ROBOT-seedN by default); an earlier run there is replaced."""
+    json: Flag = False
+    """Print the result as one JSON object."""
+
+
 Command = (
     Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
     | Annotated[Identify, tyro.conf.subcommand("identify")]
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+    | Annotated[Design, tyro.conf.subcommand("design")]
 )
 
 
@@ -61,7 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit code."""
     command = _parsed(arguments)
     try:
-        code = _inspect(command) if isinstance(command, Inspect) else _campaign(command)
+        if isinstance(command, Inspect):
+            code = _inspect(command)
+        else:
+            code = _design(command) if isinstance(command, Design) else _campaign(command)
         sys.stdout.flush()
         return code
     except LabError as error:
@@ -76,12 +91,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _parsed(arguments: Sequence[str] | None) -> Calibrate | Identify | Inspect:
+def _parsed(arguments: Sequence[str] | None) -> Calibrate | Identify | Inspect | Design:
     """The command; what cannot be parsed ends the program with one line and exit code 2."""
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            command: Calibrate | Identify | Inspect = tyro.cli(
+            command: Calibrate | Identify | Inspect | Design = tyro.cli(
                 Command,
                 prog="lab",
                 description="Plan, run and judge the calibration of a robot arm, virtual or measured.",
@@ -112,10 +127,8 @@ def _one_line(panel: str) -> str:
 
 def _campaign(command: Calibrate | Identify) -> int:
     """Run, write and print a campaign; 1 where its verdict is bad."""
-    from threadpoolctl import threadpool_limits
-
     from lab.output.result import summary
-    from lab.output.run import free_name, run_folder, write_run
+    from lab.output.run import write_run
     from lab.output.tables import print_outcome
     from lab.study.campaign import run_measured, run_virtual
 
@@ -124,20 +137,57 @@ def _campaign(command: Calibrate | Identify) -> int:
         stem = f"identify-{options.file.stem}"
     else:
         stem = f"calibrate-{Path(options.robot).stem}-seed{options.seed}"
-    out = command.out or free_name(Path("runs"), stem)
-    with threadpool_limits(1), run_folder(out) as folder:  # small matrices: more threads wait for each other
+    with _written(command.out, stem) as (folder, out):
         outcome = run_measured(options) if isinstance(options, MeasuredCampaign) else run_virtual(options)
         write_run(folder, outcome, options)
         from lab.output.recording import record  # rerun is slow to import: only once there is something to show
 
         record(folder / "recording.rrd", outcome)
-    for warning in outcome.warnings:
-        print(f"lab: warning: {warning}", file=sys.stderr)
-    if command.json:
-        print(json.dumps(summary(outcome), allow_nan=False))
-    else:
+    _tell(outcome.warnings, summary(outcome) if command.json else None)
+    if not command.json:
         print_outcome(outcome, out)
     return 1 if outcome.verdict.word == "bad" else 0
+
+
+def _design(command: Design) -> int:
+    """Choose, write and print a plan."""
+    from lab.output.plan import plan_summary, write_plan
+    from lab.output.plan_tables import print_plan
+    from lab.study.plan import plan_campaign
+
+    options = command.options
+    with _written(command.out, f"design-{Path(options.robot).stem}-seed{options.seed}") as (folder, out):
+        plan = plan_campaign(options)
+        write_plan(folder, plan)
+        from lab.output.plan_recording import record_plan  # slow to import, as the plots are
+        from lab.output.plots import plot_plan
+
+        plot_plan(folder, plan)
+        record_plan(folder / "recording.rrd", plan)
+    _tell(plan.warnings, plan_summary(plan) if command.json else None)
+    if not command.json:
+        print_plan(plan, out)
+    return 0
+
+
+@contextlib.contextmanager
+def _written(out: Path | None, stem: str) -> Iterator[tuple[Path, Path]]:
+    """The folder to write a run into, and what it becomes when the block ends well."""
+    from threadpoolctl import threadpool_limits
+
+    from lab.output.run import free_name, run_folder
+
+    place = out or free_name(Path("runs"), stem)
+    with threadpool_limits(1), run_folder(place) as folder:  # small matrices: more threads wait for each other
+        yield folder, place
+
+
+def _tell(warnings: Sequence[str], result: dict[str, Any] | None) -> None:
+    """Warnings for a person, and the result for a program if one is asked for."""
+    for warning in warnings:
+        print(f"lab: warning: {warning}", file=sys.stderr)
+    if result is not None:
+        print(json.dumps(result, allow_nan=False))
 
 
 def _inspect(command: Inspect) -> int:
@@ -146,10 +196,7 @@ def _inspect(command: Inspect) -> int:
     from lab.study.robots import load_robot
 
     robot = load_robot(command.robot)
-    for warning in robot.warnings:
-        print(f"lab: warning: {warning}", file=sys.stderr)
-    if command.json:
-        print(json.dumps(inspection(robot, command.targets), allow_nan=False))
-    else:
+    _tell(robot.warnings, inspection(robot, command.targets) if command.json else None)
+    if not command.json:
         print_inspection(robot, command.targets)
     return 0

@@ -25,13 +25,22 @@ def _angle_series(angle_squared: Array) -> tuple[Array, Array, Array]:
     Written without an absolute value, so that a complex step passes through.
     """
     small = np.abs(angle_squared) < 1e-4
-    square = np.where(small, 1.0, angle_squared)
-    t = np.sqrt(square)
-    s = angle_squared
-    a = np.where(small, 1 - s / 6 * (1 - s / 20 * (1 - s / 42)), np.sin(t) / t)
-    b = np.where(small, 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56)), 2 * np.sin(t / 2) ** 2 / square)
-    c = np.where(small, 1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72)), (t - np.sin(t)) / (square * t))
+    if small.ndim == 0:  # one rotation: its own branch alone, as this is in the inner loop of every fit
+        return _near_zero(angle_squared) if small else _away_from_zero(angle_squared)
+    away = _away_from_zero(np.where(small, 1.0, angle_squared))
+    a, b, c = (np.where(small, s, t) for s, t in zip(_near_zero(angle_squared), away, strict=True))
     return a, b, c
+
+
+def _near_zero(s: Array) -> tuple[Array, Array, Array]:
+    a = 1 - s / 6 * (1 - s / 20 * (1 - s / 42))
+    return a, 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56)), 1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72))
+
+
+def _away_from_zero(s: Array) -> tuple[Array, Array, Array]:
+    t = np.sqrt(s)
+    sine = np.sin(t)
+    return sine / t, 2 * np.sin(t / 2) ** 2 / s, (t - sine) / (s * t)
 
 
 def exp(vector: Array) -> Array:

@@ -50,8 +50,8 @@ class Instrument:
 
     ``gaussian`` and ``uniform`` are isotropic: each coordinate has standard deviation
     ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
-    line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it:
-    azimuth and elevation errors of that over R cos(elevation) and over R. ``sight`` is where it
+    line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
+    first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``sight`` is where it
     sees a target at all.
     """
 
@@ -91,15 +91,22 @@ class Instrument:
         draw = rng.standard_normal(points.shape)
         if self.kind == "gaussian":
             return points + self.radial_m * draw
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        reach, level = np.linalg.norm(points, axis=-1), np.hypot(x, y)
+        reach = np.linalg.norm(points, axis=-1, keepdims=True)
+        sight = points / reach
+        level = np.hypot(sight[..., :1], sight[..., 1:2])
+        straight_up = level < 1e-12  # there azimuth has no direction of its own: any will do
+        sideways = np.where(
+            straight_up, np.array([0.0, 1.0, 0.0]), _turned_left(sight) / np.where(straight_up, 1.0, level)
+        )
+        along = (self.radial_m + self.radial_per_m * reach) * draw[..., :1]
         across = self.transverse_m + self.transverse_per_m * reach
-        noisy_reach = reach + (self.radial_m + self.radial_per_m * reach) * draw[..., 0]
-        azimuth = np.arctan2(y, x) + across / level * draw[..., 1]
-        elevation = np.arctan2(z, level) + across / reach * draw[..., 2]
-        direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-        noisy: Array = noisy_reach[..., None] * np.stack(direction, axis=-1)
-        return noisy
+        error: Array = along * sight + across * (draw[..., 1:2] * sideways + draw[..., 2:] * np.cross(sight, sideways))
+        return points + error
+
+
+def _turned_left(vector: Array) -> Array:
+    """A quarter turn about z of the horizontal part: where azimuth grows."""
+    return np.stack([-vector[..., 1], vector[..., 0], np.zeros_like(vector[..., 0])], axis=-1)
 
 
 # One standard deviation is the stated maximum permissible error over k = 2. Sources: uniform-8um,

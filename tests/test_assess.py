@@ -135,6 +135,33 @@ def test_too_few_reference_rows_are_refused() -> None:
         judge_file(fitted(data), ARM, one_each, ["base", "tool"])
 
 
+def test_just_enough_equations_do_not_place_a_base() -> None:
+    """Three reference rows are nine equations for nine unknowns, and often the wrong root: refused."""
+    data, other = sessions(8)
+    use = tuple("reference" if i % 30 < 3 else "test" for i in range(60))
+    with pytest.raises(LabError, match="mark more rows"):
+        judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": use}), ["base", "tool"])
+    one = tuple("reference" if i % 30 < 1 else "test" for i in range(60))
+    judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": one}), ["tool"])  # linear: one row does
+
+
+def test_a_target_that_only_one_fold_saw_is_not_judged() -> None:
+    arm = SerialArm(IRB120.chain, ("p1", "p2"))
+    rng = np.random.default_rng(9)
+    true = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1.5e-3)
+    joints = IRB120.chain.random_joints(60, rng)
+    points = arm.points(joints, true) + 5e-6 * rng.normal(size=(60, 2, 3))
+    points[1:, 1] = np.nan
+    data = measured(NAMES, joints, arm.targets, points)
+
+    def both(part: Measurements):
+        return identify(arm, part, arm.nominal())
+
+    judgement = judge_folds(both, both(data), data, 0)
+    assert judgement.errors is not None
+    assert np.isfinite(judgement.errors.after[:, 0]).all() and np.isnan(judgement.errors.after[:, 1]).all()
+
+
 def test_the_gate() -> None:
     data, _ = campaign(60, 7)
     found = fitted(data)

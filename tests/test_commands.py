@@ -171,6 +171,27 @@ def test_rows_marked_for_a_test_are_judged_and_never_fitted(seven: Path, tmp_pat
     assert len(back) == 50 and back.use.count("skip") == 5
 
 
+def test_a_target_of_any_name_is_identified(seven: Path, tmp_path, capsys) -> None:
+    """A reflector that the model does not know: the calibrated model gets a site for it."""
+    renamed = tmp_path / "ball.csv"
+    renamed.write_text((seven / "measurements.csv").read_text().replace("p1_", "ball_"))
+    code, result = run(capsys, "identify", renamed, "--out", tmp_path / "run")
+    assert code == 0 and result["targets"] == ["ball"]
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "run" / "calibrated.xml"))
+    values = {row["name"]: row["estimate"] for row in json.loads((tmp_path / "run" / "parameters.json").read_text())}
+    assert np.linalg.norm([values[f"tool.ball.{axis}"] for axis in "xyz"]) > 0.05
+    assert model.site("ball").id >= 0
+
+
+def test_sessions_fitted_together_are_a_warning(seven: Path, tmp_path, capsys) -> None:
+    lines = (seven / "measurements.csv").read_text().splitlines()
+    both = tmp_path / "both.csv"
+    names = ["session"] + ["monday"] * 25 + ["tuesday"] * 25
+    both.write_text("\n".join(f"{name},{line}" for name, line in zip(names, lines, strict=True)) + "\n")
+    _, result = run(capsys, "identify", both, "--out", tmp_path / "run")
+    assert any("monday, tuesday" in warning for warning in result["warnings"])
+
+
 def test_a_wild_row_is_named(seven: Path, tmp_path, capsys) -> None:
     lines = (seven / "measurements.csv").read_text().splitlines()
     cells = lines[21].split(",")

@@ -15,6 +15,8 @@ from lab.errors import LabError
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm
 from lab.instruments import instrument
+from lab.measurement_file import write_measurements
+from lab.measurements import Measurements, measured
 from lab.seeds import stream
 from lab.study.campaign import perturbed_arm
 from lab.study.options import PlannedCampaign, VirtualCampaign
@@ -122,6 +124,23 @@ def test_extending_chooses_what_the_measured_poses_lack() -> None:
     extension = exchange(joints, jacobian, 10, goal, rng, measured=measured)
     assert extension.score > float(goal.score(measured + information(alone.jacobian)))
     assert exchange(joints, jacobian, 3, goal, rng, measured=measured).joints.shape == (3, 6)
+
+
+def test_a_small_measured_set_is_extended(tmp_path) -> None:
+    """Three measured poses leave six to add at the least; rows that are skipped or were not seen do not count."""
+    joints, _ = pool(6, 12)
+    seen = measured(CHAIN.joint_names, joints, ("p1",), np.full((6, 1, 3), np.nan))
+    points = seen.points.copy()
+    points[:4] = 1.0
+    use = ("calibrate", "calibrate", "calibrate", "skip", "calibrate", "calibrate")
+    data = Measurements(**{**seen.__dict__, "points": points, "use": use, "marked": True})
+    path = tmp_path / "measured.csv"
+    write_measurements(path, data, CHAIN.prismatic)
+    plan = plan_campaign(PlannedCampaign(poses=12, candidates=300, starts=1, extend=path))
+    np.testing.assert_array_equal(plan.problem.already, joints[:3])
+    assert plan.curve[0].poses == 6 and np.isfinite(plan.curve[0].prediction.reached)
+    with pytest.raises(LabError, match="6 poses or more"):
+        plan_campaign(PlannedCampaign(poses=5, candidates=300, starts=1, extend=path))
 
 
 def test_requests_that_cannot_be_met_say_why() -> None:

@@ -11,6 +11,7 @@ from lab.frames import Array
 from lab.geometry.axes import JointAxes, chain_from_axes, parameters_from_axes
 from lab.geometry.gauge import base_set, base_set_of, independent_columns
 from lab.geometry.serial import SerialArm
+from lab.geometry.table import read_table
 
 MM = 1e-3
 
@@ -222,6 +223,21 @@ def test_axes_that_no_such_chain_has_are_refused() -> None:
     directions[2], origins[2] = [1, 0, 0], [0, 0.1, 0.56]
     with pytest.raises(LabError, match="perturb less"):
         parameters_from_axes(arm, JointAxes(origins, directions, axes.targets), arm.nominal())
+
+
+def test_a_beta_of_zero_where_there_is_none_changes_nothing(tmp_path) -> None:
+    rows = zip(IRB120.chain.joint_names, IRB120.chain.table, strict=True)
+    lines = ['name = "table"', 'convention = "distal"']
+    for name, (theta, d, a, alpha, _) in rows:
+        lines += ["[[joint]]", f'name = "{name}"', f"theta_rad = {theta!r}", f"d_m = {d!r}", f"a_m = {a!r}"]
+        lines += [f"alpha_rad = {alpha!r}", "beta_deg = 0", "lower_deg = -120", "upper_deg = 120"]
+    path = tmp_path / "table.toml"
+    path.write_text("\n".join(lines).replace("np.float64(", "").replace(")", ""))
+    arm = SerialArm(read_table(path).chain)
+    assert len(arm.names) == 34 and len(base_set(arm, arm.nominal()).kept) == 27
+    path.write_text(path.read_text().replace("beta_deg = 0", "beta_deg = 1", 1))
+    with pytest.raises(LabError, match="beta is for links between nearly parallel axes"):
+        read_table(path)
 
 
 def test_how_many_poses_are_needed() -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arms import IRB120, SCARA, VERSATRAN, perturbed, somewhere, table_robot
+from arms import IRB120, SCARA, VERSATRAN, chain_of, perturbed, somewhere, table_robot
 from scipy import stats
 
 from lab import frames
@@ -34,7 +34,12 @@ def truth_of(arm: SerialArm, rng: np.random.Generator, base: bool = True):
     return Truth(arm, true, structure)
 
 
-@pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN], ids=lambda chain: chain.name)
+# Arms whose last joint slides: the tool then is fixed in part, at the drawing's place.
+RRP = chain_of("rrp", "distal", "RRP", [-90, 90, 0], [0, 0, 0], [0, 0, 0], [0.3, 0.1, 0.2])
+RRRP = chain_of("rrrp", "craig", "RRRP", [0, -90, 0, 90], [0, 0, 0.4, 0.1], [0, 0, 0, 0], [0, 0.1, 0, 0])
+
+
+@pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN, RRP, RRRP], ids=lambda chain: chain.name)
 def test_exact_measurements_give_the_truth(chain) -> None:
     """Every canonical parameter to 1e-11 m or rad, from a base turned and moved anyhow, in few steps."""
     for seed in range(20):
@@ -49,6 +54,23 @@ def test_exact_measurements_give_the_truth(chain) -> None:
         assert np.abs(compare_with_truth(found, truth).error).max() < 1e-11
         fresh = chain.random_joints(500, rng)
         np.testing.assert_allclose(arm.points(fresh, found.values), arm.points(fresh, truth.values), atol=1e-12)
+
+
+def test_near_half_a_turn_the_covariance_belongs_to_the_values() -> None:
+    """The base's rotation vector wraps there: NEES must not see it."""
+    nees = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        truth = truth_of(ARM, rng)
+        direction = rng.normal(size=3)
+        values = truth.values.copy()
+        values[3:6] = (np.pi - 1e-6) * direction / np.linalg.norm(direction)
+        joints = IRB120.chain.random_joints(50, rng)
+        points = ARM.points(joints, values) + 5e-6 * rng.normal(size=(50, 1, 3))
+        found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal(), Noise(sigma_m=5e-6))
+        assert np.linalg.norm(found.values[3:6]) <= np.pi
+        nees.append(compare_with_truth(found, Truth(ARM, values, truth.base_set)).nees_per_parameter)
+    assert np.mean(nees) == pytest.approx(1.0, abs=0.15)  # 30 means of 27: 3 sigma is 0.15
 
 
 def test_the_base_is_found_from_anywhere() -> None:
@@ -149,6 +171,21 @@ def test_three_targets_where_some_are_unseen() -> None:
     found = identify(arm, measured(NAMES, joints, arm.targets, points), arm.nominal())
     assert len(found.fit.free) == 33 and found.status == "converged"
     assert np.abs(compare_with_truth(found, truth).error).max() < 1e-11
+
+
+def test_noise_is_that_of_the_seen_points() -> None:
+    """leica-at960: sigma over the points that were seen, whatever stands for those that were not."""
+    arm = SerialArm(IRB120.chain, ("p1", "p2"))
+    rng = np.random.default_rng(11)
+    truth = truth_of(arm, rng)
+    joints = IRB120.chain.random_joints(40, rng)
+    points = arm.points(joints, truth.values)
+    points[5:, 1] = np.nan
+    device = INSTRUMENTS["leica-at960"]
+    found = identify(arm, measured(NAMES, joints, arm.targets, points), arm.nominal(), Noise(device))
+    seen = points[np.isfinite(points).all(axis=2)]
+    stated = np.sqrt(np.trace(device.covariance(seen), axis1=1, axis2=2).mean() / 3)
+    assert found.sigma_m == pytest.approx(stated, rel=1e-9)
 
 
 def test_an_unidentifiable_parameter_left_in_is_reported() -> None:

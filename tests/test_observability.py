@@ -49,6 +49,12 @@ def test_a_design_that_misses_a_parameter_is_worth_nothing() -> None:
     found = indices(blind)
     assert found.o1 == found.o2 == found.o3 == found.o4 == found.o5 == 0
     assert found.condition == found.a == np.inf
+    test = jacobian(40, 1)
+    seen = indices(blind, test)
+    assert seen.g == seen.i == np.inf
+    goal = criterion("G", 27, test)
+    flat, whole = blind.reshape(-1, 27), jacobian(15, 0).reshape(-1, 27)
+    assert goal.score(flat.T @ flat) < goal.score(whole.T @ whole) - 10
 
 
 def test_o1_ranks_in_all_units_alike_and_the_others_do_not() -> None:
@@ -57,6 +63,11 @@ def test_o1_ranks_in_all_units_alike_and_the_others_do_not() -> None:
     pool = jacobian(500, 1000)
     scalings = [Scaling(kind) for kind in ("raw", "unit", "length", "whitened")] + [Scaling("length", length_m=0.1)]
     found = [indices(designs * scaling.columns(NAMES, pool)) for scaling in scalings]
+    for one, scaling in zip(found, scalings, strict=True):
+        again = indices(designs * scaling.columns(NAMES, pool), pool * scaling.columns(NAMES, pool))
+        plain = indices(designs, pool)
+        np.testing.assert_allclose([again.g, again.i], [plain.g, plain.i], rtol=1e-6)  # they speak of positions
+        np.testing.assert_array_equal(again.o1, one.o1)
     for name in ("o1", "o2", "o3", "o4", "o5", "a"):
         orders = {tuple(np.argsort(getattr(one, name))) for one in found}
         assert (len(orders) == 1) == (name == "o1"), name

@@ -71,14 +71,14 @@ def rrd(home, *arguments):
     return subprocess.run(command, env=home, capture_output=True, text=True, timeout=60)
 
 
-def column(path, entity, name):
-    """Indices and values of a component over the timeline ``pose``, one list of values a row."""
+def column(path, entity, name, timeline="pose"):
+    """Indices and values of a component over a timeline, one list of values a row."""
     reader = RrdReader(path)
     rows = {}
     for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
         batch = chunk.to_record_batch()
-        if "pose" in batch.schema.names and name in batch.schema.names:
-            rows.update(zip(batch.column("pose").to_pylist(), batch.column(name).to_pylist(), strict=True))
+        if timeline in batch.schema.names and name in batch.schema.names:
+            rows.update(zip(batch.column(timeline).to_pylist(), batch.column(name).to_pylist(), strict=True))
     index = sorted(rows)
     return index, [rows[i] for i in index]
 
@@ -265,27 +265,32 @@ def test_a_table_is_drawn_as_a_chain_and_many_poses_are_thinned_out(tmp_path, ho
 @needs_vulkan
 def test_no_view_complains(recording, home):
     """Opened headless, every view of the blueprint shows its content without a warning."""
+    views = views_of(recording, home)
+    assert len(views) == 9
+    assert [(view.name, view.reports) for view in views if view.reports] == []
+
+
+def views_of(recording, home, timeline="pose"):
+    """The views of a recording that is open in a viewer of its own, which no other machine reaches."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     server = ["--headless", "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
     viewer = subprocess.Popen([program(), *server], env=home, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        state = opened(port, recording)
+        return opened(port, recording, timeline).views
     finally:
         viewer.terminate()
         viewer.wait(10)
-    assert len(state.views) == 9
-    assert [(view.name, view.reports) for view in state.views if view.reports] == []
 
 
-def opened(port, path):
+def opened(port, path, timeline):
     deadline = time.monotonic() + 20
     while True:
         try:
             with ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy") as client:
                 client.open(str(path))
-                client.set_time("pose", sequence=3)
+                client.set_time(timeline, sequence=3)
                 time.sleep(1)
                 return client.get_state()
         except Exception:

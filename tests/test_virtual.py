@@ -13,6 +13,7 @@ from lab.instruments import INSTRUMENTS, instrument
 from lab.seeds import stream
 from lab.study.campaign import perturbed_arm
 from lab.study.options import VirtualCampaign
+from lab.study.robots import load_robot
 from lab.virtual.feasible import collides, random_poses
 from lab.virtual.placement import calibrated_mjcf
 from lab.virtual.real import Perturbation, perturbed_bodies, random_perturbation, random_tracker, real_arm, track
@@ -158,6 +159,57 @@ def test_the_leica_sees_ranges_better_than_directions() -> None:
     """leica-at960 at 2 m: 13.5 microns across, 0.5 along the line of sight (facts, section 5)."""
     sizes = np.sqrt(np.linalg.eigvalsh(INSTRUMENTS["leica-at960"].covariance(np.array([[0, 2.0, 0]]))[0]))
     np.testing.assert_allclose(sizes, [0.5e-6, 13.5e-6, 13.5e-6])
+
+
+def test_a_target_straight_above_the_head_is_seen() -> None:
+    """Azimuth has no direction there; the two transverse errors have."""
+    device, points = INSTRUMENTS["leica-at500"], np.tile([0.0, 0.0, 2.0], (40_000, 1))
+    error = device.sample(points, np.random.default_rng(0)) - points
+    np.testing.assert_allclose(error.T @ error / len(error), device.covariance(points[:1])[0], rtol=0.03, atol=2e-12)
+
+
+def test_joint_offsets_come_from_the_seed_and_leave_the_bodies_alone() -> None:
+    plain, off = (
+        random_perturbation(MODEL, 5e-4, 1.5e-3, stream(3, "arm"), offset_sigma=sigma) for sigma in (0.0, 1e-3)
+    )
+    np.testing.assert_array_equal(plain.position_m, off.position_m)
+    assert not plain.joint_offset.any() and 1e-4 < np.abs(off.joint_offset).max() < 5e-3
+    real = perturbed_arm(IRB120, VirtualCampaign(seed=3, offset_sigma_mrad=1.0))
+    np.testing.assert_array_equal(real.joint_offset, off.joint_offset)
+
+
+def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
+    """Read as a drawing, nearly parallel axes get a beta, not a d of a hundred metres (facts, section 7)."""
+    truth = perturbed_arm(IRB120, VirtualCampaign(seed=7)).truth(ARM)
+    path = tmp_path / "calibrated.xml"
+    path.write_text(calibrated_mjcf(MODEL, ARM, truth.values))
+    again = load_robot(str(path))
+    assert np.abs(again.chain.table[:, 1:3]).max() < 0.5 and again.chain.parallel == IRB120.chain.parallel
+    np.testing.assert_allclose(again.chain.table, IRB120.chain.table, atol=0.05)
+    arm = again.arm(TARGETS)
+    real = perturbed_arm(again, VirtualCampaign(seed=8))
+    joints = again.chain.random_joints(100, np.random.default_rng(0))
+    np.testing.assert_allclose(arm.points(joints, real.truth(arm).values), real.points(joints, TARGETS), atol=1e-12)
+    assert len(real.truth(arm).base_set.kept) == 33
+
+
+def test_a_urdf_gives_speeds_and_the_same_kinematics(tmp_path) -> None:
+    path = tmp_path / "arm.urdf"
+    inertia = '<inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    axes = [("0 0 0.3", "0 0 1"), ("0 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.1 0 0", "1 0 0")]
+    links = "".join(f'<link name="l{i}">{inertia if i else ""}</link>' for i in range(5))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="{xyz}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="{1 + i}" effort="1"/></joint>'
+        for i, (xyz, axis) in enumerate(axes)
+    )
+    path.write_text(f'<robot name="arm">{links}{joints}</robot>')
+    robot = load_robot(str(path))
+    np.testing.assert_array_equal(robot.chain.speed, [1, 2, 3, 4])
+    arm = robot.arm(("p1",))
+    real = perturbed_arm(robot, VirtualCampaign(seed=1))
+    q = robot.chain.random_joints(200, np.random.default_rng(0))
+    np.testing.assert_allclose(arm.points(q, real.truth(arm).values), real.points(q, ("p1",)), atol=1e-12)
 
 
 def test_an_unknown_instrument_lists_those_there_are() -> None:

@@ -64,9 +64,8 @@ class TruthComparison:
     """How far the estimates are from a virtual arm's truth, in the canonical gauge.
 
     Attributes:
-        error: ``(f,)`` estimate less truth (m, rad); the base's rotation as log(R_estimate' R_truth).
+        error: ``(f,)`` estimate less truth (m, rad); the base's rotation as log(R_truth' R_estimate).
         z: ``(f,)`` in standard deviations.
-        max_abs_error: over the parameters that were fitted, in m or rad.
         nees_per_parameter: e' C^-1 e / f, one on average.
         coverage_95: share of the 95 % intervals that hold the truth.
     """
@@ -136,7 +135,14 @@ def judge_folds(identify: Identify, identification: Identification, data: Measur
     for fold in range(FOLDS):
         test = np.flatnonzero(rows == fold)
         part = identify(data.take(np.flatnonzero(rows != fold)))
+        unseen = {part.model.names[i] for i in part.unseen}
+        blind = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unseen]
+        if len(unseen) > 3 * len(blind):
+            return Judgement(
+                None, None, ("without a fold, the other poses do not tell all parameters apart: not judged",)
+            )
         errors = errors_at(part, data.joints[test], data.points[test])
+        errors.before[:, blind] = errors.after[:, blind] = np.nan  # targets that only this fold's poses saw
         before[test], after[test] = errors.before, errors.after
     return Judgement("cross-validation", Errors(before, after))
 
@@ -239,7 +245,10 @@ def _placed(model: Model, reference: Measurements, values: Array, refit: Sequenc
     free = columns_of(model, refit)
     moved = locate(model, seen, values, refit)
     solution = fit(model, seen, free, moved)
-    if solution.rank < len(free):
+    equations = 3 * int(reference.seen.sum())
+    linear = "base" not in refit  # a tool alone is found by as many equations as it has coordinates
+    enough = equations >= len(free) if linear else equations > len(free)
+    if solution.rank < len(free) or solution.status != "converged" or not enough:
         where = f"session '{session}'" if session else "the validation file"
         raise LabError(
             f"{where}: {len(reference)} reference rows cannot place {', '.join(refit)} "

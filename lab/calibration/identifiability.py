@@ -45,15 +45,22 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
     """The least number of poses at which generic poses tell the whole base set apart."""
     structure = structure or base_set(model, values)
-    wanted, rows = len(structure.kept), 3 * len(model.targets)
-    count = -(-wanted // rows)
-    joints = model.structure_joints(4 * wanted + count, stream(0, "structure"))
+    joints = model.structure_joints(5 * len(structure.kept), stream(0, "structure"))
     _, jacobian = model.observe(joints, model.structural(values))
-    columns = jacobian[..., list(structure.kept)]
-    while count < len(joints):
-        part = columns[:count].reshape(-1, wanted)
-        sizes = np.linalg.svd(part / np.linalg.norm(part, axis=0), compute_uv=False)
-        if len(sizes) == wanted and sizes[-1] > 1e-9 * sizes[0]:
-            break
-        count += 1
-    return count
+    return enough_poses(jacobian.reshape(len(joints), -1, len(model.names))[..., list(structure.kept)])
+
+
+def enough_poses(jacobian: Array, measured: Array | None = None) -> int:
+    """How many of the poses ``(m, r, p)``, from the first, show every parameter; all if none do.
+
+    Args:
+        measured: ``(n0, r, p)``, of poses that were measured already.
+    """
+    m, rows, p = (int(size) for size in jacobian.shape)
+    before = np.empty((0, p)) if measured is None else measured.reshape(-1, p)
+    for count in range(max(1, -(-(p - len(before)) // rows)), m):
+        part = np.concatenate([before, jacobian[:count].reshape(-1, p)])
+        sizes = np.linalg.svd(part / np.maximum(np.linalg.norm(part, axis=0), 1e-300), compute_uv=False)
+        if len(sizes) == p and sizes[-1] > 1e-9 * sizes[0]:
+            return count
+    return m

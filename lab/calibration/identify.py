@@ -3,7 +3,7 @@
 It sees an arm only through ``Model``: joints and parameters in, points and derivatives out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student
@@ -18,6 +18,7 @@ from lab.geometry.gauge import BaseSet, base_set, independent_columns
 from lab.geometry.model import Model
 from lab.instruments import Instrument
 from lab.measurements import Measurements, seen_mask
+from lab.seeds import stream
 
 BARELY_TOLD_APART = 1e4  # a condition above which poses hardly tell the parameters apart
 
@@ -89,7 +90,7 @@ class Identification:
 def locate_before(model: Model, seen: Observations, nominal: Array) -> Array:
     """Nominal links with base and targets fitted: what *before* is, and where *after* starts."""
     placing = list(columns_of(model, ("base", "tool")))
-    joints = model.structure_joints(50, np.random.default_rng(0))
+    joints = model.structure_joints(50, stream(0, "structure"))
     _, jacobian = model.observe(joints, model.structural(nominal))
     free = independent_columns(jacobian.reshape(-1, len(model.names))[:, placing], range(len(placing)))
     start = locate(model, seen, nominal)
@@ -122,8 +123,14 @@ def identify(model: Model, data: Measurements, nominal: Array, noise: Noise | No
             f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
             f"need at least {needed}: measure more"
         )
-    solution = fit(model, seen, free, before)
+    start = before.copy()
+    start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
+    solution = fit(model, seen, free, start)
     values = _canonical_rotation(model, solution.values)
+    if np.abs(values - solution.values).max() > 1.0:  # another rotation vector of the same base: so its covariance
+        again = fit(model, seen, free, values)
+        solution = replace(again, cost_trace=solution.cost_trace)
+        values = again.values
     residuals = data.points - model.points(data.joints, values)
     squares = float(np.nansum(seen.apply(residuals) ** 2))
     freedom = 3 * count - len(free)
@@ -159,10 +166,10 @@ def _weighed(data: Measurements, noise: Noise) -> tuple[Observations, bool]:
 
 
 def _root_mean_square_sigma(seen: Observations) -> float:
-    if seen.whiten.ndim == 2:
-        return float(np.sqrt(np.mean(1 / seen.whiten**2)))
-    factor = np.linalg.inv(seen.whiten)
-    return float(np.sqrt(np.mean(np.sum(factor**2, axis=(2, 3))) / 3))
+    whiten = seen.whiten[seen_mask(seen.points)]
+    if whiten.ndim == 1:
+        return float(np.sqrt(np.mean(1 / whiten**2)))
+    return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
 
 
 def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet) -> tuple[int, ...]:

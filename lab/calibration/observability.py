@@ -4,7 +4,8 @@ A Jacobian stacks r rows of whitened positions for each of n poses over p parame
 the condition number are as in Mahdadi & Bouafia (2020), after Borm & Menq, Driels & Pathre, Nahvi
 & Hollerbach, and Sun & Hollerbach; A, G and I are those of optimal design (Pukelsheim 1993).
 O1 is D-optimality: a column scaling multiplies every design's O1 by the same factor, so that it
-ranks designs alike in all units. All others depend on the scaling.
+ranks designs alike in all units. So do G and I, which speak of positions; O2 to O5, the condition
+number and A depend on the scaling.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,13 +16,14 @@ import numpy as np
 
 from lab.errors import LabError
 from lab.frames import Array
+from lab.geometry.model import is_angle
 
 ScalingKind = Literal["raw", "unit", "length", "whitened"]
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
 CHARACTERISTIC_LENGTH_M = 0.300
-_ANGULAR = ("rx", "ry", "rz", "theta", "alpha", "beta")
 _LEAST = 1e-300
 _ROUNDING = 1e-14  # of the largest singular value: as good as zero
+_SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Scaling:
             names: of the parameters.
             candidates: ``(m, r, p)``, over which ``unit`` columns have unit norm.
         """
-        angular = np.array([name.rsplit(".", 1)[-1] in _ANGULAR for name in names])
+        angular = np.array([is_angle(name) for name in names])
         if self.kind == "raw":
             return np.where(angular, 1e3, 1.0)
         if self.kind == "length":
@@ -102,8 +104,7 @@ def indices(jacobian: Array, test: Array | None = None) -> Indices:
         condition = first / last
     g = i = np.full(o1.shape, np.nan)
     if test is not None:
-        inverse = np.linalg.pinv(np.swapaxes(stacked, -1, -2) @ stacked)
-        variance: Array = np.einsum("trp,...pq,trq->...t", test, inverse, test, optimize=True)
+        variance = _variances(np.swapaxes(stacked, -1, -2) @ stacked, test)
         g, i = variance.max(axis=-1), variance.mean(axis=-1)
     return Indices(o1, last / first, last, last**2 / first, o5, condition, a, g, i)
 
@@ -114,7 +115,7 @@ class Criterion:
 
     Attributes:
         name: one of ``CRITERIA``.
-        score: information matrices ``(..., p, p)`` to scores ``(...)``, -inf where singular.
+        score: information matrices ``(..., p, p)`` to scores ``(...)``, worse than any other where singular.
         slope: ``(p, p)`` information to the score's derivative with respect to it, symmetric.
         weight: W ``(p, p)`` where the score is -log tr(W M^-1); None for the others.
     """
@@ -172,18 +173,28 @@ def _trace_slope(information: Array, weight: Array) -> Array:
     return slope
 
 
+def _variances(information: Array, test: Array) -> Array:
+    """Predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
+    size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _LEAST))
+    scaled = information / size[..., :, None] / size[..., None, :]
+    singular = np.linalg.eigvalsh(scaled)[..., 0] < _SINGULAR
+    scaled[singular] = np.eye(information.shape[-1])
+    inverse = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
+    flat = test.reshape(-1, test.shape[-1])
+    variances: Array = ((flat @ inverse) * flat).sum(-1).reshape(*information.shape[:-2], *test.shape[:2]).sum(-1)
+    variances[singular] = np.inf
+    return variances
+
+
 def _worst_score(information: Array, test: Array) -> Array:
-    inverse = np.linalg.pinv(information)
-    variance = np.einsum("trp,...pq,trq->...t", test, inverse, test, optimize=True)
-    score: Array = -np.log(variance.max(-1))
+    score: Array = -np.log(_variances(information, test).max(-1))
     return score
 
 
 def _worst_slope(information: Array, test: Array) -> Array:
-    inverse = np.linalg.inv(information)
-    variance = np.einsum("trp,pq,trq->t", test, inverse, test, optimize=True)
-    worst = test[np.argmax(variance)] @ inverse
-    slope: Array = worst.T @ worst / variance.max()
+    variances = _variances(information, test)
+    worst = test[np.argmax(variances)] @ _inverse(information)
+    slope: Array = worst.T @ worst / variances.max()
     return slope
 
 

@@ -111,7 +111,7 @@ def fit(model: Model, seen: Observations, free: Sequence[int], start: Array, *, 
     remains is its square.
     """
     index = list(free)
-    metre = _typical_weight(seen.whiten) * np.sqrt(max(len(seen.joints), 1))
+    metre = _typical_weight(seen) * np.sqrt(max(len(seen.joints), 1))
     values = start.copy()
     residual, jacobian = _linearized(model, seen, values, index)
     trace = [_cost(residual)]
@@ -178,8 +178,9 @@ def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:
     return padded[:size, :size], padded[:size, size]
 
 
-def _typical_weight(whiten: Array) -> float:
+def _typical_weight(seen: Observations) -> float:
     """The root mean square weight of a coordinate."""
-    if whiten.ndim == 2:
+    whiten = seen.whiten[seen_mask(seen.points)]
+    if whiten.ndim == 1:
         return float(np.sqrt(np.mean(whiten**2)))
-    return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(2, 3))) / 3))
+    return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(1, 2))) / 3))

@@ -16,6 +16,8 @@ from lab.geometry.chain import PARALLEL_RAD, Chain, parallel_links
 from lab.geometry.gauge import BaseSet, base_set
 from lab.geometry.serial import Motion, SerialArm
 
+MEETING_M = 0.010  # axes nearer than this meet, on the drawing
+
 
 @dataclass(frozen=True)
 class JointAxes:
@@ -118,7 +120,7 @@ def _common_normal(x: Array, z: Array, position: Array, next_z: Array, next_orig
         return unit, foot
     normal /= np.linalg.norm(normal)
     distance = np.dot(apart, normal)
-    if abs(distance) < 1e-9:  # the axes meet: of the two normals the one that turns less
+    if abs(distance) < MEETING_M:  # the axes nearly meet: of the two normals the one that turns less
         distance = np.dot(normal, x) + 1e-12
     next_x = normal * np.sign(distance)
     foot = next_origin + next_z * np.dot(np.cross(normal, z), apart) / np.dot(np.cross(z, normal), next_z)

@@ -18,7 +18,7 @@ from lab.frames import Array
 
 Convention = Literal["distal", "craig"]
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
-PARALLEL_RAD = 1e-3  # neighbouring axes within this angle are parallel on the drawing
+PARALLEL_RAD = 0.035  # neighbouring axes within 2 degrees are nominally parallel: a beta, no d
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,13 @@ import numpy as np
 
 from lab.frames import Array
 
+_ANGLES = ("rx", "ry", "rz", "theta", "alpha", "beta")
+
+
+def is_angle(parameter: str) -> bool:
+    """Whether a parameter is in rad, by its name; else it is in m."""
+    return parameter.rsplit(".", 1)[-1] in _ANGLES
+
 
 class Model(Protocol):
     """Joints and parameters in, positions and their derivatives out.

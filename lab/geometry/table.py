@@ -65,7 +65,8 @@ def read_table(path: Path) -> RobotTable:
     table = np.array([[reader.value(name, _QUANTITIES[name]) for name in COLUMNS] for reader in readers])
     parallel = list(parallel_links(convention, table[:, 3]))
     for i, reader in enumerate(readers):
-        parallel[i] = parallel[i] or reader.has("beta")
+        if table[i, 4] != 0 and not parallel[i]:
+            raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out here")
     signs = np.array([reader.sign() for reader in readers])
     for reader in readers:
         reader.refuse_the_rest()

@@ -25,8 +25,9 @@ def blueprint(outcome: Outcome, shown: Scene) -> rrb.Blueprint:
     """The layout of a campaign's recording."""
     before_mm, after_mm = (1e3 * float(np.nanmax(error)) for error in (shown.error_before, shown.error_after))
     unit = "in σ" if outcome.identification.sigma_known else "in mm"
+    controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.T_world_instrument[:3, 3])
     left = rrb.Vertical(
-        _main(shown),
+        main_view("Arm, measured points, errors", controls),
         rrb.Horizontal(_errors("before", before_mm), _errors("after", after_mm)),
         row_shares=[3, 1],
     )
@@ -35,41 +36,47 @@ def blueprint(outcome: Outcome, shown: Scene) -> rrb.Blueprint:
         rrb.TextDocumentView(origin=PARAMETERS, name="Parameters"),
         active_tab=0,
     )
-    bars = rrb.Horizontal(
-        _bars(SINGULAR_VALUES, "Singular values of J, scaled"),
-        _bars(f"{CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
+    charts = rrb.Horizontal(
+        bars(SINGULAR_VALUES, "Singular values of J, scaled"),
+        bars(f"{CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
     )
-    right = rrb.Vertical(_close_views(shown), texts, bars, row_shares=[1.3, 1.7, 0.9])
+    right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
+    return layout(left, right, "pose")
+
+
+def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blueprint:
+    """Two columns and nothing else, paused at the start of a timeline."""
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
-        rrb.TimePanel(timeline="pose", play_state="paused", state="collapsed"),
+        rrb.TimePanel(timeline=timeline, play_state="paused", state="collapsed"),
         collapse_panels=True,
         auto_views=False,
         auto_layout=False,
     )
 
 
-def _main(shown: Scene) -> rrb.Spatial3DView:
-    """The arm and what was measured; ellipsoids have their own views."""
+def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
+    """The arm and what is around it; ellipsoids have their own views."""
     return rrb.Spatial3DView(
         origin="world",
-        name="Arm, measured points, errors",
+        name=name,
         contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/focus/**"],
-        line_grid=_floor(),
-        eye_controls=_eye(shown),
-        background=_backdrop(),
+        line_grid=floor(),
+        eye_controls=controls,
+        background=backdrop(),
     )
 
 
 def _close_views(shown: Scene) -> rrb.Horizontal:
     """The target from near by, fixed in the middle, with one ellipsoid each."""
-    views = [_close("mapping", "Mapping ellipsoid")]
+    views = [close_view("mapping", "Mapping ellipsoid")]
     if shown.uncertainty is not None:
-        views.append(_close("uncertainty", "Uncertainty ellipsoid"))
+        views.append(close_view("uncertainty", "Uncertainty ellipsoid"))
     return rrb.Horizontal(*views)
 
 
-def _close(ellipsoid: str, name: str) -> rrb.Spatial3DView:
+def close_view(ellipsoid: str, name: str) -> rrb.Spatial3DView:
+    """The target with one ellipsoid; ``world/focus`` is where it looks."""
     return rrb.Spatial3DView(
         origin="world/focus",
         name=name,
@@ -81,7 +88,7 @@ def _close(ellipsoid: str, name: str) -> rrb.Spatial3DView:
             look_target=(0.0, 0.0, 0.0),
             eye_up=(0.0, 0.0, 1.0),
         ),
-        background=_backdrop(),
+        background=backdrop(),
     )
 
 
@@ -94,22 +101,28 @@ def _errors(name: str, largest_mm: float) -> rrb.TimeSeriesView:
     )
 
 
-def _bars(origin: str, name: str) -> rrb.BarChartView:
+def bars(origin: str, name: str) -> rrb.BarChartView:
+    """A bar chart without a legend."""
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
-def _eye(shown: Scene) -> rrb.EyeControls3D:
-    """Over the arm's shoulder towards the instrument: the arm near and large, the instrument behind it."""
-    foot = shown.origins[0, 0] + 0.25 * shown.reach_m * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
-    arm = np.concatenate([foot, shown.origins.reshape(-1, 3), shown.all_measured])
+def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeControls3D:
+    """Over the arm's shoulder towards the instrument: the arm near and large, the instrument behind it.
+
+    Args:
+        origins: ``(m, joints + 1, 3)`` of the frames, base outward.
+        points: ``(k, 3)`` further ones to show.
+        head: ``(3,)`` the instrument's.
+    """
+    foot = origins[0, 0] + 0.25 * reach_m * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
+    arm = np.concatenate([foot, origins.reshape(-1, 3), points])
     middle = (arm.min(axis=0) + arm.max(axis=0)) / 2
-    head = shown.T_world_instrument[:3, 3]
     towards = (head - middle) * np.array([1.0, 1.0, 0.0])
     distance = float(np.linalg.norm(towards))
     towards = towards / distance if distance > 1e-6 else np.array([1.0, 0.0, 0.0])
     forward = frames.exp(np.array([0.0, 0.0, SHOULDER_RAD])) @ towards + np.array([0.0, 0.0, -DOWN])
     forward /= np.linalg.norm(forward)
-    near = distance < FAR * shown.reach_m
+    near = distance < FAR * reach_m
     span = np.concatenate([arm, head + np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -head[2]]])]) if near else arm
     target, back = _framed(span, forward)
     return rrb.EyeControls3D(
@@ -133,11 +146,13 @@ def _framed(points: Array, forward: Array) -> tuple[Array, float]:
     return target, back
 
 
-def _floor() -> rrb.archetypes.LineGrid3D:
+def floor() -> rrb.archetypes.LineGrid3D:
+    """A grid of 100 mm."""
     return rrb.LineGrid3D(
         visible=True, spacing=0.1, plane=rr.components.Plane3D.XY, stroke_width=0.5, color=(120, 120, 130, 60)
     )
 
 
-def _backdrop() -> Any:
+def backdrop() -> Any:
+    """What every 3D view stands before."""
     return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(30, 33, 40))

@@ -1,8 +1,8 @@
 """A campaign as a rerun recording: what it measured, what it found, and how sure, pose by pose.
 
-Only this module and ``blueprint`` import rerun. What moves that moves is on the timeline ``pose``,
-the 0-based row of the fitted measurements; ``convergence/rms`` is on the timeline ``iteration``.
-Positions are float32 there: the numbers to compute with are in the run's other files.
+What moves is on the timeline ``pose``, the 0-based row of the fitted measurements;
+``convergence/rms`` is on the timeline ``iteration``. Positions are float32 there: the numbers to
+compute with are in the run's other files.
 """
 
 import hashlib
@@ -12,7 +12,6 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from lab import frames
 from lab.frames import Array
 from lab.output.blueprint import (
     AFTER,
@@ -26,35 +25,38 @@ from lab.output.blueprint import (
     UNCERTAINTY,
     blueprint,
 )  # fmt: skip
+from lab.output.drawing import (
+    Times,
+    draw_beams,
+    draw_ellipsoid,
+    draw_instrument,
+    draw_shells,
+    draw_tag,
+    markdown,
+    recording_to,
+)
 from lab.output.narrative import parameter_table, times, wording
-from lab.output.scene import Drawn, Scene, scene
+from lab.output.scene import Scene, scene
 from lab.study.campaign import Outcome
 
 _STEEL, _JOINT = (150, 155, 165), (242, 97, 15)
-_AXES = np.array([[230, 70, 70], [90, 190, 90], [80, 130, 240]], dtype=np.uint8)  # x, y, z
 
 
 def record(path: Path, outcome: Outcome) -> None:
     """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
     shown = scene(outcome)
-    identity = _identity(outcome)
-    application = f"{outcome.robot.name} {identity[:8]}"  # a viewer has one blueprint for each application
-    recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
-    recording.save(path)
-    recording.send_blueprint(blueprint(outcome, shown))
-    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    _shells(recording, shown)
-    if not shown.shells:
-        _chain(recording, shown)
-    _instrument(recording, outcome, shown)
-    _points(recording, shown)
-    _arrows(recording, shown)
-    _ellipsoids(recording, shown)
-    _numbers(recording, outcome, shown)
-    recording.log(SUMMARY, _markdown(wording(outcome, shown)), static=True)
-    recording.log(PARAMETERS, _markdown(parameter_table(outcome)), static=True)
-    recording.flush()
-    recording.disconnect()
+    with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
+        recording.send_blueprint(blueprint(outcome, shown))
+        draw_shells(recording, _poses(shown.rows), shown.shells, shown.bodies)
+        if not shown.shells:
+            _chain(recording, shown)
+        _instrument(recording, outcome, shown)
+        _points(recording, shown)
+        _arrows(recording, shown)
+        _ellipsoids(recording, shown)
+        _numbers(recording, outcome, shown)
+        recording.log(SUMMARY, markdown(wording(outcome, shown)), static=True)
+        recording.log(PARAMETERS, markdown(parameter_table(outcome)), static=True)
 
 
 def _identity(outcome: Outcome) -> str:
@@ -65,22 +67,8 @@ def _identity(outcome: Outcome) -> str:
     return digest.hexdigest()[:32]
 
 
-def _poses(rows: NDArray[np.int_]) -> list[rr.TimeColumn]:
+def _poses(rows: NDArray[np.int_]) -> Times:
     return [rr.TimeColumn("pose", sequence=rows)]
-
-
-def _shells(recording: rr.RecordingStream, shown: Scene) -> None:
-    """The robot's shells, which move through the poses."""
-    for shell in shown.shells:
-        entity = f"world/arm/{rr.escape_entity_path_part(shell.body)}"
-        mesh = rr.Mesh3D(
-            vertex_positions=shell.vertices,
-            triangle_indices=shell.faces,
-            vertex_normals=shell.normals,
-            vertex_colors=shell.rgba,
-        )
-        recording.log(entity, mesh, static=True)
-        _move(recording, entity, shown.rows, shown.bodies[shell.body])
 
 
 def _chain(recording: rr.RecordingStream, shown: Scene) -> None:
@@ -99,36 +87,12 @@ def _chain(recording: rr.RecordingStream, shown: Scene) -> None:
     recording.log("world/arm/joints", rr.Points3D.from_fields(colors=_JOINT, radii=0.03 * shown.reach_m), static=True)
 
 
-def _move(recording: rr.RecordingStream, entity: str, rows: NDArray[np.int_], Ts: Array) -> None:
-    """Log poses ``(m, 4, 4)``, once where nothing moves."""
-    positions, quaternions = Ts[:, :3, 3], _xyzw(Ts[:, :3, :3])
-    if np.ptp(Ts, axis=0).max() == 0:
-        still = rr.Transform3D(translation=positions[0], quaternion=quaternions[0])
-        recording.log(entity, still, static=True)
-        return
-    moving = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
-    recording.send_columns(entity, _poses(rows), moving)
-
-
-def _xyzw(rotations: Array) -> Array:
-    return frames.quaternion_from_rotation(rotations)[..., [1, 2, 3, 0]]
-
-
 def _instrument(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
     """Its frame; of a virtual tracker also the beam to each target that it sees."""
-    T = shown.T_world_instrument
     name = "tracker" if outcome.real is not None else "instrument's frame"
-    axes = rr.Arrows3D(
-        origins=np.tile(T[:3, 3], (3, 1)), vectors=0.25 * T[:3, :3].T, colors=_AXES, radii=0.006, labels=[name, "", ""]
-    )
-    recording.log("world/instrument/frame", axes, static=True)
-    if outcome.real is None:
-        return
-    seen = np.isfinite(shown.measured).all(axis=2)
-    strips = [np.stack([T[:3, 3], point]) for point in shown.measured[seen]]
-    beams = rr.LineStrips3D.columns(strips=strips).partition(seen.sum(axis=1))
-    recording.send_columns("world/instrument/beam", _poses(shown.rows), beams)
-    recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=(235, 60, 60), radii=0.0015), static=True)
+    draw_instrument(recording, name, shown.T_world_instrument)
+    if outcome.real is not None:
+        draw_beams(recording, _poses(shown.rows), shown.T_world_instrument[:3, 3], shown.measured)
 
 
 def _points(recording: rr.RecordingStream, shown: Scene) -> None:
@@ -167,47 +131,16 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
         recording.log(f"world/errors/{name}", style, static=True)
         text = f"{name} {times(factor)}"
-        _tag(recording, f"world/errors/{name}/factor", shown.rows, shown.after[:, 0] + offset, text, colour)
+        draw_tag(recording, f"world/errors/{name}/factor", _poses(shown.rows), shown.after[:, 0] + offset, text, colour)
 
 
 def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
     recording.send_columns("world/focus", _poses(shown.rows), focus)
-    _ellipsoid(recording, "mapping", shown.rows, shown.mapping, MAPPING)
+    draw_ellipsoid(recording, "mapping", _poses(shown.rows), shown.mapping, MAPPING)
     if shown.uncertainty is not None:
-        _ellipsoid(recording, "uncertainty", shown.rows, shown.uncertainty, UNCERTAINTY)
-
-
-def _ellipsoid(
-    recording: rr.RecordingStream, name: str, rows: NDArray[np.int_], drawn: Drawn, colour: tuple[int, int, int]
-) -> None:
-    shape = rr.Ellipsoids3D.columns(half_sizes=drawn.half_sizes, centers=drawn.centers, quaternions=_xyzw(drawn.axes))
-    recording.send_columns(f"world/ellipsoid/{name}/shape", _poses(rows), shape)
-    style = rr.Ellipsoids3D.from_fields(colors=colour, fill_mode="TransparentFillMajorWireframe", line_radii=0.0008)
-    recording.log(f"world/ellipsoid/{name}/shape", style, static=True)
-    vectors = np.swapaxes(drawn.axes * drawn.half_sizes[:, None, :], 1, 2).reshape(-1, 3)  # rows: the half-axes
-    axes = rr.Arrows3D.columns(origins=np.repeat(drawn.centers, 3, axis=0), vectors=vectors).partition([3] * len(rows))
-    recording.send_columns(f"world/ellipsoid/{name}/axes", _poses(rows), axes)
-    recording.log(
-        f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=(245, 245, 250), radii=0.002), static=True
-    )
-    above = drawn.centers + np.array([0.0, 0.0, 1.1]) * drawn.half_sizes[:, :1]
-    _tag(recording, f"world/ellipsoid/{name}/factor", rows, above, times(drawn.factor), colour)
-
-
-def _tag(
-    recording: rr.RecordingStream,
-    entity: str,
-    rows: NDArray[np.int_],
-    positions: Array,
-    text: str,
-    colour: tuple[int, int, int],
-) -> None:
-    """A text that goes along with ``positions`` ``(m, 3)``."""
-    recording.send_columns(entity, _poses(rows), rr.Points3D.columns(positions=positions))
-    style = rr.Points3D.from_fields(colors=colour, radii=0.0005, labels=text, show_labels=True)
-    recording.log(entity, style, static=True)
+        draw_ellipsoid(recording, "uncertainty", _poses(shown.rows), shown.uncertainty, UNCERTAINTY)
 
 
 def _numbers(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
@@ -234,7 +167,3 @@ def convergence(outcome: Outcome) -> Array:
     squares = 2 * np.array(identification.fit.cost_trace) / (3 * outcome.fitted.seen.sum())
     rms: Array = np.sqrt(squares) * (1.0 if identification.sigma_known else 1e3)
     return rms
-
-
-def _markdown(text: str) -> rr.TextDocument:
-    return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)

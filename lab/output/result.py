@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.calibration.identifiability import aliases
 from lab.frames import Array
-from lab.geometry.model import Model
+from lab.geometry.model import Model, is_angle
 from lab.seeds import stream
 from lab.study.campaign import Outcome
 
@@ -24,26 +24,26 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "parameters": len(identification.model.names),
         "identifiable": len(identification.base_set.kept),
         "rank": identification.fit.rank,
-        "condition": _number(identification.fit.condition),
+        "condition": number(identification.fit.condition),
         "status": identification.status,
         "iterations": identification.fit.iterations,
         "seconds": round(outcome.seconds, 4),
         "verdict": outcome.verdict.word,
         "reason": outcome.verdict.reason,
         "judged_by": outcome.judgement.judged_by,
-        "before_mm": None if errors is None else _statistics(errors.before),
-        "after_mm": None if errors is None else _statistics(errors.after),
-        "noise_mm": _number(1e3 * identification.sigma_m),
+        "before_mm": None if errors is None else statistics(errors.before),
+        "after_mm": None if errors is None else statistics(errors.after),
+        "noise_mm": number(1e3 * identification.sigma_m),
         "noise_known": identification.sigma_known,
         "outliers": outliers(outcome),
         "warnings": list(outcome.warnings),
     }
     if (comparison := outcome.comparison) is not None:
         result["truth"] = {
-            "max_abs_z": _number(np.abs(comparison.z).max()),
-            "nees_per_parameter": _number(comparison.nees_per_parameter),
-            "coverage_95": _number(comparison.coverage_95),
-            "max_abs_error": _number(np.abs(comparison.error).max()),
+            "max_abs_z": number(np.abs(comparison.z).max()),
+            "nees_per_parameter": number(comparison.nees_per_parameter),
+            "coverage_95": number(comparison.coverage_95),
+            "max_abs_error": number(np.abs(comparison.error).max()),
         }
     return result
 
@@ -58,14 +58,14 @@ def parameters(outcome: Outcome) -> list[dict[str, Any]]:
     rows = []
     for i, name in enumerate(model.names):
         estimate, half = float(identification.values[i]), identification.half_width_95 * std.get(i, np.nan)
-        interval = [_number(estimate - half), _number(estimate + half)]
+        interval = [number(estimate - half), number(estimate + half)]
         rows.append(
             {
                 "name": name,
                 "unit": unit_of(name),
                 "nominal": float(identification.before[i]),
                 "estimate": estimate,
-                "std": _number(std.get(i, np.nan)),
+                "std": number(std.get(i, np.nan)),
                 "interval_95": None if None in interval else interval,
                 "status": "identified" if i in std else "not seen" if i in identification.unseen else "fixed",
                 "aliases": hidden.get(name, {}),
@@ -84,7 +84,7 @@ def column_scale(model: Model, values: Array) -> Array:
 
 def unit_of(name: str) -> str:
     """``m`` or ``rad``, by a parameter's name."""
-    return "rad" if name.rsplit(".", 1)[1] in ("rx", "ry", "rz", "theta", "alpha", "beta") else "m"
+    return "rad" if is_angle(name) else "m"
 
 
 def outliers(outcome: Outcome) -> list[dict[str, Any]]:
@@ -96,7 +96,8 @@ def outliers(outcome: Outcome) -> list[dict[str, Any]]:
     return [{"id": outcome.fitted.ids[i], "size_mm": round(1e3 * float(worst[i]), 6)} for i in far]
 
 
-def _statistics(errors: Array) -> dict[str, float | int]:
+def statistics(errors: Array) -> dict[str, float | int]:
+    """Statistics in mm of errors in m; NaN is left out."""
     seen = 1e3 * errors[np.isfinite(errors)]
     return {
         "mean": float(seen.mean()),
@@ -107,5 +108,6 @@ def _statistics(errors: Array) -> dict[str, float | int]:
     }
 
 
-def _number(value: float) -> float | None:
+def number(value: float) -> float | None:
+    """The value, or None where it is not finite."""
     return float(value) if np.isfinite(value) else None

@@ -18,11 +18,20 @@ from lab.geometry.table import write_table
 from lab.measurement_file import write_measurements
 from lab.output.result import parameters, summary
 from lab.study.campaign import Outcome
-from lab.study.options import MeasuredCampaign, VirtualCampaign
+from lab.study.options import MeasuredCampaign, PlannedCampaign, VirtualCampaign
 from lab.virtual.placement import calibrated_mjcf
 
 _FILES = {"config.json", "measurements.csv", "parameters.json", "result.json", "calibrated.xml", "calibrated.toml"}
-_FILES |= {"recording.rrd", "report.html"}  # a folder with anything else is not replaced
+_FILES |= {
+    "plan.csv",
+    "plan.mod",
+    "curve.png",
+    "curve.svg",
+    "poses.png",
+    "poses.svg",
+    "recording.rrd",
+    "report.html",
+}  # a folder with anything else is not replaced
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
 
@@ -94,9 +103,9 @@ def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | Measure
     """Everything of a run but its recording."""
     robot, identification = outcome.robot, outcome.identification
     command = "calibrate" if isinstance(options, VirtualCampaign) else "identify"
-    _write_json(folder / "config.json", _config(command, options, robot.sha256))
+    write_json(folder / "config.json", config(command, options, robot.sha256))
     write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
-    _write_json(folder / "parameters.json", parameters(outcome))
+    write_json(folder / "parameters.json", parameters(outcome))
     arm = robot.arm(outcome.fitted.targets)
     if robot.model is not None:
         text = calibrated_mjcf(robot.model, arm, identification.values)
@@ -107,16 +116,19 @@ def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | Measure
         (folder / "calibrated.toml").write_text(
             write_table(robot.chain.with_table(table), base, targets), encoding="utf-8"
         )
-    _write_json(folder / "result.json", summary(outcome))
+    write_json(folder / "result.json", summary(outcome))
 
 
-def _config(command: str, options: VirtualCampaign | MeasuredCampaign, model_sha256: str) -> dict[str, Any]:
+def config(
+    command: str, options: VirtualCampaign | MeasuredCampaign | PlannedCampaign, model_sha256: str
+) -> dict[str, Any]:
     """Every option, and what else the numbers depend on."""
     versions = {name: metadata.version(name) for name in _LIBRARIES}
     versions |= {"python": platform.python_version(), "virtual-calibration-lab": lab.__version__}
     return {"command": command, "options": asdict(options), "model_sha256": model_sha256, "versions": versions}
 
 
-def _write_json(path: Path, content: Any) -> None:
+def write_json(path: Path, content: Any) -> None:
+    """Write plain values, indented."""
     text = json.dumps(content, indent=1, default=str, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")

@@ -87,10 +87,10 @@ def scene(outcome: Outcome) -> Scene:
     T_world_instrument = world_of(outcome)
     before, after = (model.points(fitted.joints, v) for v in (identification.before, identification.values))
     errors = [_mean_length(fitted.points - predicted) for predicted in (before, after)]
-    measured, before, after = (_moved(T_world_instrument, points) for points in (fitted.points, before, after))
+    measured, before, after = (moved(T_world_instrument, points) for points in (fitted.points, before, after))
     reach = float(np.linalg.norm(measured[fitted.seen] - _world_frame0(outcome)[:3, 3], axis=1).max())
     arm = _arm(outcome)
-    strip = _moved(_world_frame0(outcome), chain_corners(arm, identification.values, joints))
+    strip = moved(_world_frame0(outcome), chain_corners(arm, identification.values, joints))
     visible, bodies = _bodies(outcome, arm, joints)
     return Scene(
         rows,
@@ -104,7 +104,7 @@ def scene(outcome: Outcome) -> Scene:
         errors[1],
         _error_factor(errors[0], ARROW * reach),
         _error_factor(errors[1], ARROW * reach),
-        _drawn(mapping_ellipsoids(identification, joints), after[rows, 0], T_world_instrument),
+        drawn(mapping_ellipsoids(identification, joints), after[rows, 0], T_world_instrument),
         _uncertainty(identification, joints, after[rows, 0], T_world_instrument),
         visible,
         bodies,
@@ -185,7 +185,7 @@ def _world_frame0(outcome: Outcome) -> Array:
     return np.eye(4) if outcome.robot.model is None else outcome.robot.model.T_world_frame0
 
 
-def _moved(T_a_b: Array, points: Array) -> Array:
+def moved(T_a_b: Array, points: Array) -> Array:
     """Points ``(m, k, 3)`` given in b, in a."""
     return frames.transform(T_a_b, points.reshape(-1, 3)).reshape(points.shape)
 
@@ -216,9 +216,10 @@ def _uncertainty(
     if not np.isfinite(covariance).all():
         return None
     shapes = ellipsoids(covariance)
-    return _drawn(shapes, centers, T_world_instrument) if shapes.half_lengths.max() > ROUNDING_M else None
+    return drawn(shapes, centers, T_world_instrument) if shapes.half_lengths.max() > ROUNDING_M else None
 
 
-def _drawn(shapes: Ellipsoids, centers: Array, T_world_instrument: Array) -> Drawn:
+def drawn(shapes: Ellipsoids, centers: Array, T_world_instrument: Array) -> Drawn:
+    """Ellipsoids of the instrument's frame in the world, magnified by a round factor."""
     factor = magnification(float(np.median(shapes.half_lengths[:, 0])), HALF_AXIS_M)
     return Drawn(centers, T_world_instrument[:3, :3] @ shapes.axes, factor * shapes.half_lengths, factor)

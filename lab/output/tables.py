@@ -17,8 +17,6 @@ from lab.output.result import column_scale, summary
 from lab.study.campaign import Outcome
 from lab.study.robots import Robot
 
-_ANGULAR = ("rx", "ry", "rz", "theta", "alpha", "beta")
-
 
 def print_outcome(outcome: Outcome, folder: Path) -> None:
     """The campaign in a few lines: before and after, what was identified, where the run is."""

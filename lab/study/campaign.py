@@ -161,14 +161,15 @@ def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
         base, table, _ = arm.split(random_table(arm, *sigmas, rng))
         tool = arm.split(arm.nominal(robot.tool))[2]
         return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
-    return real_arm(model, random_perturbation(model, *sigmas, rng), place)
+    off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
+    return real_arm(model, off, place)
 
 
 def _check(robot: Robot, options: VirtualCampaign) -> None:
     _whole("--poses", options.poses, 1)
     _whole("--readings", options.readings, 1)
     _check_both(options)
-    for name in ("position_sigma_mm", "rotation_sigma_mrad"):
+    for name in ("position_sigma_mm", "rotation_sigma_mrad", "offset_sigma_mrad"):
         value = getattr(options, name)
         if not 0 <= value <= _LARGEST:
             raise LabError(f"--{name.replace('_', '-')} {value:g}: give a standard deviation from 0 to {_LARGEST:g}")
@@ -220,6 +221,9 @@ def _plan(robot: Robot, options: VirtualCampaign) -> tuple[Array, tuple[str, ...
     if options.plan is None:
         return random_poses(model, options.poses, stream(options.seed, "poses")), ()
     plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
+    plan = plan.only("calibrate")
+    if not len(plan):
+        raise LabError(f"{options.plan}: no row has use = calibrate; mark some")
     joints = plan.joints
     slack = 1e-9
     outside = (joints < robot.chain.lower - slack) | (joints > robot.chain.upper + slack)
@@ -252,7 +256,7 @@ def _outcome(
 ) -> Outcome:
     word = verdict(identification, judgement, gate_mm / 1e3)
     warnings = [*robot.warnings, *identification.warnings, *judgement.warnings]
-    warnings += _outside_limits(robot, data)
+    warnings += _outside_limits(robot, data) + _several_sessions(rows)
     if judgement.errors is not None:
         before, after = (float(np.nanmean(e)) for e in (judgement.errors.before, judgement.errors.after))
         if after >= before:
@@ -271,6 +275,13 @@ def _outcome(
         truth,
         comparison,
     )
+
+
+def _several_sessions(rows: Measurements) -> list[str]:
+    sessions = list(dict.fromkeys(rows.sessions))
+    if len(sessions) < 2:
+        return []
+    return [f"sessions {', '.join(sessions)} are fitted with one base and one tool: fit each alone if either was moved"]
 
 
 def _outside_limits(robot: Robot, data: Measurements) -> list[str]:

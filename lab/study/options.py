@@ -43,6 +43,8 @@ class VirtualCampaign:
     """How far base, links and flange are off, per axis."""
     rotation_sigma_mrad: float = 1.5
     """How far base, links and flange are turned, per axis."""
+    offset_sigma_mrad: float = 0.0
+    """How far joint readings are off (mm for a slide)."""
     dh_only: Flag = False
     """Perturb nothing but the Denavit-Hartenberg parameters."""
     gate_mm: float = 1.0

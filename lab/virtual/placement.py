@@ -33,8 +33,11 @@ def place_bodies(model: mujoco.MjModel, robot: RobotModel, arm: SerialArm, value
         local = frames.inverse(moved[int(model.body_parentid[body])]) @ moved[body]
         model.body_pos[body], model.body_quat[body] = local[:3, 3], frames.quaternion_from_rotation(local[:3, :3])
     targets = arm.split(still)[2]
+    sites = {model.site(i).name: i for i in range(model.nsite)}
     for target, point in zip(arm.targets, targets, strict=True):
-        site = model.site(target).id
+        if target not in sites:  # a measured target that the model does not have
+            continue
+        site = sites[target]
         T_body_last = frames.inverse(moved[int(model.site_bodyid[site])]) @ T_world_last
         model.site_pos[site] = frames.transform(T_body_last, point[None])[0]
 
@@ -79,6 +82,9 @@ def calibrated_mjcf(robot: RobotModel, arm: SerialArm, values: Array) -> str:
     MuJoCo writes six digits, so every number that kinematics uses is written here, in full.
     """
     spec = _without_shells(robot)
+    for target in arm.targets:
+        if target not in robot.tool:
+            spec.body(_carrier(robot)).add_site(name=target)
     model = spec.compile()
     place_bodies(model, robot, arm, values)
     base = arm.split(values)[0]

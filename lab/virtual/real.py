@@ -42,12 +42,16 @@ def perturbed_bodies(robot: RobotModel) -> tuple[str, ...]:
 
 
 def random_perturbation(
-    robot: RobotModel, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator
+    robot: RobotModel,
+    position_sigma_m: float,
+    rotation_sigma_rad: float,
+    rng: np.random.Generator,
+    offset_sigma: float = 0.0,
 ) -> Perturbation:
-    """Every body off by normal draws of these standard deviations per axis."""
+    """Every body off by normal draws of these standard deviations per axis, then every joint (rad or m)."""
     bodies = perturbed_bodies(robot)
     draws = rng.standard_normal((len(bodies), 6))
-    offset = np.zeros(robot.chain.size)
+    offset = offset_sigma * rng.standard_normal(robot.chain.size)
     return Perturbation(bodies, position_sigma_m * draws[:, :3], rotation_sigma_rad * draws[:, 3:], offset)
 
 

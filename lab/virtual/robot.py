@@ -15,9 +15,9 @@ from lab.frames import Array
 from lab.geometry.axes import JointAxes, chain_from_axes
 from lab.geometry.chain import Chain
 from lab.geometry.serial import DEFAULT_TOOL, SerialArm
+from lab.virtual.limits import joint_limits
 
 FLANGE, TRACKER = "flange", "tracker"
-SPEED_KEY = "joint_speed_deg_per_s"  # a <custom><numeric>, in joint order; mm/s for a slide
 _DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) where the model places none
 
 
@@ -56,7 +56,7 @@ def load_model(path: Path) -> RobotModel:
     """Load an MJCF or a URDF with exactly one serial chain of hinges and slides.
 
     Sites on the last body or beyond it are its targets, except one named ``flange``, which
-    places the last frame. A model without targets gets the default tool; one without a site
+    places the last frame. It gets those of the default tool that it lacks; one without a site
     ``tracker`` gets a tracker beside it. Meshes that cannot be read are left out, with a warning.
 
     Raises:
@@ -75,7 +75,7 @@ def load_model(path: Path) -> RobotModel:
         _nominal_axes(model, data, bodies),
         base,
         flange,
-        _limits(path, model, bodies),
+        joint_limits(path, model, [joint_name(model, body) for body in bodies]),
     )
     tool = _add_sites(spec, model, data, bodies, last_frame(chain, T_world_frame0))
     return RobotModel(path, spec, _compile(path, spec), chain, T_world_frame0, bodies, base_body, tool, left_out)
@@ -239,30 +239,6 @@ def _flange_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, 
 
 def _nominal_axes(model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, ...]) -> JointAxes:
     return joint_axes(model, data, [joint_name(model, body) for body in bodies], ())
-
-
-def _limits(path: Path, model: mujoco.MjModel, bodies: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    lower, upper = np.empty(len(bodies)), np.empty(len(bodies))
-    scale = np.empty(len(bodies))
-    for i, body in enumerate(bodies):
-        joint = _joint(model, body)
-        slides = joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
-        scale[i] = 1e-3 if slides else np.pi / 180
-        if joint.range[0] > joint.range[1]:
-            raise LabError(f"{path}: joint {joint.name}: the range's lower limit is above the upper one; swap them")
-        if joint.limited[0]:
-            lower[i], upper[i] = joint.range
-        elif slides:
-            raise LabError(f"{path}: slide {joint.name} has no range; give it one")
-        else:
-            lower[i], upper[i] = -np.pi, np.pi
-    keys = [i for i in range(model.nnumeric) if model.numeric(i).name == SPEED_KEY]
-    if not keys:
-        return lower, upper, np.full(len(bodies), np.nan)
-    speed = np.array(model.numeric(keys[0]).data, dtype=np.float64)
-    if speed.shape != lower.shape:
-        raise LabError(f"{path}: {SPEED_KEY} has {speed.size} values for {len(bodies)} joints; give one each")
-    return lower, upper, speed * scale
 
 
 def _add_sites(

@@ -1,0 +1,93 @@
+"""What pictures and recordings show of a plan, as arrays in the world (m): the tour, stop by stop."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.design import information
+from lab.calibration.uncertainty import ellipsoids
+from lab.frames import Array
+from lab.output.plan import pose_ids
+from lab.output.scene import Drawn, chain_corners, drawn, moved
+from lab.study.plan import Plan
+from lab.virtual.appearance import Shell, body_poses, shells
+
+_LOOKS = 16  # points drawn of the path between two stops
+
+
+@dataclass(frozen=True)
+class PlanScene:
+    """The stops of a tour: home, poses and the poses passed on the way, home.
+
+    Attributes:
+        measured: ``(s,)``, whether a stop is measured.
+        ids: ``(n,)`` of the measured ones, as in ``plan.csv``.
+        points: ``(s, k, 3)`` targets.
+        path: ``(p, 3)``, the first target's way through all stops.
+        reach_m: the largest distance of a target from frame 0.
+        shells: of the bodies in ``bodies``.
+        bodies: world poses ``(s, 4, 4)`` by name.
+        origins: ``(s, joints + 1, 3)`` of the table's frames.
+        mapping: onto what a pose maps the unit ball of scaled parameters.
+        uncertainty: predicted 1 sigma of the first target after calibration.
+    """
+
+    measured: NDArray[np.bool_]
+    ids: tuple[str, ...]
+    points: Array
+    path: Array
+    T_world_tracker: Array
+    reach_m: float
+    shells: tuple[Shell, ...]
+    bodies: dict[str, Array]
+    origins: Array
+    mapping: Drawn
+    uncertainty: Drawn
+
+    @property
+    def head(self) -> Array:
+        """The tracker's ``(3,)``."""
+        head: Array = self.T_world_tracker[:3, 3]
+        return head
+
+
+def plan_scene(plan: Plan) -> PlanScene:
+    """The scene of a plan, the arm as drawn and the tracker where the model has it."""
+    problem, stops = plan.problem, plan.tour.stops
+    model, arm, values = problem.robot.needed_model(), problem.arm, problem.values
+    tracker, frame0 = model.T_world_tracker, model.T_world_frame0
+    points = moved(tracker, arm.points(stops, values))
+    share = np.linspace(0, 1, _LOOKS, endpoint=False)[None, :, None]
+    between = stops[:-1, None] + share * (stops[1:] - stops[:-1])[:, None]  # (s - 1, looks, joints)
+    way = np.concatenate([between.reshape(-1, stops.shape[1]), stops[-1:]])
+    mapping, uncertainty = _shapes(plan)
+    return PlanScene(
+        np.asarray(plan.tour.measured >= 0),
+        pose_ids(plan),
+        points,
+        moved(tracker, arm.points(way, values))[:, 0],
+        tracker,
+        float(np.linalg.norm(points - frame0[:3, 3], axis=-1).max()),
+        tuple(shells(model)),
+        body_poses(model, arm, values, stops),
+        moved(frame0, chain_corners(arm, values, stops))[:, ::2],
+        drawn(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker),
+        drawn(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker),
+    )
+
+
+def _shapes(plan: Plan) -> tuple[Array, Array]:
+    """Two factors F ``(s, 3, p)`` at every stop, of the squares F F' of the mapping and the uncertainty ellipsoids.
+
+    The parameters of the mapping are scaled so that over all measured poses each moves the
+    whitened points alike; the uncertainty is J C J', the inverse of the information being C.
+    """
+    problem = plan.problem
+    _, jacobian = problem.arm.observe(plan.tour.stops, problem.values)
+    here = jacobian[:, 0][..., list(problem.structure.kept)]
+    total = information(problem.whitened(np.concatenate([plan.joints, problem.already])))
+    size = np.sqrt(np.diag(total))
+    root = np.linalg.cholesky(total / np.outer(size, size))
+    factor = np.linalg.inv(root).T / size[:, None]  # C = factor factor'
+    return here / size, here @ factor

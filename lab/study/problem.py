@@ -1,0 +1,175 @@
+"""What a measuring day is planned for: the arm before the nominal tracker, candidates, sensitivities."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab import frames
+from lab.calibration.design import Feasible, Sensitivity, information
+from lab.calibration.observability import Criterion, Scaling, criterion
+from lab.calibration.solver import whitening
+from lab.calibration.tour import FreePath
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.gauge import BaseSet, base_set
+from lab.geometry.serial import SerialArm
+from lab.instruments import Instrument, instrument
+from lab.measurement_file import read_measurements
+from lab.seeds import stream
+from lab.study.options import PlannedCampaign
+from lab.study.robots import Robot, load_robot
+from lab.virtual.candidates import Candidates, draw_candidates, feasibility, path_check
+from lab.virtual.feasible import collides, random_poses
+from lab.virtual.robot import RobotModel
+
+TEST_POSES = 500
+HUBS = 20  # candidates tried as places to pass through on the way to others
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A planning problem, from which designs of any size are chosen.
+
+    Attributes:
+        values: nominal parameters ``(p,)``, with the base before the nominal tracker.
+        whitened: readings ``(n, joints)`` to Jacobians ``(n, r, f)`` of the base set in standard deviations.
+        sensitivity: the same in the units of the scaling, which the criterion sees.
+        pool: ``(m, r, f)``, sensitivities of the candidates.
+        test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
+        hubs: ``(h, joints)``, home (zero readings, or what is nearest and touches nothing) and poses with a
+            free way to it.
+        free: whether the joint path between two readings is free of collisions.
+        reachable: whether a free way leads from a hub to readings ``(n, joints)``.
+        feasible: whether they are feasible as well.
+        already: ``(n0, joints)``, poses measured before.
+    """
+
+    robot: Robot
+    arm: SerialArm
+    structure: BaseSet
+    values: Array
+    candidates: Candidates
+    whitened: Sensitivity
+    sensitivity: Sensitivity
+    pool: Array
+    goal: Criterion
+    scaling: Scaling
+    test: Array
+    hubs: Array
+    free: FreePath
+    reachable: Feasible
+    feasible: Feasible
+    already: Array
+    warnings: tuple[str, ...]
+
+    @property
+    def measured(self) -> Array | None:
+        """Information ``(f, f)`` of the poses measured before, as the criterion sees it; None without any."""
+        return information(self.sensitivity(self.already)) if len(self.already) else None
+
+
+def pose_problem(options: PlannedCampaign) -> Problem:
+    """Load the arm, draw candidates, and set up what a design needs.
+
+    Raises:
+        LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
+    """
+    robot, device, scaling = load_robot(options.robot), _noisy(options.instrument), Scaling(options.scaling)
+    model = robot.needed_model()
+    arm, values = _before_tracker(robot, model, options.targets)
+    structure = base_set(arm, values)
+    kept = list(structure.kept)
+    rows = 3 * len(arm.targets)
+    candidates = draw_candidates(model, options.targets, device, options.candidates, stream(options.seed, "candidates"))
+
+    def unweighted(joints: Array) -> Array:
+        return arm.observe(joints, values)[1][..., kept].reshape(len(joints), rows, len(kept))
+
+    def whitened(joints: Array) -> Array:
+        points, jacobian = arm.observe(joints, values)
+        return (whitening(device.covariance(points)) @ jacobian[..., kept]).reshape(len(joints), rows, len(kept))
+
+    seen = whitened if scaling.kind == "whitened" else unweighted
+    pool = seen(candidates.joints)
+    factors = scaling.columns([arm.names[i] for i in kept], pool)
+    fresh = random_poses(model, TEST_POSES // len(arm.targets), stream(options.seed, "fresh"))
+    test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
+    free, allowed = path_check(model), feasibility(model, options.targets, device)
+    home, warnings = _home(robot, model, candidates.joints)
+    hubs = _hubs(home, candidates.joints, free)
+
+    def reachable(joints: Array) -> NDArray[np.bool_]:
+        return np.array([any(free(hub, pose) for hub in hubs) for pose in joints], dtype=bool)
+
+    def feasible(joints: Array) -> NDArray[np.bool_]:
+        fine = allowed(joints)
+        fine[fine] = reachable(joints[fine])
+        return fine
+
+    return Problem(
+        robot=robot,
+        arm=arm,
+        structure=structure,
+        values=values,
+        candidates=candidates,
+        whitened=whitened,
+        sensitivity=lambda joints: seen(joints) * factors,
+        pool=pool * factors,
+        goal=criterion(options.criterion, len(kept), test[::5] * factors),
+        scaling=scaling,
+        test=test,
+        hubs=hubs,
+        free=free,
+        reachable=reachable,
+        feasible=feasible,
+        already=_measured_before(options, robot),
+        warnings=(*robot.warnings, *warnings),
+    )
+
+
+def _noisy(name: str) -> Instrument:
+    device = instrument(name)
+    if device.kind == "exact":
+        raise LabError("instrument 'exact' has no noise, so every design is as good: choose another instrument")
+    return device
+
+
+def _before_tracker(robot: Robot, model: RobotModel, targets: tuple[str, ...]) -> tuple[SerialArm, Array]:
+    """The arm and its nominal parameters, the base where the nominal tracker sees it."""
+    arm = robot.arm(targets)
+    values = arm.nominal(robot.tool)
+    T_tracker_frame0 = frames.inverse(model.T_world_tracker) @ model.T_world_frame0
+    values[:3], values[3:6] = T_tracker_frame0[:3, 3], frames.log(T_tracker_frame0[:3, :3])
+    return arm, values
+
+
+def _home(robot: Robot, model: RobotModel, candidates: Array) -> tuple[Array, tuple[str, ...]]:
+    """Zero readings, or the limits nearest to them; the nearest candidate if the arm touches something there."""
+    chain = robot.chain
+    home = np.clip(np.zeros(chain.size), chain.lower, chain.upper)
+    if not collides(model, home[None])[0]:
+        return home, ()
+    nearest = candidates[np.argmin(np.abs(candidates - home).max(axis=1))]
+    return nearest, (f"robot {chain.name} touches something at zero readings: the tour starts from a pose near them",)
+
+
+def _hubs(home: Array, candidates: Array, free: FreePath) -> Array:
+    hubs = [home]
+    for pose in candidates[:HUBS]:
+        if any(free(hub, pose) for hub in hubs):
+            hubs.append(pose)
+    return np.array(hubs)
+
+
+def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:
+    """Poses ``(n0, joints)`` of the file to extend: those measured for calibration, or all of a plan yet unmeasured."""
+    chain = robot.chain
+    if options.extend is None:
+        return np.empty((0, chain.size))
+    rows = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False).only("calibrate")
+    measured = rows.seen.any(axis=1)
+    joints = rows.joints[measured] if measured.any() else rows.joints
+    if not len(joints):
+        raise LabError(f"{options.extend}: no row has use = calibrate; mark some, or leave --extend out")
+    return joints
