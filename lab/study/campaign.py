@@ -42,7 +42,6 @@ from lab.virtual.real import (
 )
 
 FRESH_POSES = 1000
-_LEAST, _LARGEST = 1e-9, 1e9  # of an option in mm or mrad
 
 
 @dataclass(frozen=True)
@@ -71,9 +70,12 @@ class Outcome:
 
 def run_virtual(options: VirtualCampaign) -> Outcome:
     """A campaign on a virtual arm: perturbed, measured by a tracker, identified, judged on fresh poses."""
+    options.check()
     robot = load_robot(options.robot)
     robot.needed_model()
-    _check(robot, options)
+    for target in options.targets:
+        if target not in robot.tool:
+            raise LabError(f"target '{target}' is unknown: robot {robot.name} has {', '.join(robot.tool)}")
     device, arm = instrument(options.instrument), robot.arm(options.targets)
     real = perturbed_arm(robot, options)
     joints, notes = _plan(robot, options)
@@ -95,7 +97,7 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
 
 def run_measured(options: MeasuredCampaign) -> Outcome:
     """The same from a measurement file, judged by a hold-out, another file, or cross-validation."""
-    _check_measured(options)
+    options.check()
     noise = Noise(
         instrument(options.instrument) if options.instrument is not None else None,
         None if options.noise_mm is None else options.noise_mm / 1e3,
@@ -163,46 +165,6 @@ def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
         return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
     off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
     return real_arm(model, off, place)
-
-
-def _check(robot: Robot, options: VirtualCampaign) -> None:
-    _whole("--poses", options.poses, 1)
-    _whole("--readings", options.readings, 1)
-    _check_both(options)
-    for name in ("position_sigma_mm", "rotation_sigma_mrad", "offset_sigma_mrad"):
-        value = getattr(options, name)
-        if not 0 <= value <= _LARGEST:
-            raise LabError(f"--{name.replace('_', '-')} {value:g}: give a standard deviation from 0 to {_LARGEST:g}")
-    for target in options.targets:
-        if target not in robot.tool:
-            raise LabError(f"target '{target}' is unknown: robot {robot.name} has {', '.join(robot.tool)}")
-
-
-def _check_measured(options: MeasuredCampaign) -> None:
-    _check_both(options)
-    if options.noise_mm is not None and options.instrument is not None:
-        raise LabError("--instrument and --noise-mm both say what the noise is; give one")
-    if options.holdout is not None and options.validate is not None:
-        raise LabError("--holdout and --validate both say how to judge; give one")
-    if options.refit and options.validate is None:
-        raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
-
-
-def _check_both(options: VirtualCampaign | MeasuredCampaign) -> None:
-    _whole("--seed", options.seed, 0)
-    _positive("--gate-mm", options.gate_mm)
-    if options.noise_mm is not None:
-        _positive("--noise-mm", options.noise_mm)
-
-
-def _whole(flag: str, value: int, least: int) -> None:
-    if value < least:
-        raise LabError(f"{flag} {value}: give a whole number of {least} or more")
-
-
-def _positive(flag: str, value: float) -> None:
-    if not _LEAST <= value <= _LARGEST:
-        raise LabError(f"{flag} {value:g}: give a number above zero, from {_LEAST:g} to {_LARGEST:g}")
 
 
 def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:

@@ -6,6 +6,10 @@ from typing import Annotated, Literal
 
 import tyro
 
+from lab.errors import LabError
+
+_LEAST, _LARGEST = 1e-9, 1e9  # of an option in mm or mrad
+
 Names = Annotated[
     tuple[str, ...],
     tyro.constructors.PrimitiveConstructorSpec(
@@ -50,6 +54,20 @@ class VirtualCampaign:
     gate_mm: float = 1.0
     """A larger mean error on fresh poses is a bad result."""
 
+    def check(self) -> None:
+        """Refuse numbers that make no sense, with a LabError that names the option."""
+        for flag, count in (("--poses", self.poses), ("--readings", self.readings)):
+            _whole(flag, count, 1)
+        _check_common(self)
+        spreads = {
+            "--position-sigma-mm": self.position_sigma_mm,
+            "--rotation-sigma-mrad": self.rotation_sigma_mrad,
+            "--offset-sigma-mrad": self.offset_sigma_mrad,
+        }
+        for flag, value in spreads.items():
+            if not 0 <= value <= _LARGEST:
+                raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {_LARGEST:g}")
+
 
 @dataclass(frozen=True)
 class MeasuredCampaign:
@@ -73,6 +91,16 @@ class MeasuredCampaign:
     """What each session of that file may place anew: base, tool, or base,tool."""
     gate_mm: float = 1.0
     """A larger mean error on poses not fitted is a bad result."""
+
+    def check(self) -> None:
+        """Refuse options that make no sense or contradict each other, with a LabError that names them."""
+        _check_common(self)
+        if self.noise_mm is not None and self.instrument is not None:
+            raise LabError("--instrument and --noise-mm both say what the noise is; give one")
+        if self.holdout is not None and self.validate is not None:
+            raise LabError("--holdout and --validate both say how to judge; give one")
+        if self.refit and self.validate is None:
+            raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
 
 
 @dataclass(frozen=True)
@@ -101,3 +129,27 @@ class PlannedCampaign:
     """Poses measured already (CSV), to which these are added."""
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
+
+    def check(self) -> None:
+        """Refuse numbers that make no sense, with a LabError that names the option."""
+        for flag, count, least in (("--seed", self.seed, 0), ("--poses", self.poses, 1), ("--starts", self.starts, 1)):
+            _whole(flag, count, least)
+        if self.accuracy_mm is not None and not self.accuracy_mm > 0:
+            raise LabError(f"--accuracy-mm {self.accuracy_mm:g}: give an accuracy above zero")
+
+
+def _check_common(options: VirtualCampaign | MeasuredCampaign) -> None:
+    _whole("--seed", options.seed, 0)
+    _positive("--gate-mm", options.gate_mm)
+    if options.noise_mm is not None:
+        _positive("--noise-mm", options.noise_mm)
+
+
+def _whole(flag: str, value: int, least: int) -> None:
+    if value < least:
+        raise LabError(f"{flag} {value}: give a whole number of {least} or more")
+
+
+def _positive(flag: str, value: float) -> None:
+    if not _LEAST <= value <= _LARGEST:
+        raise LabError(f"{flag} {value:g}: give a number above zero, from {_LEAST:g} to {_LARGEST:g}")

@@ -67,7 +67,7 @@ def plan_campaign(options: PlannedCampaign) -> Plan:
         LabError: the request cannot be met; the message says by what.
     """
     started = time.perf_counter()
-    _check(options)
+    options.check()
     problem = pose_problem(options)
     least = _least(problem)
     count = options.poses if options.accuracy_mm is None else _enough(options, problem, least)
@@ -138,18 +138,6 @@ def _exchanged(problem: Problem, count: int, rng: np.random.Generator) -> Design
         if not cut_off.any():
             return Design(left[design.rows], design.joints, design.jacobian, design.score)
         left = np.delete(left, design.rows[cut_off])
-
-
-def _check(options: PlannedCampaign) -> None:
-    for flag, value, least in (
-        ("--seed", options.seed, 0),
-        ("--poses", options.poses, 1),
-        ("--starts", options.starts, 1),
-    ):
-        if value < least:
-            raise LabError(f"{flag} {value}: give a whole number of {least} or more")
-    if options.accuracy_mm is not None and not options.accuracy_mm > 0:
-        raise LabError(f"--accuracy-mm {options.accuracy_mm:g}: give an accuracy above zero")
 
 
 def _prediction(problem: Problem, joints: Array, seed: int) -> Prediction:
