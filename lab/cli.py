@@ -5,7 +5,7 @@ import io
 import json
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,9 +20,9 @@ from lab.study.options import Flag, MeasuredCampaign, Names, PlannedCampaign, Vi
 class Calibrate:
     """A virtual campaign, end to end: perturb an arm, measure it, identify it, judge it on fresh poses."""
 
-    options: tyro.conf.OmitArgPrefixes[VirtualCampaign] = field(default_factory=VirtualCampaign)
+    campaign: tyro.conf.OmitArgPrefixes[VirtualCampaign] = field(default_factory=VirtualCampaign)
     out: Path | None = None
-    """The run's folder (runs/calibrate-ROBOT-seedN by default); an earlier run there is replaced."""
+    """The run's folder: runs/calibrate-ROBOT-seedN by default, numbered if taken; an earlier run here is replaced."""
     json: Flag = False
     """Print the result as one JSON object."""
 
@@ -31,9 +31,9 @@ class Calibrate:
 class Identify:
     """Identify an arm from measured data, and judge it on poses that were not fitted."""
 
-    options: tyro.conf.OmitArgPrefixes[MeasuredCampaign]
+    campaign: tyro.conf.OmitArgPrefixes[MeasuredCampaign]
     out: Path | None = None
-    """The run's folder (runs/identify-FILE by default); an earlier run there is replaced."""
+    """The run's folder: runs/identify-FILE by default, numbered if taken; an earlier run here is replaced."""
     json: Flag = False
     """Print the result as one JSON object."""
 
@@ -54,9 +54,9 @@ class Inspect:
 class Design:
     """Choose the poses to measure, their order and their number, and say how good the choice is."""
 
-    options: tyro.conf.OmitArgPrefixes[PlannedCampaign] = field(default_factory=PlannedCampaign)
+    campaign: tyro.conf.OmitArgPrefixes[PlannedCampaign] = field(default_factory=PlannedCampaign)
     out: Path | None = None
-    """The plan's folder (runs/design-ROBOT-seedN by default); an earlier run there is replaced."""
+    """The plan's folder: runs/design-ROBOT-seedN by default, numbered if taken; an earlier run here is replaced."""
     json: Flag = False
     """Print the result as one JSON object."""
 
@@ -132,7 +132,7 @@ def _campaign(command: Calibrate | Identify) -> int:
     from lab.output.tables import print_outcome
     from lab.study.campaign import run_measured, run_virtual
 
-    options = command.options
+    options = command.campaign
     if isinstance(options, MeasuredCampaign):
         stem = f"identify-{options.file.stem}"
     else:
@@ -155,9 +155,10 @@ def _design(command: Design) -> int:
     from lab.output.plan_tables import print_plan
     from lab.study.plan import plan_campaign
 
-    options = command.options
+    options = command.campaign
     with _written(command.out, f"design-{Path(options.robot).stem}-seed{options.seed}") as (folder, out):
-        plan = plan_campaign(options)
+        with _status() as progress:
+            plan = plan_campaign(options, progress)
         write_plan(folder, plan)
         from lab.output.plan_recording import record_plan  # slow to import, as the plots are
         from lab.output.plots import plot_plan
@@ -180,6 +181,18 @@ def _written(out: Path | None, stem: str) -> Iterator[tuple[Path, Path]]:
     place = out or free_name(Path("runs"), stem)
     with threadpool_limits(1), run_folder(place) as folder:  # small matrices: more threads wait for each other
         yield folder, place
+
+
+@contextlib.contextmanager
+def _status() -> Iterator[Callable[[str], None]]:
+    """What long work is at, on a terminal; nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda stage: None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("planning") as status:
+        yield lambda stage: status.update(f"planning: {stage}")
 
 
 def _tell(warnings: Sequence[str], result: dict[str, Any] | None) -> None:

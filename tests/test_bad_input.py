@@ -731,7 +731,8 @@ def test_every_way_to_write_a_file_gives_the_same_arm(
     text: str, folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     code, result, warnings = identified(folder, text, capfd)
-    assert (code, warnings) == (0, "")
+    left_out = "lab: warning: 2 of" in warnings and "no measured point" in warnings
+    assert code == 0 and (warnings == "" or (text == READ_RIGHT["some points not seen"] and left_out))
     assert result["verdict"] == "good" and result["rank"] == result["identifiable"]
     assert result["after_mm"]["max"] < 1e-5  # the file is exact to 1e-9 mm and deg
 

@@ -183,6 +183,17 @@ def test_a_target_of_any_name_is_identified(seven: Path, tmp_path, capsys) -> No
     assert model.site("ball").id >= 0
 
 
+def test_metres_in_a_column_of_millimetres_are_a_bad_result(seven: Path, tmp_path, capsys) -> None:
+    """They fit well, an arm a thousand times smaller: the verdict says so."""
+    lines = (seven / "measurements.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    shrunk = [",".join([*row[:6], *(repr(float(cell) / 1e3) for cell in row[6:])]) for row in rows]
+    path = tmp_path / "metres.csv"
+    path.write_text("\n".join([lines[0], *shrunk]) + "\n")
+    code, result = run(capsys, "identify", path, "--out", tmp_path / "run")
+    assert code == 1 and result["verdict"] == "bad" and "wrong unit" in result["reason"]
+
+
 def test_sessions_fitted_together_are_a_warning(seven: Path, tmp_path, capsys) -> None:
     lines = (seven / "measurements.csv").read_text().splitlines()
     both = tmp_path / "both.csv"
@@ -200,7 +211,7 @@ def test_a_wild_row_is_named(seven: Path, tmp_path, capsys) -> None:
     wild = tmp_path / "wild.csv"
     wild.write_text("\n".join(lines) + "\n")
     _, result = run(capsys, "identify", wild, "--out", tmp_path / "run")
-    assert [outlier["id"] for outlier in result["outliers"]] == ["20"]
+    assert [(outlier["id"], outlier["line"]) for outlier in result["outliers"]] == [("20", 22)]
     assert 1 < result["outliers"][0]["size_mm"] < 3
 
 

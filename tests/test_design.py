@@ -1,10 +1,13 @@
 """Designs: exchange against brute force, the ascent, the certificate, the promise."""
 
+import json
+import subprocess
+import sys
 from itertools import combinations
 
 import numpy as np
 import pytest
-from arms import IRB120
+from arms import IRB120, ROOT
 
 from lab.calibration.accuracy import predict, smallest_count
 from lab.calibration.certificate import certify
@@ -219,6 +222,57 @@ def test_the_prediction_is_true_in_a_few_campaigns() -> None:
 @pytest.mark.slow
 def test_the_prediction_is_true_in_300_campaigns() -> None:
     check_campaigns(300, within=0.05, kept_least=0.93)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        PlannedCampaign(criterion="O4", accuracy_mm=0.012, candidates=200, starts=1),
+        PlannedCampaign(instrument="faro-vantage", poses=20, candidates=200, starts=1, scaling="length"),
+        PlannedCampaign(
+            criterion="I", instrument="leica-at960", targets=("p1", "p2", "p3"), poses=14, candidates=200, starts=1
+        ),
+    ],
+    ids=["O4 to an accuracy", "faro, lengths", "I, leica, three targets"],
+)
+def test_plans_of_any_kind_keep_what_they_predict(options: PlannedCampaign) -> None:
+    """25 campaigns with the plan: the observed RMS is the predicted one (sd about 3 %)."""
+    plan = plan_campaign(options)
+    if options.accuracy_mm is not None:
+        assert plan.prediction.reached <= options.accuracy_mm / 1e3
+    tracker, arm = instrument(options.instrument), plan.problem.arm
+    fresh = random_poses(MODEL, 150, stream(0, "fresh"))
+    squares = []
+    for seed in range(25):
+        real = perturbed_arm(IRB120, VirtualCampaign(seed=seed))
+        data = track(real, plan.joints, options.targets, tracker, stream(seed, "noise"))
+        found = identify(arm, data, arm.nominal(), Noise(tracker))
+        error = arm.points(fresh, found.values) - real.points(fresh, options.targets)
+        squares.append((error**2).sum(axis=2).mean())
+    predicted = np.sqrt((plan.prediction.rms**2).mean())
+    assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.12)
+
+
+@pytest.mark.parametrize(("limits", "least"), [(False, 12.25), (True, 12.03)])
+def test_the_best_o1_of_the_thesis_case(limits: bool, least: float) -> None:
+    flags = [] if limits else ["--ignore-limits"]
+    found = best_o1(*flags)
+    assert found["o1"] >= least and found["seconds"] < 60
+    joints = np.array(found["joints_deg"])
+    if limits:
+        assert (np.abs(joints) <= [165, 110, 110, 160, 120, 400]).all() and (joints[:, 2] <= 70).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(8))
+def test_the_best_o1_over_seeds(seed: int) -> None:
+    assert best_o1("--seed", str(seed))["o1"] >= 12.03
+    assert best_o1("--seed", str(seed), "--ignore-limits")["o1"] >= 12.25
+
+
+def best_o1(*flags: str) -> dict:
+    script = [sys.executable, str(ROOT / "scripts" / "best_o1.py"), "--json", *flags]
+    return json.loads(subprocess.run(script, capture_output=True, text=True, check=True).stdout)
 
 
 def test_a_plan_is_feasible_path_and_all() -> None:

@@ -121,7 +121,7 @@ def test_identify_takes_the_filled_template_and_refuses_the_empty_one(folder: Pa
     assert "plan.csv" in line and "every point is empty" in line
 
 
-TARGET = re.compile(r"  CONST jointtarget (\w+):=\[\[([^\]]*)\],\[(?:9E\+09,){5}9E\+09\]\];")
+TARGET = re.compile(r"  LOCAL CONST jointtarget (\w+):=\[\[([^\]]*)\],\[(?:9E\+09,){5}9E\+09\]\];")
 MOVE = re.compile(r"    MoveAbsJ (\w+),v200,(\w+),tool0;")
 
 
@@ -130,7 +130,7 @@ def check_module(text: str, stops: np.ndarray, measured: np.ndarray) -> None:
     lines = text.splitlines()
     head = re.fullmatch(r"MODULE ([A-Za-z]\w{0,31})", lines[0])
     assert head and lines[-1] == "ENDMODULE" and text.isascii()
-    assert lines.count("  PROC measure_poses()") == lines.count("  ENDPROC") == 1
+    assert lines.count("  PROC measure_poses_from_1()") == lines.count("  ENDPROC") == 1
     targets = {m[1]: np.array(m[2].split(","), dtype=float) for m in map(TARGET.fullmatch, lines) if m}
     moves = [m.groups() for m in map(MOVE.fullmatch, lines) if m]
     assert len(targets) == len(stops) - 1 and all(len(name) <= 32 for name in targets)
@@ -140,7 +140,8 @@ def check_module(text: str, stops: np.ndarray, measured: np.ndarray) -> None:
     assert [zone for _, zone in moves[1:-1]] == ["fine"] * len(measured[1:-1])
     waits = [lines[i - 2] for i, line in enumerate(lines) if line == "    WaitTime 3;"]
     assert waits == [f"    MoveAbsJ {name},{'v200'},fine,tool0;" for name, _ in moves if name.startswith("pose")]
-    known = r"\s*(!.*|MODULE.*|ENDMODULE|PROC.*|ENDPROC|CONST jointtarget.*;|(MoveAbsJ|TPWrite|WaitTime) .*;|TPErase;|)"
+    known = r"\s*(!.*|MODULE.*|ENDMODULE|PROC.*|ENDPROC|LOCAL CONST jointtarget.*;|TPErase;|)"
+    known += r"|\s*(MoveAbsJ|TPWrite|WaitTime) .*;"
     assert all(re.fullmatch(known, line) for line in lines)
 
 
@@ -239,7 +240,8 @@ def test_the_script_shows_that_o1_is_the_wrong_rule(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"how_many_poses.png", "how_many_poses.svg"}
 
 
-SMALL = "design --robot arm.xml --candidates 100 --starts 1 --poses 8"
+FEW = "design --robot arm.xml --candidates 100 --starts 1"
+SMALL = f"{FEW} --poses 8"
 INSIDE = swapped(ARM_XML, "<worldbody>", '<worldbody><site name="tracker" pos="0 0 0"/>')
 WALLED = swapped(
     ARM_XML, "<worldbody>",
@@ -259,8 +261,9 @@ BAD = {
     "nothing visible": (f"{SMALL} --robot walled.xml", ("walled.xml", "does not see p1")),
     "exact instrument": (f"{SMALL} --instrument exact", ("exact", "no noise")),
     "unknown instrument": (f"{SMALL} --instrument laser", ("laser", "uniform-8um")),
-    "accuracy out of reach": (f"{SMALL} --accuracy-mm 1e-6", ("1e-06 mm", "out of reach")),
-    "accuracy of nothing": (f"{SMALL} --accuracy-mm 0", ("--accuracy-mm 0", "above zero")),
+    "accuracy out of reach": (f"{FEW} --accuracy-mm 1e-6", ("1e-06 mm", "out of reach")),
+    "a number and an accuracy": (f"{SMALL} --accuracy-mm 0.1", ("--poses", "--accuracy-mm", "give one")),
+    "accuracy of nothing": (f"{FEW} --accuracy-mm 0", ("--accuracy-mm 0", "above zero")),
     "nothing to extend": (f"{SMALL} --extend none.csv", ("none.csv", "cannot be read")),
     "unknown scaling": (f"{SMALL} --scaling metric", ("--scaling", "whitened")),
     "unknown target": (f"{SMALL} --targets p9", ("p9", "p1, p2, p3")),

@@ -27,6 +27,7 @@ from lab.seeds import stream
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): readings this near are repeats of one configuration
 FOLDS = 5
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
+UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
 REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
 
 Rows = NDArray[np.int_]
@@ -130,7 +131,10 @@ def judge_folds(identify: Identify, identification: Identification, data: Measur
     kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
     enough = all(3 * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(FOLDS))
     if len(order) < FOLDS or not enough:
-        return Judgement(None, None, ("too few poses to hold any out: the accuracy on fresh poses is not judged",))
+        per_pose = points.mean()
+        wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (3 * per_pose) * FOLDS / (FOLDS - 1)))
+        why = f"too few poses to hold any out: not judged on fresh poses, which takes about {wanted}"
+        return Judgement(None, None, (why,))
     before, after = np.full(data.seen.shape, np.nan), np.full(data.seen.shape, np.nan)
     for fold in range(FOLDS):
         test = np.flatnonzero(rows == fold)
@@ -157,6 +161,7 @@ def judge_file(identification: Identification, model: Model, data: Measurements,
         model: the identified arm with the targets of ``data``.
     """
     _refuse_unknown_targets(identification, model, refit)
+    unused = () if refit or not (data.marked and "reference" in data.use) else (UNUSED_REFERENCES,)
     before: list[Array] = []
     after: list[Array] = []
     for session in dict.fromkeys(data.sessions):
@@ -168,7 +173,7 @@ def judge_file(identification: Identification, model: Model, data: Measurements,
             if refit:
                 moved = _placed(model, part.take(reference), moved, refit, session)
             out.append(np.linalg.norm(model.points(joints, moved) - points, axis=2))
-    return Judgement("file", Errors(np.concatenate(before), np.concatenate(after)), data.warnings)
+    return Judgement("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused))
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
@@ -193,8 +198,11 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
 
 def verdict(identification: Identification, judgement: Judgement, gate_m: float) -> Verdict:
     """Bad: not converged, rank short of the base set, or a mean error on fresh poses above the gate."""
+    if not identification.plausible:
+        times = f"{identification.spread:.3g} times as far as the robot's do in these poses"
+        return Verdict("bad", f"the measured points spread {times}: wrong unit, or another robot")
     if identification.status != "converged":
-        return Verdict("bad", "Gauss-Newton did not converge")
+        return Verdict("bad", "Gauss-Newton did not converge: wrong robot, signs or axes?")
     if identification.unseen:
         names = ", ".join(identification.model.names[i] for i in identification.unseen)
         return Verdict("bad", f"these poses do not tell {names} apart from the others")

@@ -1,6 +1,6 @@
 """Which poses to measure: exchange among candidates, then an ascent of all joint angles.
 
-A design sees the arm through one callable: readings ``(n, joints)`` in, whitened and scaled
+A design sees the arm through one callable: readings ``(n, joints)`` in, scaled (and mostly whitened)
 Jacobians ``(n, r, p)`` out. So it serves any base set, with or without effects, any instrument.
 """
 

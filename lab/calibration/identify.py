@@ -20,7 +20,9 @@ from lab.instruments import Instrument
 from lab.measurements import Measurements, seen_mask
 from lab.seeds import stream
 
-BARELY_TOLD_APART = 1e4  # a condition above which poses hardly tell the parameters apart
+BARELY_TOLD_APART = 1e3  # a condition above which poses hardly tell the parameters apart
+WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
+PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the drawing in the same poses
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class Identification:
         freedom: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
         residuals: ``(n, k, 3)`` measured less predicted (m), NaN where not seen.
+        spread: of the measured points, to that of the drawing's in the same poses: a wrong unit shows here.
     """
 
     model: Model
@@ -62,6 +65,7 @@ class Identification:
     freedom: int
     covariance: Array
     residuals: Array
+    spread: float
     warnings: tuple[str, ...]
 
     @property
@@ -80,6 +84,17 @@ class Identification:
         if self.sigma_known:
             return 1.959963984540054
         return float(student.ppf(0.975, self.freedom)) if self.freedom > 0 else float("nan")
+
+    @property
+    def plausible(self) -> bool:
+        """Whether the measured points spread as the drawing's do."""
+        return PLAUSIBLE_SPREAD[0] <= self.spread <= PLAUSIBLE_SPREAD[1]
+
+    @property
+    def weak(self) -> tuple[str, ...]:
+        """Names of the fitted parameters that are known no better than to a millimetre or milliradian."""
+        names = (self.model.names[i] for i in self.fit.free)
+        return tuple(name for name, std in zip(names, self.std, strict=True) if std > WEAK)
 
     @property
     def unseen(self) -> tuple[int, ...]:
@@ -137,10 +152,22 @@ def identify(model: Model, data: Measurements, nominal: Array, noise: Noise | No
     estimated = np.sqrt(squares / freedom) if freedom > 0 else float("nan")
     sigma = _root_mean_square_sigma(seen) if known else estimated
     covariance = solution.unit_covariance() * (1.0 if known else estimated**2)
-    warnings = list(data.warnings) + _warnings(model, structure, solution, estimated if known else None)
-    return Identification(
-        model, before, values, structure, solution, float(sigma), known, freedom, covariance, residuals, tuple(warnings)
+    drawn = model.points(data.joints, nominal)
+    found = Identification(
+        model=model,
+        before=before,
+        values=values,
+        base_set=structure,
+        fit=solution,
+        sigma_m=float(sigma),
+        sigma_known=known,
+        freedom=freedom,
+        covariance=covariance,
+        residuals=residuals,
+        spread=_spread(data.points) / _spread(np.where(np.isnan(data.points), np.nan, drawn)),
+        warnings=data.warnings,
     )
+    return replace(found, warnings=(*data.warnings, *_warnings(found, estimated if known else None)))
 
 
 def _weighed(data: Measurements, noise: Noise) -> tuple[Observations, bool]:
@@ -189,18 +216,26 @@ def _canonical_rotation(model: Model, values: Array) -> Array:
     return values
 
 
-def _warnings(model: Model, structure: BaseSet, solution: Fit, misfit: float | None) -> list[str]:
+def _spread(points: Array) -> float:
+    """Root mean square distance (m) of points from their mean; NaN are left out."""
+    seen = points[seen_mask(points)]
+    return float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _warnings(found: Identification, misfit: float | None) -> list[str]:
     warnings = []
-    if solution.status != "converged":
-        warnings.append(f"Gauss-Newton did not converge in {solution.iterations} steps: the result is not to be used")
-    if unseen := [model.names[i] for i in structure.kept if i not in solution.free]:
+    if found.status != "converged":
+        warnings.append(f"Gauss-Newton did not converge in {found.fit.iterations} steps: the result is not to be used")
+    if unseen := [found.model.names[i] for i in found.unseen]:
         warnings.append(
             f"these poses do not tell {', '.join(unseen)} apart from the others: they stay nominal; "
             "move every joint through more of its range"
         )
-    elif solution.condition > BARELY_TOLD_APART:
+    elif found.fit.condition > BARELY_TOLD_APART:
+        weak = f", and leave {', '.join(found.weak)} unsure by more than 1 mm or 1 mrad" if found.weak else ""
         warnings.append(
-            f"the condition is {solution.condition:.0f}: these measurements barely tell the parameters apart; "
+            f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart{weak}; "
+            "positions near the measured ones are right, single parameters are not: "
             "move every joint through more of its range, or set the target further off the last axis"
         )
     if misfit is not None and misfit > 1.5:

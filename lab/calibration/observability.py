@@ -1,6 +1,6 @@
 """How well a set of poses shows the parameters: the observability indices and the variance criteria.
 
-A Jacobian stacks r rows of whitened positions for each of n poses over p parameters. O1 to O5 and
+A Jacobian stacks r rows of positions (whitened or in m) for each of n poses over p parameters. O1 to O5 and
 the condition number are as in Mahdadi & Bouafia (2020), after Borm & Menq, Driels & Pathre, Nahvi
 & Hollerbach, and Sun & Hollerbach; A, G and I are those of optimal design (Pukelsheim 1993).
 O1 is D-optimality: a column scaling multiplies every design's O1 by the same factor, so that it
@@ -30,7 +30,7 @@ _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagon
 class Scaling:
     """What one unit of each parameter is, and of a position.
 
-    ``raw``: millimetres and radians. ``unit``: each column has unit norm over the candidates.
+    ``raw``: millimetres and radians. ``unit``: each column has a root mean square of one over the candidates.
     ``length``: millimetres, and angles times a characteristic length. ``whitened``: tolerances
     (one standard deviation of each parameter's manufacture) and the instrument's noise.
     """
@@ -61,7 +61,7 @@ class Scaling:
         """The scaling in words."""
         return {
             "raw": "millimetres and radians",
-            "unit": "columns of unit norm over the candidates",
+            "unit": "columns of unit root mean square over the candidates",
             "length": f"millimetres, angles times {1e3 * self.length_m:g} mm",
             "whitened": f"tolerances of {1e3 * self.tolerance_m:g} mm and {1e3 * self.tolerance_rad:g} mrad, noise σ",
         }[self.kind]

@@ -54,6 +54,8 @@ def pool_in_words(plan: Plan) -> str:
     candidates = len(plan.problem.candidates.joints)
     moved = plan.pool - candidates
     words = f"any {len(plan.joints)} of {candidates} feasible candidates"
+    if len(plan.problem.already):
+        words += f" added to the {len(plan.problem.already)} measured already"
     return words + (f" and the {moved} poses that the ascent moved off them" if moved else "")
 
 

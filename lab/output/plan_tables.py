@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.output.plan import plan_summary
-from lab.output.rapid import WAIT_S
+from lab.output.rapid import SPEED, WAIT_S
 from lab.study.plan import Plan
 
 
@@ -41,7 +41,8 @@ def promise(seen: dict[str, Any]) -> str:
     """The accuracy, in words."""
     predicted = seen["predicted_mm"]
     return (
-        f"predicted error on fresh poses: {predicted['rms']:.4f} mm RMS, {predicted['max']:.4f} mm at the worst pose; "
+        f"predicted error on fresh poses, from the instrument's noise alone, the arm being rigid: "
+        f"{predicted['rms']:.4f} mm RMS over all poses, {predicted['max']:.4f} mm RMS at the worst one; "
         f"95 % of the poses within {seen['promise_mm']:.4f} mm in 95 % of the campaigns"
     )
 
@@ -75,8 +76,8 @@ def tour_line(seen: dict[str, Any]) -> str:
     """How long the day is."""
     via = f", {seen['via']} of them by way of poses that are only passed" if seen["via"] else ""
     return (
-        f"tour: {seen['moves']} moves{via}, {seen['tour_seconds']:.1f} s at full joint speed from home to home, "
-        f"and {WAIT_S} s of waiting at each pose"
+        f"tour: {seen['moves']} moves{via}, {seen['tour_seconds']:.1f} s at full joint speed from home to home "
+        f"(plan.mod moves at {SPEED}, which takes longer), and {WAIT_S} s of waiting at each pose"
     )
 
 

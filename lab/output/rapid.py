@@ -24,13 +24,14 @@ def why_no_rapid(chain: Chain) -> str | None:
 
 
 def rapid_module(robot: str, stops: Array, measured: NDArray[np.int_], ids: Sequence[str]) -> str:
-    """A module with a procedure ``measure_poses``: home, every pose with a wait, home.
+    """A module with a procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home.
 
     Args:
         stops: ``(s, 6)`` rad, the tour from home to home.
         measured: ``(s,)``, negative where a stop is only passed.
         ids: what ``plan.csv`` calls the measured poses, in the order of the tour.
     """
+    routine = f"measure_poses_from_{ids[0]}"
     names, moves = ["home"], ["    TPErase;", _move("home", "fine")]
     pose, via = 0, 0
     for is_pose in measured[1:-1] >= 0:
@@ -47,20 +48,24 @@ def rapid_module(robot: str, stops: Array, measured: NDArray[np.int_], ids: Sequ
         ]
         pose += 1
     targets = [
-        f"  CONST jointtarget {name}:=[{_degrees(at)},{_NO_AXES}];" for name, at in zip(names, stops, strict=False)
+        f"  LOCAL CONST jointtarget {name}:=[{_degrees(at)},{_NO_AXES}];"
+        for name, at in zip(names, stops, strict=False)
     ]
     moves += [_move("home", "fine"), '    TPWrite "All poses measured";']
     head = [
-        f"  ! {len(ids)} poses to measure, ids as in plan.csv, in the order of the shortest tour found.",
+        f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
         "  ! Checked free of collisions in the lab's model only: run it slowly first, in manual mode.",
-        "  ! Declare the tool's load in place of tool0. Call measure_poses from your main routine.",
+        "  ! Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+        f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
     ]
-    body = [*head, *targets, "", "  PROC measure_poses()", *moves, "  ENDPROC"]
-    return "\n".join([f"MODULE {_module_name(robot)}", *body, "ENDMODULE"]) + "\n"
+    body = [*head, *targets, "", f"  PROC {routine}()", *moves, "  ENDPROC"]
+    return "\n".join([f"MODULE {_module_name(robot, ids[0])}", *body, "ENDMODULE"]) + "\n"
 
 
-def _module_name(robot: str) -> str:
-    return f"plan_{re.sub(r'[^A-Za-z0-9_]', '_', robot)}"[:_LONGEST_NAME]
+def _module_name(robot: str, first: str) -> str:
+    """Named by the first pose too, so that a plan and what extends it can both be loaded."""
+    end = f"_from_{first}"
+    return f"plan_{re.sub(r'[^A-Za-z0-9_]', '_', robot)}"[: _LONGEST_NAME - len(end)] + end
 
 
 def _move(target: str, zone: str) -> str:

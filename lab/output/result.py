@@ -93,7 +93,10 @@ def outliers(outcome: Outcome) -> list[dict[str, Any]]:
     scale = np.nanmedian(lengths) / _MEDIAN_LENGTH
     worst = np.nanmax(np.where(np.isnan(lengths), 0.0, lengths), axis=1)
     far = [int(i) for i in np.argsort(-worst) if worst[i] > OUTLIER_SIGMAS * max(scale, 1e-9)]
-    return [{"id": outcome.fitted.ids[i], "size_mm": round(1e3 * float(worst[i]), 6)} for i in far]
+    lines = outcome.fitted.lines
+    where = [{"line": lines[i]} if lines else {} for i in far]
+    sizes = [round(1e3 * float(worst[i]), 6) for i in far]
+    return [{"id": outcome.fitted.ids[i], **at, "size_mm": mm} for i, at, mm in zip(far, where, sizes, strict=True)]
 
 
 def statistics(errors: Array) -> dict[str, float | int]:

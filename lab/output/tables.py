@@ -38,7 +38,7 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
         console.print(table)
     if result["noise_mm"] is not None:
         console.print(
-            f"noise {1e3 * result['noise_mm']:.3g} µm per axis, {'given' if result['noise_known'] else 'estimated'}"
+            f"noise {1e3 * result['noise_mm']:,.4g} µm per axis, {'given' if result['noise_known'] else 'estimated'}"
         )
     if (truth := result.get("truth")) and truth["max_abs_z"] is not None:
         console.print(
@@ -47,16 +47,17 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
             f"{100 * truth['coverage_95']:.0f} % of the 95 % intervals hold"
         )
     for outlier in result["outliers"][:5]:
-        console.print(f"outlier: pose {outlier['id']} is off by {outlier['size_mm']:.3f} mm")
+        line = f" (line {outlier['line']})" if "line" in outlier else ""
+        console.print(f"outlier: pose {outlier['id']}{line} is off by {outlier['size_mm']:.3f} mm")
     console.print(f"verdict: {result['verdict']}" + (f" ({result['reason']})" if result["reason"] else ""))
     console.print(f"run: {folder}", soft_wrap=True)
 
 
 _JUDGED = {
-    "fresh": "fresh poses",
-    "holdout": "poses held out",
-    "file": "the validation file",
-    "cross-validation": "five-fold cross-validation",
+    "fresh": "fresh poses, without noise",
+    "holdout": "poses held out, with the instrument's noise",
+    "file": "the validation file, with the instrument's noise",
+    "cross-validation": "five-fold cross-validation, with the instrument's noise",
 }
 
 

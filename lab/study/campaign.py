@@ -218,6 +218,8 @@ def _outcome(
 ) -> Outcome:
     word = verdict(identification, judgement, gate_mm / 1e3)
     warnings = [*robot.warnings, *identification.warnings, *judgement.warnings]
+    if blank := int((~data.seen.any(axis=1)).sum()):
+        warnings.append(f"{blank} of {len(data)} rows have no measured point and are left out")
     warnings += _outside_limits(robot, data) + _several_sessions(rows)
     if judgement.errors is not None:
         before, after = (float(np.nanmean(e)) for e in (judgement.errors.before, judgement.errors.after))

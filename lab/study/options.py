@@ -30,7 +30,7 @@ class VirtualCampaign:
     robot: str = "irb120"
     """A model's name, or a path to an MJCF or URDF."""
     poses: int = 50
-    """How many random collision-free poses to measure."""
+    """How many random collision-free poses to measure; without effect beside a plan."""
     plan: Path | None = None
     """Measure the poses of this CSV instead."""
     seed: int = 0
@@ -80,7 +80,8 @@ class MeasuredCampaign:
     seed: int = 0
     """Of the split into poses to fit and poses to judge by."""
     instrument: str | None = None
-    """Weigh the points by this instrument's noise, with its head at the file's origin."""
+    """Weigh the points by the noise of exact, uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm,
+    with its head at the file's origin."""
     noise_mm: float | None = None
     """Weigh the points by this noise (1σ per axis); without either it is estimated."""
     holdout: float | None = None
@@ -109,8 +110,8 @@ class PlannedCampaign:
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF or URDF."""
-    poses: int = 30
-    """How many poses to choose."""
+    poses: int | None = None
+    """How many poses to choose: 30, if no accuracy is asked for."""
     accuracy_mm: float | None = None
     """Choose as few poses as keep 95 % of the fresh poses within this, in 95 % of the campaigns."""
     criterion: str = "O1"
@@ -120,7 +121,7 @@ class PlannedCampaign:
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """Whose noise and sight the plan is for."""
+    """Whose noise and sight the plan is for: uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm."""
     candidates: int = 2000
     """How many feasible poses to choose from."""
     starts: int = 4
@@ -132,8 +133,12 @@ class PlannedCampaign:
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
-        for flag, count, least in (("--seed", self.seed, 0), ("--poses", self.poses, 1), ("--starts", self.starts, 1)):
-            _whole(flag, count, least)
+        _whole("--seed", self.seed, 0)
+        _whole("--starts", self.starts, 1)
+        if self.poses is not None:
+            _whole("--poses", self.poses, 1)
+            if self.accuracy_mm is not None:
+                raise LabError("--poses and --accuracy-mm both say how many poses to choose; give one")
         if self.accuracy_mm is not None and not self.accuracy_mm > 0:
             raise LabError(f"--accuracy-mm {self.accuracy_mm:g}: give an accuracy above zero")
 

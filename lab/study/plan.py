@@ -19,7 +19,13 @@ from lab.study.options import PlannedCampaign
 from lab.study.problem import Problem, pose_problem
 from lab.virtual.candidates import MARGIN
 
+POSES = 30  # where neither a number nor an accuracy is asked for
 MOST_POSES = 200  # where an accuracy is asked for
+Progress = Callable[[str], None]
+
+
+def _silent(_: str) -> None:
+    """No progress."""
 
 
 @dataclass(frozen=True)
@@ -60,26 +66,36 @@ class Plan:
     warnings: tuple[str, ...]
 
 
-def plan_campaign(options: PlannedCampaign) -> Plan:
+def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Plan:
     """Choose poses among feasible candidates, improve them, certify them, order them.
+
+    Args:
+        progress: is told what is being done.
 
     Raises:
         LabError: the request cannot be met; the message says by what.
     """
     started = time.perf_counter()
     options.check()
+    progress("candidates")
     problem = pose_problem(options)
     least = _least(problem)
-    count = options.poses if options.accuracy_mm is None else _enough(options, problem, least)
-    if count < least:
-        raise LabError(f"--poses {count}: {problem.pool.shape[2]} parameters need {least} poses or more")
-    design = best_design(options, problem, count)
+    if options.accuracy_mm is not None:
+        design = _accurate_design(options, problem, least, progress)
+    else:
+        count = POSES if options.poses is None else options.poses
+        if count < least:
+            raise LabError(f"--poses {count}: {problem.pool.shape[2]} parameters need {least} poses or more")
+        design = best_design(options, problem, count, progress)
+    count = len(design.joints)
 
+    progress("certificate")
     pool = np.concatenate([problem.pool, design.jacobian[design.rows < 0]])
     n0 = len(problem.already)
     measured = None if problem.measured is None else problem.measured / n0
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.sensitivity(problem.already)])
+    progress("tour")
     speed, warnings = joint_speeds(problem.robot.chain)
     home, safe = problem.hubs[0], problem.hubs[1:]
     tour = plan_tour(design.joints, speed, problem.free, stream(options.seed, "tour"), home, safe)
@@ -93,19 +109,20 @@ def plan_campaign(options: PlannedCampaign) -> Plan:
         d_efficiency=certificate.efficiency(everything),
         indices=indices(everything),
         prediction=_prediction(problem, design.joints, options.seed),
-        curve=_curve(options, problem, least, count),
+        curve=_curve(options, problem, least, count, progress),
         tour=tour,
         seconds=time.perf_counter() - started,
         warnings=(*problem.warnings, *warnings),
     )
 
 
-def best_design(options: PlannedCampaign, problem: Problem, count: int) -> Design:
+def best_design(options: PlannedCampaign, problem: Problem, count: int, progress: Progress = _silent) -> Design:
     """The best of several starts, each exchanged among the candidates and then moved uphill."""
     rng, chain, measured = stream(options.seed, "design"), problem.robot.chain, problem.measured
     keep_off = MARGIN * (chain.upper - chain.lower)
     best: Design | None = None
-    for _ in range(options.starts):
+    for start in range(options.starts):
+        progress(f"design of {count} poses, start {start + 1} of {options.starts}")
         design = ascend(
             _exchanged(problem, count, rng),
             problem.sensitivity,
@@ -162,23 +179,40 @@ def _of_any_size(options: PlannedCampaign, problem: Problem) -> Callable[[int], 
     return design
 
 
-def _enough(options: PlannedCampaign, problem: Problem, least: int) -> int:
-    """The least number of poses that promises the accuracy asked for."""
+def _accurate_design(options: PlannedCampaign, problem: Problem, least: int, progress: Progress) -> Design:
+    """The smallest design that promises the accuracy asked for.
+
+    Exchanged designs find about how many poses; from there ascended ones, which promise more, decide.
+    """
     assert options.accuracy_mm is not None
-    design = _of_any_size(options, problem)
+    wanted, quick = options.accuracy_mm / 1e3, _of_any_size(options, problem)
+    most = max(least, min(MOST_POSES, len(problem.pool) // 2))
 
-    def reached(count: int) -> float:
-        return _prediction(problem, design(count).joints, options.seed).reached
+    def promise(design: Design) -> float:
+        return _prediction(problem, design.joints, options.seed).reached
 
-    return smallest_count(reached, options.accuracy_mm / 1e3, least, min(MOST_POSES, len(problem.pool) // 2))
+    count = smallest_count(lambda size: promise(quick(size)), wanted, least, most)
+    design = best_design(options, problem, count, progress)
+    while promise(design) > wanted:  # uphill on another criterion may cost accuracy
+        count += 1
+        if count > most:
+            raise LabError(f"{options.accuracy_mm:g} mm is out of reach by criterion {options.criterion}: try O1 or I")
+        design = best_design(options, problem, count, progress)
+    while count > least:
+        fewer = best_design(options, problem, count - 1, progress)
+        if promise(fewer) > wanted:
+            break
+        count, design = count - 1, fewer
+    return design
 
 
-def _curve(options: PlannedCampaign, problem: Problem, least: int, count: int) -> tuple[Step, ...]:
+def _curve(options: PlannedCampaign, problem: Problem, least: int, count: int, progress: Progress) -> tuple[Step, ...]:
     """Promise and O1 against the number of poses, from the fewest possible to twice the plan's."""
-    most = min(max(2 * count, least + 10), len(problem.pool), MOST_POSES)
+    most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
     design = _of_any_size(options, problem)
     steps = []
     for size in np.unique(np.geomspace(least, most, 10).round().astype(int)):
+        progress(f"curve, {size} poses")
         chosen = design(int(size))
         everything = np.concatenate([chosen.jacobian, problem.sensitivity(problem.already)])
         o1 = float(indices(everything).o1)

@@ -163,12 +163,12 @@ def _hubs(home: Array, candidates: Array, free: FreePath) -> Array:
 
 
 def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:
-    """Poses ``(n0, joints)`` of the file to extend: those measured for calibration, or all of a plan yet unmeasured."""
+    """Poses ``(n0, joints)`` of the file to extend: those fully measured, or all of a plan not yet measured."""
     chain = robot.chain
     if options.extend is None:
         return np.empty((0, chain.size))
     rows = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False).only("calibrate")
-    measured = rows.seen.any(axis=1)
+    measured = rows.seen.all(axis=1)
     joints = rows.joints[measured] if measured.any() else rows.joints
     if not len(joints):
         raise LabError(f"{options.extend}: no row has use = calibrate; mark some, or leave --extend out")

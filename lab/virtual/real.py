@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from lab import frames
+from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.axes import JointAxes, Truth, parameters_from_axes
 from lab.geometry.serial import SerialArm
@@ -32,6 +33,11 @@ class Perturbation:
     position_m: Array
     rotation_rad: Array
     joint_offset: Array
+
+    def __post_init__(self) -> None:
+        b = len(self.bodies)
+        if self.position_m.shape != (b, 3) or self.rotation_rad.shape != (b, 3) or self.joint_offset.ndim != 1:
+            raise LabError(f"a perturbation of {b} bodies: give position_m and rotation_rad of shape ({b}, 3)")
 
 
 def perturbed_bodies(robot: RobotModel) -> tuple[str, ...]:
@@ -114,6 +120,11 @@ class RealArm:
 def real_arm(robot: RobotModel, perturbation: Perturbation, T_world_tracker: Array) -> RealArm:
     """The robot with its bodies off, before a tracker."""
     model = copy.deepcopy(robot.model)
+    known = perturbed_bodies(robot)
+    if unknown := [name for name in perturbation.bodies if name not in known]:
+        raise LabError(f"body '{unknown[0]}' is unknown: robot {robot.chain.name} has {', '.join(known)}")
+    if len(perturbation.joint_offset) != robot.chain.size:
+        raise LabError(f"{len(perturbation.joint_offset)} joint offsets for {robot.chain.size} joints: give one each")
     for name, position, rotation in zip(
         perturbation.bodies, perturbation.position_m, perturbation.rotation_rad, strict=True
     ):
