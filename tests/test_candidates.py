@@ -18,10 +18,8 @@ from lab.virtual.candidates import (
     _reach,
     draw_candidates,
     feasibility,
-    feasible,
     path_check,
-    path_is_free,
-    visible,
+    sight,
 )
 from lab.virtual.feasible import collides, random_poses
 from lab.virtual.robot import RobotModel, load_model
@@ -30,6 +28,18 @@ MODEL = IRB120.needed_model()
 EXACT, LEICA = INSTRUMENTS["exact"], INSTRUMENTS["leica-at960"]
 TARGETS = ("p1", "p2", "p3")
 ZERO = np.zeros((1, 2))
+
+
+def visible(robot, joints, targets, device):
+    return sight(robot, targets, device)(joints)
+
+
+def feasible(robot, joints, targets, device):
+    return feasibility(robot, targets, device)(joints)
+
+
+def path_is_free(robot, start, end):
+    return path_check(robot)(start, end)
 
 
 def small_arm(folder: Path, extra: str = "", on_hand: str = "", tracker: str = "2 0 0", stand: str = "") -> RobotModel:

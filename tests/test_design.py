@@ -24,7 +24,7 @@ from lab.seeds import stream
 from lab.study.campaign import perturbed_arm
 from lab.study.options import PlannedCampaign, VirtualCampaign
 from lab.study.plan import plan_campaign
-from lab.virtual.candidates import feasible, path_check
+from lab.virtual.candidates import feasibility, path_check
 from lab.virtual.feasible import random_poses
 from lab.virtual.real import track
 
@@ -277,7 +277,7 @@ def best_o1(*flags: str) -> dict:
 
 def test_a_plan_is_feasible_path_and_all() -> None:
     plan = plan_campaign(PlannedCampaign(poses=15, candidates=400, starts=1))
-    assert feasible(MODEL, plan.joints, ("p1",), instrument("uniform-8um"), margin=0.0).all()
+    assert feasibility(MODEL, ("p1",), instrument("uniform-8um"), margin=0.0)(plan.joints).all()
     free = path_check(MODEL)
     assert all(free(a, b) for a, b in zip(plan.tour.stops[:-1], plan.tour.stops[1:], strict=True))
     np.testing.assert_array_equal(plan.tour.stops[[0, -1]], np.zeros((2, 6)))

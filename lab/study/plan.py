@@ -97,8 +97,8 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
     everything = np.concatenate([design.jacobian, problem.sensitivity(problem.already)])
     progress("tour")
     speed, warnings = joint_speeds(problem.robot.chain)
-    home, safe = problem.hubs[0], problem.hubs[1:]
-    tour = plan_tour(design.joints, speed, problem.free, stream(options.seed, "tour"), home, safe)
+    home, safe = problem.access.hubs[0], problem.access.hubs[1:]
+    tour = plan_tour(design.joints, speed, problem.access.free, stream(options.seed, "tour"), home, safe)
     return Plan(
         options=options,
         problem=problem,
@@ -127,7 +127,7 @@ def best_design(options: PlannedCampaign, problem: Problem, count: int, progress
             _exchanged(problem, count, rng),
             problem.sensitivity,
             problem.goal,
-            problem.feasible,
+            problem.access.feasible,
             chain.lower + keep_off,
             chain.upper - keep_off,
             measured=measured,
@@ -151,7 +151,7 @@ def _exchanged(problem: Problem, count: int, rng: np.random.Generator) -> Design
             starts=1,
             measured=problem.measured,
         )
-        cut_off = ~problem.reachable(design.joints)
+        cut_off = ~problem.access.reachable(design.joints)
         if not cut_off.any():
             return Design(left[design.rows], design.joints, design.jacobian, design.score)
         left = np.delete(left, design.rows[cut_off])

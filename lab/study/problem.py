@@ -28,6 +28,24 @@ HUBS = 20  # candidates tried as places to pass through on the way to others
 
 
 @dataclass(frozen=True)
+class Access:
+    """Where the arm may be, and go.
+
+    Attributes:
+        hubs: ``(h, joints)``, home (zero readings, or what is nearest and touches nothing) and poses with a
+            free way to it.
+        free: whether the joint path between two readings is free of collisions.
+        reachable: whether a free way leads from a hub to readings ``(n, joints)``.
+        feasible: whether they are feasible as well.
+    """
+
+    hubs: Array
+    free: FreePath
+    reachable: Feasible
+    feasible: Feasible
+
+
+@dataclass(frozen=True)
 class Problem:
     """A planning problem, from which designs of any size are chosen.
 
@@ -37,11 +55,6 @@ class Problem:
         sensitivity: the same in the units of the scaling, which the criterion sees.
         pool: ``(m, r, f)``, sensitivities of the candidates.
         test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
-        hubs: ``(h, joints)``, home (zero readings, or what is nearest and touches nothing) and poses with a
-            free way to it.
-        free: whether the joint path between two readings is free of collisions.
-        reachable: whether a free way leads from a hub to readings ``(n, joints)``.
-        feasible: whether they are feasible as well.
         already: ``(n0, joints)``, poses measured before.
     """
 
@@ -56,10 +69,7 @@ class Problem:
     goal: Criterion
     scaling: Scaling
     test: Array
-    hubs: Array
-    free: FreePath
-    reachable: Feasible
-    feasible: Feasible
+    access: Access
     already: Array
     warnings: tuple[str, ...]
 
@@ -95,18 +105,7 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     factors = scaling.columns([arm.names[i] for i in kept], pool)
     fresh = random_poses(model, TEST_POSES // len(arm.targets), stream(options.seed, "fresh"))
     test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
-    free, allowed = path_check(model), feasibility(model, options.targets, device)
     home, warnings = _home(robot, model, candidates.joints)
-    hubs = _hubs(home, candidates.joints, free)
-
-    def reachable(joints: Array) -> NDArray[np.bool_]:
-        return np.array([any(free(hub, pose) for hub in hubs) for pose in joints], dtype=bool)
-
-    def feasible(joints: Array) -> NDArray[np.bool_]:
-        fine = allowed(joints)
-        fine[fine] = reachable(joints[fine])
-        return fine
-
     return Problem(
         robot=robot,
         arm=arm,
@@ -119,10 +118,7 @@ def pose_problem(options: PlannedCampaign) -> Problem:
         goal=criterion(options.criterion, len(kept), test[::5] * factors),
         scaling=scaling,
         test=test,
-        hubs=hubs,
-        free=free,
-        reachable=reachable,
-        feasible=feasible,
+        access=_access(model, home, candidates.joints, feasibility(model, options.targets, device)),
         already=_measured_before(options, robot),
         warnings=(*robot.warnings, *warnings),
     )
@@ -154,12 +150,23 @@ def _home(robot: Robot, model: RobotModel, candidates: Array) -> tuple[Array, tu
     return nearest, (f"robot {chain.name} touches something at zero readings: the tour starts from a pose near them",)
 
 
-def _hubs(home: Array, candidates: Array, free: FreePath) -> Array:
-    hubs = [home]
+def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> Access:
+    """Hubs among the first candidates, and what can be reached from them."""
+    free = path_check(model)
+    found = [home]
     for pose in candidates[:HUBS]:
-        if any(free(hub, pose) for hub in hubs):
-            hubs.append(pose)
-    return np.array(hubs)
+        if any(free(hub, pose) for hub in found):
+            found.append(pose)
+
+    def reachable(joints: Array) -> NDArray[np.bool_]:
+        return np.array([any(free(hub, pose) for hub in found) for pose in joints], dtype=bool)
+
+    def feasible(joints: Array) -> NDArray[np.bool_]:
+        fine = allowed(joints)
+        fine[fine] = reachable(joints[fine])
+        return fine
+
+    return Access(np.array(found), free, reachable, feasible)
 
 
 def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:

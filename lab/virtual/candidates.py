@@ -77,34 +77,20 @@ def draw_candidates(
     return Candidates(draws[reasons < 0], drawn, _counted(reasons))
 
 
-def visible(robot: RobotModel, joints: Array, targets: Sequence[str], instrument: Instrument) -> NDArray[np.bool_]:
-    """``(n,)``: whether the tracker sees every one of the targets at readings ``(n, joints)``."""
-    return _sight(robot, targets, instrument)(joints)
-
-
-def feasible(
-    robot: RobotModel, joints: Array, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN
-) -> NDArray[np.bool_]:
-    """``(n,)``: whether readings ``(n, joints)`` keep from the limits, touch nothing and show every target."""
-    return feasibility(robot, targets, instrument, margin)(joints)
-
-
 def feasibility(robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN) -> Feasible:
-    """``feasible`` as a plain callable of the readings, quick to ask again and again (by one thread)."""
+    """A callable: whether readings ``(n, joints)`` keep from the limits, touch nothing and show every target.
+
+    Quick to ask again and again, by one thread.
+    """
     first_reason = _judge(robot, targets, instrument, margin)
     return lambda joints: first_reason(joints) < 0
 
 
-def path_is_free(robot: RobotModel, start: Array, end: Array) -> bool:
-    """Whether the arm touches nothing while all joints move in proportion from one reading ``(n,)`` to another.
-
-    Looked at so often that no point of it moves more than ``STEP_M`` in between.
-    """
-    return path_check(robot)(start, end)
-
-
 def path_check(robot: RobotModel) -> FreePath:
-    """``path_is_free`` as a plain callable of start and end, quick to ask again and again (by one thread)."""
+    """A callable: whether the arm touches nothing while all joints move in proportion between two readings ``(n,)``.
+
+    Looked at so often that no point of it moves more than ``STEP_M`` in between. By one thread.
+    """
     data, reach = mujoco.MjData(robot.model), _reach(robot)
 
     def is_free(start: Array, end: Array) -> bool:
@@ -122,7 +108,7 @@ def _judge(
     """A callable: the first of ``_REASONS`` against each of the readings ``(n, joints)``, -1 for none."""
     if not 0 <= margin < 0.5:
         raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
-    sees, data = _sight(robot, targets, instrument), mujoco.MjData(robot.model)
+    sees, data = sight(robot, targets, instrument), mujoco.MjData(robot.model)
     keep_off = margin * (robot.chain.upper - robot.chain.lower)
     lower, upper = robot.chain.lower + keep_off, robot.chain.upper - keep_off
 
@@ -137,8 +123,8 @@ def _judge(
     return first_reason
 
 
-def _sight(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
-    """``visible`` as a callable of the readings ``(n, joints)``."""
+def sight(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
+    """A callable: whether the tracker sees every one of the targets at readings ``(n, joints)``."""
     for target in targets:
         if target not in robot.tool:
             raise LabError(f"target '{target}' is unknown: robot {robot.chain.name} has {', '.join(robot.tool)}")
