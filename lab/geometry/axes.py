@@ -80,22 +80,26 @@ def chain_from_axes(
             next_z = z * (1.0 if np.dot(flange[:3, 2], z) >= 0 else -1.0)
             next_x = _across(flange[:3, 0], z, flange[:3, 1])
             foot = position + z * np.dot(flange[:3, 3] - position, z)
-        y = np.cross(z, x)
-        theta = np.arctan2(np.dot(next_x, y), np.dot(next_x, x))
-        d, a = np.dot(foot - position, z), np.dot(foot - position, next_x)
-        turned = np.stack([next_x, np.cross(z, next_x), z], axis=1).T @ next_z
-        beta = np.arcsin(np.clip(turned[0], -1, 1))
-        alpha = np.arctan2(-turned[1], turned[2])
-        table[i] = theta, d, a, alpha, beta
-        rotation = np.stack([next_x, np.cross(z, next_x), z], axis=1)
-        rotation = rotation @ frames.exp(np.array([alpha, 0, 0])) @ frames.exp(np.array([0, beta, 0]))
-        x, z, position = rotation[:, 0], next_z, foot
+        table[i], x = _link(x, z, position, next_x, next_z, foot)
+        z, position = next_z, foot
     table[np.abs(table) < 1e-14] = 0.0
     lower, upper, speed = limits
     parallel = parallel_links("distal", table[:, 3])
     table[~np.array(parallel), 4] = 0.0
     chain = Chain(name, "distal", joint_names, prismatic, table, np.ones(n), lower, upper, speed, parallel)
     return chain, frame0
+
+
+def _link(x: Array, z: Array, position: Array, next_x: Array, next_z: Array, foot: Array) -> tuple[Array, Array]:
+    """A row of the distal table from one frame to the next, and x of the next frame after alpha and beta."""
+    theta = np.arctan2(np.dot(next_x, np.cross(z, x)), np.dot(next_x, x))
+    d, a = np.dot(foot - position, z), np.dot(foot - position, next_x)
+    turned = np.stack([next_x, np.cross(z, next_x), z], axis=1)
+    towards = turned.T @ next_z
+    beta = np.arcsin(np.clip(towards[0], -1, 1))
+    alpha = np.arctan2(-towards[1], towards[2])
+    rotation = turned @ frames.exp(np.array([alpha, 0, 0])) @ frames.exp(np.array([0, beta, 0]))
+    return np.array([theta, d, a, alpha, beta]), rotation[:, 0]
 
 
 def _across(wanted: Array, z: Array, otherwise: Array) -> Array:

@@ -44,14 +44,7 @@ def read_table(path: Path) -> RobotTable:
     Raises:
         LabError: the file is missing or malformed, or a joint lacks or doubles a value.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise LabError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise LabError(f"{path}: not a TOML file: {error}") from error
-    if unknown := set(document) - _TOP_KEYS:
-        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(sorted(_TOP_KEYS))}")
+    document = _document(path)
     convention = document.get("convention")
     if convention not in ("distal", "craig"):
         raise LabError(f'{path}: convention is {convention!r}; write convention = "distal" or "craig"')
@@ -85,6 +78,19 @@ def read_table(path: Path) -> RobotTable:
     )
     base = _read_base(path, document["base"]) if "base" in document else None
     return RobotTable(chain, base, _read_tool(path, document.get("tool", {})), tuple(warnings))
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """The file's content, if it is TOML and has no unknown key."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LabError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise LabError(f"{path}: not a TOML file: {error}") from error
+    if unknown := set(document) - _TOP_KEYS:
+        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(sorted(_TOP_KEYS))}")
+    return document
 
 
 def write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
