@@ -105,6 +105,22 @@ def test_the_bound_is_never_below_a_design_from_its_pool() -> None:
     assert 0 <= certificate.gap <= 1e-4
 
 
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_the_bound_holds_however_early_the_search_stops(share: float) -> None:
+    """A loose bound stays above what a patient search reaches."""
+    _, jacobian = pool(400, 13)
+    measured = None if share == 1.0 else information(jacobian[:12]) / 12
+    patient = certify(jacobian, gap=1e-5, measured=measured, share=share)
+    for gap in (0.9, 0.3, 0.1, 0.03, 0.01):
+        early = certify(jacobian, gap=gap, measured=measured, share=share)
+        assert early.bound >= patient.log_det and early.gap <= gap
+    first = certify(jacobian, gap=0.99, measured=measured, share=share)  # at equal weights: the tangent there
+    total = share * information(jacobian) / 400 + (0 if measured is None else (1 - share) * measured)
+    gains = np.trace(jacobian @ np.linalg.inv(total) @ np.swapaxes(jacobian, 1, 2), axis1=1, axis2=2)
+    rise = 27 * np.log(gains.max() / 27) if measured is None else share * (gains.max() - gains.mean())
+    assert first.bound == pytest.approx(np.linalg.slogdet(total)[1] + rise)
+
+
 def test_the_bound_with_poses_measured_already() -> None:
     _, jacobian = pool(150, 4)
     rng = np.random.default_rng(4)
