@@ -120,15 +120,17 @@ def _scores_with(
     free = np.ones(len(jacobian), dtype=bool)
     free[chosen] = False
     tried = np.flatnonzero(free)
-    if goal.name == "O1":
-        tried = _promising(jacobian, free, _inverse(without))
-    elif goal.weight is None and len(tried) > SAMPLED:
-        tried = rng.choice(tried, SAMPLED, replace=False)
-    tried = np.append(tried, chosen[place])
-    part = jacobian[tried]
-    if goal.weight is None and goal.name != "O1":
+    if goal.name != "O1" and goal.weight is None:  # no rank-k update: whole scores of a sample
+        if len(tried) > SAMPLED:
+            tried = rng.choice(tried, SAMPLED, replace=False)
+        tried = np.append(tried, chosen[place])
+        part = jacobian[tried]
         return tried, goal.score(without + np.swapaxes(part, 1, 2) @ part)
     inverse = _inverse(without)
+    if goal.weight is None:
+        tried = _promising(jacobian, free, inverse)
+    tried = np.append(tried, chosen[place])
+    part = jacobian[tried]
     moved = part @ inverse  # (m, r, p)
     core = np.eye(part.shape[1]) + moved @ np.swapaxes(part, 1, 2)
     if goal.weight is None:

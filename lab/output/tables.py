@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.calibration.identifiability import Alias, aliases, poses_needed
-from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import COLUMNS
 from lab.geometry.gauge import BaseSet, base_set
@@ -128,10 +127,7 @@ def print_inspection(robot: Robot, targets: tuple[str, ...]) -> None:
 
 
 def _structure(robot: Robot, targets: tuple[str, ...]) -> tuple[SerialArm, BaseSet, tuple[Alias, ...]]:
-    for target in targets:
-        known = robot.tool or dict.fromkeys(("p1", "p2", "p3"))
-        if target not in known:
-            raise LabError(f"target '{target}' is unknown: robot {robot.name} has {', '.join(known)}")
+    robot.refuse_unknown(targets)
     arm = robot.arm(targets)
     nominal = arm.nominal(robot.tool)
     structure = base_set(arm, nominal)

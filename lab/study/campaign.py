@@ -73,9 +73,7 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     options.check()
     robot = load_robot(options.robot)
     robot.needed_model()
-    for target in options.targets:
-        if target not in robot.tool:
-            raise LabError(f"target '{target}' is unknown: robot {robot.name} has {', '.join(robot.tool)}")
+    robot.refuse_unknown(options.targets)
     device, arm = instrument(options.instrument), robot.arm(options.targets)
     real = perturbed_arm(robot, options)
     joints, notes = _plan(robot, options)

@@ -80,8 +80,9 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
     progress("candidates")
     problem = pose_problem(options)
     least = _least(problem)
+    quick = _of_any_size(options, problem)
     if options.accuracy_mm is not None:
-        design = _accurate_design(options, problem, least, progress)
+        design = _accurate_design(options, problem, least, quick, progress)
     else:
         count = POSES if options.poses is None else options.poses
         if count < least:
@@ -94,7 +95,7 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
     n0 = len(problem.already)
     measured = None if problem.measured is None else problem.measured / n0
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
-    everything = np.concatenate([design.jacobian, problem.sensitivity(problem.already)])
+    everything = np.concatenate([design.jacobian, problem.before])
     progress("tour")
     speed, warnings = joint_speeds(problem.robot.chain)
     home, safe = problem.access.hubs[0], problem.access.hubs[1:]
@@ -109,7 +110,7 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
         d_efficiency=certificate.efficiency(everything),
         indices=indices(everything),
         prediction=_prediction(problem, design.joints, options.seed),
-        curve=_curve(options, problem, least, count, progress),
+        curve=_curve(options, problem, least, count, quick, progress),
         tour=tour,
         seconds=time.perf_counter() - started,
         warnings=(*problem.warnings, *warnings),
@@ -164,7 +165,7 @@ def _prediction(problem: Problem, joints: Array, seed: int) -> Prediction:
 
 def _least(problem: Problem) -> int:
     """The fewest further poses that can show the base set."""
-    return enough_poses(problem.pool, problem.sensitivity(problem.already))
+    return enough_poses(problem.pool, problem.before)
 
 
 def _of_any_size(options: PlannedCampaign, problem: Problem) -> Callable[[int], Design]:
@@ -179,13 +180,15 @@ def _of_any_size(options: PlannedCampaign, problem: Problem) -> Callable[[int], 
     return design
 
 
-def _accurate_design(options: PlannedCampaign, problem: Problem, least: int, progress: Progress) -> Design:
+def _accurate_design(
+    options: PlannedCampaign, problem: Problem, least: int, quick: Callable[[int], Design], progress: Progress
+) -> Design:
     """The smallest design that promises the accuracy asked for.
 
     Exchanged designs find about how many poses; from there ascended ones, which promise more, decide.
     """
     assert options.accuracy_mm is not None
-    wanted, quick = options.accuracy_mm / 1e3, _of_any_size(options, problem)
+    wanted = options.accuracy_mm / 1e3
     most = max(least, min(MOST_POSES, len(problem.pool) // 2))
 
     def promise(design: Design) -> float:
@@ -206,15 +209,21 @@ def _accurate_design(options: PlannedCampaign, problem: Problem, least: int, pro
     return design
 
 
-def _curve(options: PlannedCampaign, problem: Problem, least: int, count: int, progress: Progress) -> tuple[Step, ...]:
+def _curve(
+    options: PlannedCampaign,
+    problem: Problem,
+    least: int,
+    count: int,
+    quick: Callable[[int], Design],
+    progress: Progress,
+) -> tuple[Step, ...]:
     """Promise and O1 against the number of poses, from the fewest possible to twice the plan's."""
     most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
-    design = _of_any_size(options, problem)
     steps = []
     for size in np.unique(np.geomspace(least, most, 10).round().astype(int)):
         progress(f"curve, {size} poses")
-        chosen = design(int(size))
-        everything = np.concatenate([chosen.jacobian, problem.sensitivity(problem.already)])
+        chosen = quick(int(size))
+        everything = np.concatenate([chosen.jacobian, problem.before])
         o1 = float(indices(everything).o1)
         steps.append(Step(int(size), _prediction(problem, chosen.joints, options.seed), o1))
     return tuple(steps)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab import frames
 from lab.calibration.design import Feasible, Sensitivity, information
 from lab.calibration.observability import Criterion, Scaling, criterion
 from lab.calibration.solver import whitening
@@ -56,6 +55,7 @@ class Problem:
         pool: ``(m, r, f)``, sensitivities of the candidates.
         test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
         already: ``(n0, joints)``, poses measured before.
+        before: ``(n0, r, f)``, sensitivities there.
     """
 
     robot: Robot
@@ -71,12 +71,13 @@ class Problem:
     test: Array
     access: Access
     already: Array
+    before: Array
     warnings: tuple[str, ...]
 
     @property
     def measured(self) -> Array | None:
         """Information ``(f, f)`` of the poses measured before, as the criterion sees it; None without any."""
-        return information(self.sensitivity(self.already)) if len(self.already) else None
+        return information(self.before) if len(self.before) else None
 
 
 def pose_problem(options: PlannedCampaign) -> Problem:
@@ -87,7 +88,8 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     """
     robot, device, scaling = load_robot(options.robot), _noisy(options.instrument), Scaling(options.scaling)
     model = robot.needed_model()
-    arm, values = _before_tracker(robot, model, options.targets)
+    arm = robot.arm(options.targets)
+    values = model.values_before(arm, model.T_world_tracker)
     structure = base_set(arm, values)
     kept = list(structure.kept)
     rows = 3 * len(arm.targets)
@@ -106,6 +108,7 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     fresh = random_poses(model, TEST_POSES // len(arm.targets), stream(options.seed, "fresh"))
     test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
     home, warnings = _home(robot, model, candidates.joints)
+    already = _measured_before(options, robot)
     return Problem(
         robot=robot,
         arm=arm,
@@ -119,7 +122,8 @@ def pose_problem(options: PlannedCampaign) -> Problem:
         scaling=scaling,
         test=test,
         access=_access(model, home, candidates.joints, feasibility(model, options.targets, device)),
-        already=_measured_before(options, robot),
+        already=already,
+        before=seen(already) * factors,
         warnings=(*robot.warnings, *warnings),
     )
 
@@ -129,15 +133,6 @@ def _noisy(name: str) -> Instrument:
     if device.kind == "exact":
         raise LabError("instrument 'exact' has no noise, so every design is as good: choose another instrument")
     return device
-
-
-def _before_tracker(robot: Robot, model: RobotModel, targets: tuple[str, ...]) -> tuple[SerialArm, Array]:
-    """The arm and its nominal parameters, the base where the nominal tracker sees it."""
-    arm = robot.arm(targets)
-    values = arm.nominal(robot.tool)
-    T_tracker_frame0 = frames.inverse(model.T_world_tracker) @ model.T_world_frame0
-    values[:3], values[3:6] = T_tracker_frame0[:3, 3], frames.log(T_tracker_frame0[:3, :3])
-    return arm, values
 
 
 def _home(robot: Robot, model: RobotModel, candidates: Array) -> tuple[Array, tuple[str, ...]]:

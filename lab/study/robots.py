@@ -8,7 +8,7 @@ import lab
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import Chain
-from lab.geometry.serial import SerialArm
+from lab.geometry.serial import DEFAULT_TOOL, SerialArm
 from lab.geometry.table import read_table
 from lab.virtual.robot import RobotModel, load_model
 
@@ -33,6 +33,13 @@ class Robot:
     def arm(self, targets: tuple[str, ...]) -> SerialArm:
         """The arm as equations, with these targets."""
         return SerialArm(self.chain, targets)
+
+    def refuse_unknown(self, targets: tuple[str, ...]) -> None:
+        """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
+        known = self.tool or DEFAULT_TOOL
+        for target in targets:
+            if target not in known:
+                raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
 
     def needed_model(self) -> RobotModel:
         """The MuJoCo model; a LabError where there is none."""

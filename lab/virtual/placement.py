@@ -8,7 +8,7 @@ import numpy as np
 from lab import frames
 from lab.frames import Array
 from lab.geometry.serial import SerialArm
-from lab.virtual.robot import FLANGE, TRACKER, RobotModel, at_zero, body_pose, last_frame, site_pose
+from lab.virtual.robot import TRACKER, RobotModel, at_zero, body_pose, last_frame
 
 
 def place_bodies(model: mujoco.MjModel, robot: RobotModel, arm: SerialArm, values: Array) -> None:
@@ -23,7 +23,7 @@ def place_bodies(model: mujoco.MjModel, robot: RobotModel, arm: SerialArm, value
     data = at_zero(robot.model)
     moved = _moved_poses(robot, arm, still, data)
     T_world_last = robot.T_world_frame0 @ arm.flange(np.zeros((1, arm.chain.size)), still)[0]
-    carrier = _carrier(robot)
+    carrier = robot.carrier
     if carrier not in robot.bodies:
         nominal_last = last_frame(robot.chain, robot.T_world_frame0)
         body = model.body(carrier).id
@@ -40,14 +40,6 @@ def place_bodies(model: mujoco.MjModel, robot: RobotModel, arm: SerialArm, value
         site = sites[target]
         T_body_last = frames.inverse(moved[int(model.site_bodyid[site])]) @ T_world_last
         model.site_pos[site] = frames.transform(T_body_last, point[None])[0]
-
-
-def _carrier(robot: RobotModel) -> str:
-    """The body that carries the flange's site, else the last jointed one."""
-    for site in range(robot.model.nsite):
-        if robot.model.site(site).name == FLANGE:
-            return str(robot.model.body(int(robot.model.site_bodyid[site])).name)
-    return robot.bodies[-1]
 
 
 def _moved_poses(robot: RobotModel, arm: SerialArm, values: Array, data: mujoco.MjData) -> list[Array]:
@@ -84,12 +76,12 @@ def calibrated_mjcf(robot: RobotModel, arm: SerialArm, values: Array) -> str:
     spec = _without_shells(robot)
     for target in arm.targets:
         if target not in robot.tool:
-            spec.body(_carrier(robot)).add_site(name=target)
+            spec.body(robot.carrier).add_site(name=target)
     model = spec.compile()
     place_bodies(model, robot, arm, values)
     base = arm.split(values)[0]
     T_tracker_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
-    _place_tracker(model, robot, robot.T_world_frame0 @ frames.inverse(T_tracker_frame0))
+    place_tracker(model, robot, robot.T_world_frame0 @ frames.inverse(T_tracker_frame0))
     root = ET.fromstring(spec.to_xml())
     _write_in_full(root, model)
     ET.indent(root)
@@ -110,12 +102,12 @@ def _without_shells(robot: RobotModel) -> mujoco.MjSpec:
     return spec
 
 
-def _place_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:
-    site = model.site(TRACKER)
-    body = int(site.bodyid[0])
-    T_body_site = frames.inverse(body_pose(at_zero(robot.model), body)) @ site_pose(
-        robot.model, at_zero(robot.model), TRACKER
-    )
+def place_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:
+    """Move the body that carries the tracker's site, which stands in the world, so that the site gets there."""
+    body = int(model.site(TRACKER).bodyid[0])
+    if not body:
+        return
+    T_body_site = frames.inverse(body_pose(at_zero(robot.model), body)) @ robot.T_world_tracker
     stand = T_world_tracker @ frames.inverse(T_body_site)
     model.body_pos[body], model.body_quat[body] = stand[:3, 3], frames.quaternion_from_rotation(stand[:3, :3])
 

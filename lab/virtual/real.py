@@ -14,8 +14,8 @@ from lab.geometry.axes import JointAxes, Truth, parameters_from_axes
 from lab.geometry.serial import SerialArm
 from lab.instruments import Instrument
 from lab.measurements import Measurements, measured
-from lab.virtual.placement import place_bodies
-from lab.virtual.robot import FLANGE, TRACKER, RobotModel, joint_axes
+from lab.virtual.placement import place_bodies, place_tracker
+from lab.virtual.robot import RobotModel, joint_axes
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,8 @@ class Perturbation:
 
 def perturbed_bodies(robot: RobotModel) -> tuple[str, ...]:
     """The bodies that can be off: base, every link, and the flange where it is a body of its own."""
-    flange = [robot.model.body(int(robot.model.site(FLANGE).bodyid[0])).name] if _has_site(robot, FLANGE) else []
     base = [robot.base_body] if robot.base_body else []
-    return tuple(dict.fromkeys([*base, *robot.bodies, *flange]))
+    return tuple(dict.fromkeys([*base, *robot.bodies, robot.carrier]))
 
 
 def random_perturbation(
@@ -108,10 +107,7 @@ class RealArm:
             world.directions @ T_tracker_world[:3, :3].T,
             frames.transform(T_tracker_world, world.targets),
         )
-        start = arm.nominal(self.robot.tool)
-        T_tracker_frame0 = T_tracker_world @ self.robot.T_world_frame0
-        start[:3], start[3:6] = T_tracker_frame0[:3, 3], frames.log(T_tracker_frame0[:3, :3])
-        return parameters_from_axes(arm, axes, start)
+        return parameters_from_axes(arm, axes, self.robot.values_before(arm, self.T_world_tracker))
 
     def _addresses(self) -> list[int]:
         return [int(self.model.joint(name).qposadr[0]) for name in self.robot.chain.joint_names]
@@ -165,15 +161,6 @@ def track(
 
 
 def _before_tracker(robot: RobotModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealArm:
-    nominal = robot.T_world_tracker
-    body = model.body(int(model.site(TRACKER).bodyid[0]))
-    if body.id:  # a tracker's body stands in the world: move it so that its site gets there
-        stand = frames.pose(frames.rotation_from_quaternion(body.quat), body.pos)
-        moved = T_world_tracker @ frames.inverse(nominal) @ stand
-        body.pos[:], body.quat[:] = moved[:3, 3], frames.quaternion_from_rotation(moved[:3, :3])
+    place_tracker(model, robot, T_world_tracker)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return RealArm(robot, model, T_world_tracker, offset)
-
-
-def _has_site(robot: RobotModel, name: str) -> bool:
-    return any(robot.model.site(i).name == name for i in range(robot.model.nsite))

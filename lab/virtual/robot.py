@@ -47,6 +47,21 @@ class RobotModel:
     warnings: tuple[str, ...] = ()
 
     @property
+    def carrier(self) -> str:
+        """The body that carries the flange's site, else the last jointed one."""
+        for site in range(self.model.nsite):
+            if self.model.site(site).name == FLANGE:
+                return str(self.model.body(int(self.model.site_bodyid[site])).name)
+        return self.bodies[-1]
+
+    def values_before(self, arm: SerialArm, T_world_tracker: Array) -> Array:
+        """Nominal parameters ``(p,)`` of the arm as a tracker at this pose ``(4, 4)`` sees it."""
+        values = arm.nominal(self.tool)
+        T_tracker_frame0 = frames.inverse(T_world_tracker) @ self.T_world_frame0
+        values[:3], values[3:6] = T_tracker_frame0[:3, 3], frames.log(T_tracker_frame0[:3, :3])
+        return values
+
+    @property
     def T_world_tracker(self) -> Array:
         """Nominal pose of the tracker's frame."""
         return site_pose(self.model, at_zero(self.model), TRACKER)
