@@ -48,6 +48,8 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
             columns[f"{target}_{axis}_mm"] = [_decimal(value, 3) for value in data.points[:, k, i]]
     if np.isfinite(data.sigma_m).any():
         columns["sigma_mm"] = [_decimal(value, 3) for value in data.sigma_m]
+    for name, numbers in data.conditions.items():
+        columns[name] = [_decimal(value, 0) for value in numbers]
     columns.update(data.other)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -104,6 +106,7 @@ class _Reader(CsvTable):
         use = self._uses(texts["use"])
         ids = self._ids(texts["id"])
         sigma = self._optional_numbers("sigma_mm", -3, positive=True)
+        conditions = self._conditions()
         other = self._rest(targets)
         return Measurements(
             tuple(self.joint_names),
@@ -118,6 +121,7 @@ class _Reader(CsvTable):
             texts["use"] is not None,
             tuple(self.warnings),
             tuple(self.lines),
+            conditions,
         )
 
     def _optional_numbers(self, column: str, exponent: int, *, positive: bool = False) -> Array | None:
@@ -243,12 +247,7 @@ class _Reader(CsvTable):
         orientation, unknown = [], []
         rest = list(self.unread)
         for column in rest:
-            approach = column.removeprefix("approach_")
-            if column in _NUMBER_COLUMNS:
-                self.numbers(column, empty=True)
-            elif column.startswith("approach_"):
-                self._approach(column, approach)
-            elif any(column in (f"{t}_{o}" for o in _ORIENTATION) for t in targets) or column in _ORIENTATION:
+            if any(column in (f"{t}_{o}" for o in _ORIENTATION) for t in targets) or column in _ORIENTATION:
                 self.numbers(column, empty=True)
                 orientation.append(column)
             elif column not in _OTHER_RESERVED:
@@ -264,14 +263,29 @@ class _Reader(CsvTable):
         kept = {column: self.texts(column) for column in rest}
         return {column: texts for column, texts in kept.items() if texts is not None}
 
-    def _approach(self, column: str, joint: str) -> None:
-        if joint not in (*self.joint_names, *(f"q{j + 1}" for j in range(len(self.joint_names)))):
+    def _conditions(self) -> dict[str, Array]:
+        """Columns of numbers that a model may ask for; directions of approach by the robot's names of the joints."""
+        found = {}
+        for column in list(self.unread):
+            if column in _NUMBER_COLUMNS:
+                found[column] = self.numbers(column, empty=True)
+            elif column.startswith("approach_"):
+                name, values = self._approach(column, column.removeprefix("approach_"))
+                if name in found:
+                    raise LabError(f"{self.path}: line 1: column {column} says again what {name} says; keep one")
+                found[name] = values
+        return found
+
+    def _approach(self, column: str, joint: str) -> tuple[str, Array]:
+        plain = [f"q{j + 1}" for j in range(len(self.joint_names))]
+        if joint not in (*self.joint_names, *plain):
             raise LabError(
                 f"{self.path}: line 1: column {column}: no joint {joint}; the robot has {', '.join(self.joint_names)}"
             )
         values = self.numbers(column, empty=True)
         if (bad := np.flatnonzero(~np.isin(values, (1, -1)) & np.isfinite(values))).size:
             raise self.fail(int(bad[0]), column, "neither 1 nor -1; give the direction of approach")
+        return f"approach_{joint if joint in self.joint_names else self.joint_names[plain.index(joint)]}", values
 
     def _refuse_unknown_axes(self, targets: list[str]) -> None:
         ends = (*_COORDINATES, *_ORIENTATION)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.errors import LabError
 from lab.frames import Array
 
 
@@ -26,6 +27,8 @@ class Measurements:
         marked: whether the file said what each row is for.
         warnings: what a reader should be told.
         lines: of the file, as an editor counts them, one a row; empty where there is no file.
+        conditions: what else was set or read at a pose, ``(n,)`` each, NaN where not given, by the name of
+            its column: ``payload_kg``, ``temp_C``, ``time_s``, ``cable_mm``, ``approach_<joint>``.
     """
 
     joint_names: tuple[str, ...]
@@ -40,11 +43,13 @@ class Measurements:
     marked: bool = False
     warnings: tuple[str, ...] = ()
     lines: tuple[int, ...] = ()
+    conditions: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n, k = len(self.joints), len(self.targets)
         assert self.joints.shape == (n, len(self.joint_names)) and self.points.shape == (n, k, 3)
         assert len(self.ids) == len(self.use) == len(self.sessions) == n and self.sigma_m.shape == (n,)
+        assert all(column.shape == (n,) for column in self.conditions.values())
         assert np.isfinite(self.joints).all()
 
     def __len__(self) -> int:
@@ -67,9 +72,33 @@ class Measurements:
             use=tuple(self.use[i] for i in pick),
             sessions=tuple(self.sessions[i] for i in pick),
             sigma_m=self.sigma_m[index],
+            conditions={name: column[index] for name, column in self.conditions.items()},
             other={name: tuple(column[i] for i in pick) for name, column in self.other.items()},
             lines=tuple(self.lines[i] for i in pick) if self.lines else (),
         )
+
+    def settings(self, conditions: Sequence[str]) -> Array:
+        """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
+
+        Where nothing is said of a payload there is none.
+
+        Raises:
+            LabError: another condition is missing, or empty in a row.
+        """
+        columns = [self._condition(name)[:, None] for name in conditions]
+        return np.concatenate([self.joints, *columns], axis=1) if columns else self.joints
+
+    def _condition(self, name: str) -> Array:
+        column = self.conditions.get(name)
+        if column is None:
+            if name != "payload_kg":
+                raise LabError(f"column {name} is missing: the model needs it in every row")
+            return np.zeros(len(self))
+        if (empty := np.isnan(column)).any():
+            row = int(np.argmax(empty))
+            where = f"line {self.lines[row]}" if self.lines else f"row {self.ids[row]}"
+            raise LabError(f"{where}, column {name}: empty, but the model needs it in every row; fill it in")
+        return column
 
     def only(self, *uses: str) -> "Measurements":
         """The rows of these uses."""

@@ -72,4 +72,4 @@ def test_real_files_are_understood() -> None:
     probe = read_measurements(data_file("ur10_ipa_D.csv"), NAMES, SLIDES)
     assert len(probe) == 632 and len(probe.warnings) == 1
     assert all(name in probe.warnings[0] for name in ("rx_deg", "ry_deg", "rz_deg"))
-    assert set(probe.other) == {"rx_deg", "ry_deg", "rz_deg", "temp_C"}
+    assert set(probe.other) == {"rx_deg", "ry_deg", "rz_deg"} and set(probe.conditions) == {"temp_C"}

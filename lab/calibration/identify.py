@@ -201,7 +201,7 @@ def _root_mean_square_sigma(seen: Observations) -> float:
 
 def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet) -> tuple[int, ...]:
     """Those of the base set that the measured poses tell apart, at the nominal links."""
-    _, jacobian = model.observe(seen.joints, model.structural(before))
+    _, jacobian = model.observe(seen.settings, model.structural(before))
     rows = jacobian[seen_mask(seen.points)].reshape(-1, len(model.names))
     kept = list(structure.kept)
     order = [kept.index(i) for i in model.preferred() if i in structure.kept]

@@ -33,7 +33,7 @@ def locate(model: Model, seen: Observations, values: Array, groups: Sequence[str
     base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
     placed = values.copy()
     placed[list(base)] = 0.0
-    origins, rotations = _flange_poses(model, seen.joints, placed, tool)
+    origins, rotations = _flange_poses(model, seen.settings, placed, tool)
     offsets = values[list(tool)].reshape(-1, 3)  # (k, 3)
     mask = seen_mask(seen.points)
     if "base" not in groups:

@@ -26,23 +26,23 @@ class Observations:
     """Seen points as rows, ready to be fitted.
 
     Attributes:
-        joints: ``(n, joints)``.
-        points: ``(n, k, 3)`` m, NaN where not seen.
-        whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, 3, 3)`` the inverse of
+        settings: ``(n, joints + conditions)``, what the model is asked at.
+        points: ``(n, k, d)``, k things of d numbers each (positions in m, d = 3), NaN where not seen.
+        whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, d, d)`` the inverse of
             the covariance's Cholesky factor; ones where the noise is to be estimated.
     """
 
-    joints: Array
+    settings: Array
     points: Array
     whiten: Array
 
     @staticmethod
     def unweighted(data: Measurements) -> "Observations":
-        """The points of some measurements, all with weight one."""
+        """The points of some measurements, all with weight one, for a model that asks for nothing but readings."""
         return Observations(data.joints, data.points, np.ones(data.points.shape[:2]))
 
     def apply(self, vectors: Array) -> Array:
-        """Whitened rows of the seen points: ``(n, k, 3, ...)`` to ``(3 seen, ...)``."""
+        """Whitened rows of the seen points: ``(n, k, d, ...)`` to ``(d seen, ...)``."""
         seen = seen_mask(self.points)
         if self.whiten.ndim == 2:
             rows = vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
@@ -111,7 +111,7 @@ def fit(model: Model, seen: Observations, free: Sequence[int], start: Array, *, 
     remains is its square.
     """
     index = list(free)
-    metre = _typical_weight(seen) * np.sqrt(max(len(seen.joints), 1))
+    metre = _typical_weight(seen) * np.sqrt(max(len(seen.settings), 1))
     values = start.copy()
     residual, jacobian = _linearized(model, seen, values, index)
     trace = [_cost(residual)]
@@ -165,7 +165,7 @@ def _cost(residual: Array) -> float:
 
 def _linearized(model: Model, seen: Observations, values: Array, free: list[int]) -> tuple[Array, Array]:
     """Whitened residual ``(r,)``, measured less predicted, and Jacobian ``(r, f)`` of the prediction."""
-    points, jacobian = model.observe(seen.joints, values)
+    points, jacobian = model.observe(seen.settings, values)
     return seen.apply(seen.points - points), seen.apply(jacobian[..., free])
 
 
@@ -183,4 +183,4 @@ def _typical_weight(seen: Observations) -> float:
     whiten = seen.whiten[seen_mask(seen.points)]
     if whiten.ndim == 1:
         return float(np.sqrt(np.mean(whiten**2)))
-    return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(1, 2))) / 3))
+    return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(1, 2))) / whiten.shape[1]))

@@ -31,11 +31,18 @@ class Model(Protocol):
     def targets(self) -> tuple[str, ...]:
         """The measured points."""
 
-    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
-        """Positions ``(n, k, 3)`` (m, tracker's frame) at readings ``(n, joints)``; derivatives ``(n, k, 3, p)``."""
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What it asks of a pose beside the readings: columns of ``Measurements.conditions``, after the joints."""
 
-    def points(self, joints: Array, values: Array) -> Array:
-        """The positions alone."""
+    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+        """Observations ``(n, k, d)`` at settings ``(n, joints + conditions)``; derivatives ``(n, k, d, p)``.
+
+        Of points they are positions (m, in the tracker's frame), d = 3.
+        """
+
+    def points(self, settings: Array, values: Array) -> Array:
+        """The observations alone."""
 
     def preferred(self) -> tuple[int, ...]:
         """All parameters in the order in which they are kept if they can be told apart."""
@@ -44,4 +51,4 @@ class Model(Protocol):
         """``values`` where the rank is decided: exactly as the drawing means them."""
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Readings ``(count, joints)`` spread over the limits, at which the rank is decided."""
+        """Settings ``(count, joints + conditions)`` spread over the limits, at which the rank is decided."""

@@ -49,6 +49,7 @@ class SerialArm:
     names: tuple[str, ...] = field(init=False)
     table_rows: NDArray[np.int_] = field(init=False, repr=False)  # the parameters' cells in the table
     table_columns: NDArray[np.int_] = field(init=False, repr=False)
+    conditions: tuple[str, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
         if not self.targets or len(set(self.targets)) < len(self.targets):
