@@ -17,9 +17,10 @@ def random_measurements(rng: np.random.Generator, slides) -> Measurements:
     sigma = np.where(rng.random(n) < 0.5, np.nan, rng.random(n))
     use = tuple(rng.choice(["calibrate", "reference", "test", "skip"], n))
     names = tuple(f"q{i + 1}" for i in range(j))
-    other = {"temp_C": tuple("21.5" for _ in range(n)), "note": tuple('a,"b"' for _ in range(n))}
+    other = {"note": tuple('a,"b"' for _ in range(n))}
+    conditions = {"temp_C": np.where(rng.random(n) < 0.5, np.nan, 20 + rng.random(n)), "approach_q2": np.ones(n)}
     ids, days = tuple(f"row{i}" for i in range(n)), tuple(rng.choice(["mon", "tue"], n))
-    return Measurements(names, joints, ("ball", "p2"), points, ids, use, days, sigma, other, True)
+    return Measurements(names, joints, ("ball", "p2"), points, ids, use, days, sigma, other, True, conditions=conditions)
 
 
 def test_what_is_written_reads_back_to_the_bit(tmp_path) -> None:
@@ -32,6 +33,9 @@ def test_what_is_written_reads_back_to_the_bit(tmp_path) -> None:
             np.testing.assert_array_equal(getattr(back, name), getattr(data, name))
         for name in ("joint_names", "targets", "ids", "use", "sessions", "other", "marked"):
             assert getattr(back, name) == getattr(data, name)
+        assert list(back.conditions) == list(data.conditions)
+        for name, column in data.conditions.items():
+            np.testing.assert_array_equal(back.conditions[name], column)
 
 
 def test_units_come_from_names(tmp_path) -> None:
