@@ -18,7 +18,7 @@ class Measurements:
         joint_names: of the columns of ``joints``.
         joints: ``(n, joints)``, rad for a revolute joint, m for a slide.
         targets: names of the measured points.
-        points: ``(n, k, 3)`` m; NaN where a target was not seen.
+        points: ``(n, k, 3)`` m; NaN where a target was not seen. Of another kind of sighting ``(n, k, d)``.
         ids: what a row is called: its ``id``, else its 0-based data row.
         use: ``calibrate``, ``reference``, ``test`` or ``skip``, one a row.
         sessions: the row's session, "" where the file has none.
@@ -47,7 +47,7 @@ class Measurements:
 
     def __post_init__(self) -> None:
         n, k = len(self.joints), len(self.targets)
-        assert self.joints.shape == (n, len(self.joint_names)) and self.points.shape == (n, k, 3)
+        assert self.joints.shape == (n, len(self.joint_names)) and self.points.shape[:2] == (n, k)
         assert len(self.ids) == len(self.use) == len(self.sessions) == n and self.sigma_m.shape == (n,)
         assert all(column.shape == (n,) for column in self.conditions.values())
         assert np.isfinite(self.joints).all()
@@ -106,7 +106,7 @@ class Measurements:
 
 
 def seen_mask(points: Array) -> NDArray[np.bool_]:
-    """``(n, k)``: which of the points ``(n, k, 3)`` were seen."""
+    """``(n, k)``: which of the points ``(n, k, d)`` were seen."""
     return np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
 
 

@@ -10,8 +10,10 @@ from scipy.stats import t as student
 
 from lab import frames
 from lab.calibration.identifiability import poses_needed
-from lab.calibration.locate import columns_of, locate
-from lab.calibration.solver import Fit, Observations, Status, fit, whitening
+from lab.calibration.locate import columns_of
+from lab.calibration.prior import Tolerance, prior_of
+from lab.calibration.sightings import Sighting, sighting_of
+from lab.calibration.solver import Fit, Further, Observations, Status, fit, whitening
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet, base_set, independent_columns
@@ -39,6 +41,20 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class Wishes:
+    """What is asked of an identification beyond the usual.
+
+    Attributes:
+        fix, free: names or patterns of parameters to hold at nominal, or to keep though usually fixed.
+        tolerance: of manufacture, as a prior (MAP); None for none.
+    """
+
+    fix: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+    tolerance: Tolerance | None = None
+
+
+@dataclass(frozen=True)
 class Identification:
     """What one set of measurements says of an arm.
 
@@ -51,7 +67,7 @@ class Identification:
         sigma_known: whether it was given.
         freedom: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
-        residuals: ``(n, k, 3)`` measured less predicted (m), NaN where not seen.
+        residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not seen.
         spread: of the measured points, to that of the drawing's in the same poses: a wrong unit shows here.
     """
 
@@ -102,36 +118,40 @@ class Identification:
         return tuple(i for i in self.base_set.kept if i not in self.fit.free)
 
 
-def locate_before(model: Model, seen: Observations, nominal: Array) -> Array:
-    """Nominal links with base and targets fitted: what *before* is, and where *after* starts."""
-    placing = list(columns_of(model, ("base", "tool")))
-    joints = model.structure_joints(50, stream(0, "structure"))
-    _, jacobian = model.observe(joints, model.structural(nominal))
+def locate_before(sight: Sighting, seen: Observations, nominal: Array) -> Array:
+    """Nominal links with what is placed fitted: what *before* is, and where *after* starts."""
+    model = sight.model
+    placing = list(columns_of(model, sight.placed))
+    settings = model.structure_joints(50, stream(0, "structure"))
+    _, jacobian = model.observe(settings, model.structural(nominal))
     free = independent_columns(jacobian.reshape(-1, len(model.names))[:, placing], range(len(placing)))
-    start = locate(model, seen, nominal)
+    start = sight.located(seen, nominal)
     held = [column for i, column in enumerate(placing) if i not in free]
     start[held] = nominal[held]
-    return fit(model, seen, [placing[i] for i in free], start, tolerance_m=1e-7).values
+    return fit(model, seen, [placing[i] for i in free], start, tolerance_m=1e-7, further=sight.further).values
 
 
-def identify(model: Model, data: Measurements, nominal: Array, noise: Noise | None = None) -> Identification:
+def identify(
+    seen_by: Model, data: Measurements, nominal: Array, noise: Noise | None = None, wishes: Wishes | None = None
+) -> Identification:
     """Identify an arm's base set from the rows of ``data``, from nominal links and no idea of base and tool.
 
     Args:
-        nominal: the drawing's parameters ``(p,)``; its base is not used.
+        seen_by: the arm, seen by points; or a ``Sighting``, a model of another kind of measurement.
+        nominal: the drawing's parameters ``(p,)``; what is placed (base and tool) needs no guess.
 
     Raises:
-        LabError: there are fewer poses than the base set needs.
+        LabError: there are fewer poses than the base set needs, or a wish cannot be met.
     """
-    noise = noise or Noise()
-    seen, known = _weighed(data, noise)
-    count = int(data.seen.sum())
-    if count < 3:
+    noise, wishes, sight = noise or Noise(), wishes or Wishes(), sighting_of(seen_by)
+    model = sight.model
+    seen, known = _weighed(sight, data, noise)
+    if (count := int(data.seen.sum())) < 3:
         raise LabError(
             f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
         )
-    before = locate_before(model, seen, nominal)
-    structure = base_set(model, before)
+    before = locate_before(sight, seen, nominal)
+    structure = base_set(model, before, fix=wishes.fix, free=wishes.free)
     free = _told_apart(model, seen, before, structure)
     if len(free) < len(structure.kept) and len(data) < (needed := poses_needed(model, before, structure)):
         raise LabError(
@@ -140,56 +160,65 @@ def identify(model: Model, data: Measurements, nominal: Array, noise: Noise | No
         )
     start = before.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
-    solution = fit(model, seen, free, start)
-    values = _canonical_rotation(model, solution.values)
-    if np.abs(values - solution.values).max() > 1.0:  # another rotation vector of the same base: so its covariance
-        again = fit(model, seen, free, values)
-        solution = replace(again, cost_trace=solution.cost_trace)
-        values = again.values
-    residuals = data.points - model.points(data.joints, values)
-    squares = float(np.nansum(seen.apply(residuals) ** 2))
-    freedom = 3 * count - len(free)
+    solution = _canonical(model, seen, fit(model, seen, free, start, further=sight.further), sight.further)
+    residuals = data.points - model.points(seen.settings, solution.values)
+    squares = float(np.sum(seen.apply(residuals) ** 2))
+    freedom = int(seen_mask(seen.points).sum()) * data.points.shape[2] - len(free)
+    freedom += len(sight.further(before)[0])
     estimated = np.sqrt(squares / freedom) if freedom > 0 else float("nan")
-    sigma = _root_mean_square_sigma(seen) if known else estimated
-    covariance = solution.unit_covariance() * (1.0 if known else estimated**2)
-    drawn = model.points(data.joints, nominal)
+    if wishes.tolerance is not None:
+        prior = prior_of(model, structure, nominal, wishes.tolerance, sight.placed)
+        scaled = _both(sight.further, prior.rows(1.0 if known else estimated))
+        solution = _canonical(model, seen, fit(model, seen, structure.kept, solution.values, further=scaled), scaled)
+        free, residuals = structure.kept, data.points - model.points(seen.settings, solution.values)
     found = Identification(
         model=model,
         before=before,
-        values=values,
+        values=solution.values,
         base_set=structure,
         fit=solution,
-        sigma_m=float(sigma),
+        sigma_m=float(_root_mean_square_sigma(seen) if known else estimated),
         sigma_known=known,
         freedom=freedom,
-        covariance=covariance,
+        covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
         residuals=residuals,
-        spread=_spread(data.points) / _spread(np.where(np.isnan(data.points), np.nan, drawn)),
+        spread=_spread_to_drawing(model, seen, before, nominal),
         warnings=data.warnings,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found, estimated if known else None)))
 
 
-def _weighed(data: Measurements, noise: Noise) -> tuple[Observations, bool]:
+def _both(first: Further, second: Further) -> Further:
+    """Two sources of further rows as one."""
+
+    def rows(values: Array) -> tuple[Array, Array]:
+        (a, da), (b, db) = first(values), second(values)
+        return np.concatenate([a, b]), np.concatenate([da, db])
+
+    return rows
+
+
+def _weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
     """The points with their weights, and whether these stand on a known sigma."""
+    settings, units = data.settings(sight.model.conditions), sight.units
     given = np.isfinite(data.sigma_m)
     instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None
+    shape = data.points.shape[:2]
     if noise.sigma_m is None and instrument is None:
         if given.any() and not given.all():
             raise LabError("sigma_mm is empty in some rows; fill it in, or say --noise-mm or --instrument for those")
         if not given.any():
-            return Observations.unweighted(data), False
-    shape = data.points.shape[:2]
+            return Observations(settings, data.points, np.broadcast_to(1 / units, shape)), False
     rows = np.broadcast_to(data.sigma_m[:, None], shape)
     if instrument is not None and instrument.kind == "spherical":
         covariance = instrument.covariance(np.nan_to_num(data.points, nan=1.0), noise.readings)
         covariance = np.where(given[:, None, None, None], rows[..., None, None] ** 2 * np.eye(3), covariance)
-        return Observations(data.joints, data.points, whitening(covariance)), True
+        return Observations(settings, data.points, whitening(covariance)), True
     default = noise.sigma_m
     if instrument is not None:
         default = instrument.radial_m / np.sqrt(noise.readings)
     sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
-    return Observations(data.joints, data.points, 1 / sigma), True
+    return Observations(settings, data.points, 1 / (sigma * units)), True
 
 
 def _root_mean_square_sigma(seen: Observations) -> float:
@@ -208,12 +237,23 @@ def _told_apart(model: Model, seen: Observations, before: Array, structure: Base
     return tuple(kept[i] for i in independent_columns(rows[:, kept], order))
 
 
-def _canonical_rotation(model: Model, values: Array) -> Array:
-    """The same base rotation as a rotation vector of at most half a turn."""
+def _canonical(model: Model, seen: Observations, solution: Fit, further: Further) -> Fit:
+    """The same solution with the base's rotation vector of at most half a turn, and the covariance of that."""
     turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
-    values = values.copy()
+    values = solution.values.copy()
     values[turning] = frames.log(frames.exp(values[turning]))
-    return values
+    if np.abs(values - solution.values).max() <= 1.0:
+        return replace(solution, values=values)
+    return replace(fit(model, seen, solution.free, values, further=further), cost_trace=solution.cost_trace)
+
+
+def _spread_to_drawing(model: Model, seen: Observations, before: Array, nominal: Array) -> float:
+    """The spread of what was measured, to that of the drawing with its tool in the same poses; 1 where all is zero."""
+    drawing, tool = before.copy(), list(columns_of(model, ("tool",)))
+    drawing[tool] = nominal[tool]
+    drawn = np.where(np.isnan(seen.points), np.nan, model.points(seen.settings, drawing))
+    measured = _spread(seen.points)
+    return measured / _spread(drawn) if measured > 0 else 1.0
 
 
 def _spread(points: Array) -> float:

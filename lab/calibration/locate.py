@@ -20,7 +20,7 @@ Mask = NDArray[np.bool_]
 
 
 def columns_of(model: Model, groups: Sequence[str]) -> tuple[int, ...]:
-    """Indices of the parameters of these groups, e.g. ``("base", "tool")``."""
+    """Indices of the parameters of these groups, e.g. ``("base", "tool")``: what stands before the first dot."""
     return tuple(i for i, name in enumerate(model.names) if name.split(".")[0] in groups)
 
 

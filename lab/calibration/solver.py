@@ -4,7 +4,7 @@ The step is solved through an orthogonal factorization of the scaled Jacobian an
 values of its triangle, so that a deficient system gives the shortest step, and is told.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,6 +15,7 @@ from lab.geometry.model import Model
 from lab.measurements import Measurements, seen_mask
 
 Status = Literal["converged", "not converged"]
+Further = Callable[[Array], tuple[Array, Array]]  # parameters to further whitened residuals, and their Jacobian
 MAX_ITERATIONS = 50
 MOST_HALVINGS = 5
 DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # of the largest singular value, squared
@@ -102,18 +103,29 @@ def whitening(covariance: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
 
 
-def fit(model: Model, seen: Observations, free: Sequence[int], start: Array, *, tolerance_m: float = 1e-9) -> Fit:
+def fit(
+    model: Model,
+    seen: Observations,
+    free: Sequence[int],
+    start: Array,
+    *,
+    tolerance_m: float = 1e-9,
+    further: Further | None = None,
+) -> Fit:
     """Least squares over the free parameters from ``start``, the others held.
 
     Gauss-Newton; where its step does not lower the cost, halved, then damped as by Levenberg and
     Marquardt. It has converged when a full step would move the predicted points by less than ``tolerance_m``
     (root mean square, of what is weighed as one metre); that step is still taken, so that what
     remains is its square.
+
+    Args:
+        further: what else is known of the parameters, e.g. a prior.
     """
     index = list(free)
     metre = _typical_weight(seen) * np.sqrt(max(len(seen.settings), 1))
     values = start.copy()
-    residual, jacobian = _linearized(model, seen, values, index)
+    residual, jacobian = _linearized(model, seen, values, index, further)
     trace = [_cost(residual)]
     status: Status = "not converged"
     while True:
@@ -132,7 +144,7 @@ def fit(model: Model, seen: Observations, free: Sequence[int], start: Array, *, 
         for trial in _trial_steps(*decomposed, right):
             tried = values.copy()
             tried[index] += trial / scale
-            new_residual, new_jacobian = _linearized(model, seen, tried, index)
+            new_residual, new_jacobian = _linearized(model, seen, tried, index, further)
             if _cost(new_residual) < trace[-1]:
                 break
         else:  # nothing lowers the cost: rounding, if what is left to move is
@@ -163,10 +175,16 @@ def _cost(residual: Array) -> float:
     return 0.5 * float(residual @ residual)
 
 
-def _linearized(model: Model, seen: Observations, values: Array, free: list[int]) -> tuple[Array, Array]:
+def _linearized(
+    model: Model, seen: Observations, values: Array, free: list[int], further: Further | None
+) -> tuple[Array, Array]:
     """Whitened residual ``(r,)``, measured less predicted, and Jacobian ``(r, f)`` of the prediction."""
-    points, jacobian = model.observe(seen.settings, values)
-    return seen.apply(seen.points - points), seen.apply(jacobian[..., free])
+    points, derivative = model.observe(seen.settings, values)
+    residual, jacobian = seen.apply(seen.points - points), seen.apply(derivative[..., free])
+    if further is None:
+        return residual, jacobian
+    more, rows = further(values)
+    return np.concatenate([residual, more]), np.concatenate([jacobian, rows[:, free]])
 
 
 def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:

@@ -5,10 +5,12 @@ something that those before it do not. Every parameter left out is an alias of k
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 
 import numpy as np
 
+from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import Chain
 from lab.geometry.model import Model
@@ -26,31 +28,89 @@ class BaseSet:
         kept: indices of the identifiable parameters, ascending.
         fixed: indices of the others, ascending.
         alias: ``(kept, fixed)``: an error of 1 in a fixed parameter looks exactly like errors of
-            its column in the kept ones (units: those of kept per fixed, in m and rad).
+            its column in the kept ones (units: those of kept per fixed, in SI).
+        held: those of the fixed that could be identified, and are not on request: hidden in nothing.
     """
 
     kept: tuple[int, ...]
     fixed: tuple[int, ...]
     alias: Array
+    held: tuple[int, ...] = ()
 
 
-def base_set(model: Model, values: Array, joints: Array | None = None) -> BaseSet:
-    """The identifiable parameters at ``values``, from ``joints`` or 200 random readings in the limits.
+def base_set(
+    model: Model,
+    values: Array,
+    settings: Array | None = None,
+    *,
+    fix: Sequence[str] = (),
+    free: Sequence[str] = (),
+) -> BaseSet:
+    """The identifiable parameters at ``values``, from ``settings`` or 200 random ones in the limits.
 
     Take ``values`` at the nominal links: away from them the null directions are only nearly
     null, and no tolerance repairs that.
+
+    Args:
+        fix: parameters to hold at nominal, names or patterns (``tool.*``).
+        free: parameters to keep that would be fixed, in the place of fixed ones.
+
+    Raises:
+        LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
     """
-    if joints is None:
-        joints = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
-    _, jacobian = model.observe(joints, model.structural(values))
-    return base_set_of(jacobian.reshape(-1, len(model.names)), model.preferred())
+    if settings is None:
+        settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+    _, jacobian = model.observe(settings, model.structural(values))
+    flat, order = jacobian.reshape(-1, len(model.names)), model.preferred()
+    if not (fix or free):
+        return base_set_of(flat, order)
+    return _as_wished(model, base_set_of(flat, order), flat, named(model, "--fix", fix), named(model, "--free", free))
+
+
+def named(model: Model, option: str, patterns: Sequence[str]) -> tuple[int, ...]:
+    """Indices of the parameters that some names or patterns mean, in the order of the model."""
+    found: set[int] = set()
+    for pattern in patterns:
+        hits = [i for i, name in enumerate(model.names) if fnmatchcase(name, pattern)]
+        if not hits:
+            raise LabError(f"{option} {pattern}: no such parameter; there are {', '.join(model.names)}")
+        found.update(hits)
+    return tuple(sorted(found))
+
+
+def _as_wished(model: Model, usual: BaseSet, jacobian: Array, fix: Sequence[int], free: Sequence[int]) -> BaseSet:
+    """The base set less what is to be fixed, with what is to be free."""
+    if both := set(fix) & set(free):
+        raise LabError(f"--fix and --free both name {model.names[min(both)]}: name it once")
+    triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))
+    left = [i for i in usual.kept if i not in fix]
+    wished = [*left, *(i for i in free if i not in usual.kept)]
+    if not wished:
+        raise LabError("--fix leaves no parameter to identify: fix fewer")
+    kept = independent_columns(triangle, wished)
+    if lost := [i for i in wished if i not in kept]:
+        alias = usual.alias[:, usual.fixed.index(lost[0])]
+        strong = np.abs(alias) > 1e-9 * max(np.abs(alias).max(), 1e-300)
+        into = [model.names[i] for i, big in zip(usual.kept, strong, strict=True) if big and i in left]
+        name = model.names[lost[0]]
+        why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
+        raise LabError(f"--free {name}: {name} cannot be told apart; {why}")
+    found = _with_aliases(triangle, kept)
+    beyond = [i for i in found.fixed if len(independent_columns(triangle, [*kept, i])) > len(kept)]
+    alias = found.alias.copy()
+    alias[:, [found.fixed.index(i) for i in beyond]] = 0.0
+    return replace(found, alias=alias, held=tuple(beyond))
 
 
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:
     """The base set of a Jacobian ``(rows, p)``, its columns preferred in ``order``."""
     triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))  # the same inner products, fewer rows
-    kept = independent_columns(triangle, order)
-    fixed = tuple(column for column in range(jacobian.shape[1]) if column not in kept)
+    return _with_aliases(triangle, independent_columns(triangle, order))
+
+
+def _with_aliases(triangle: Array, kept: tuple[int, ...]) -> BaseSet:
+    """The base set of these columns, and what of them each other one looks like."""
+    fixed = tuple(column for column in range(triangle.shape[1]) if column not in kept)
     norms = np.linalg.norm(triangle, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
     scaled = triangle / scale

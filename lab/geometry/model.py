@@ -6,12 +6,25 @@ import numpy as np
 
 from lab.frames import Array
 
-_ANGLES = ("rx", "ry", "rz", "theta", "alpha", "beta")
+_UNITS = dict.fromkeys(("x", "y", "z", "d", "a"), "m")
+_UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta"), "rad")
+
+
+def unit_of(parameter: str) -> str:
+    """The SI unit of a parameter, by its name: m, rad, or that of an effect's parameter."""
+    group, _, last = parameter.rpartition(".")
+    unit = _UNITS.get(last)
+    if group == "drift":
+        return f"{unit}/h" if unit else "1/h"
+    if unit is not None:
+        return unit
+    kind = last.rstrip("0123456789")
+    return {"compliance": "rad/Nm", "sin": "rad", "cos": "rad", "backlash": "rad", "mass": "kg"}.get(kind, "")
 
 
 def is_angle(parameter: str) -> bool:
-    """Whether a parameter is in rad, by its name; else it is in m."""
-    return parameter.rsplit(".", 1)[-1] in _ANGLES
+    """Whether a parameter is in rad, by its name."""
+    return unit_of(parameter) == "rad"
 
 
 class Model(Protocol):

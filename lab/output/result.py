@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.calibration.identifiability import aliases
 from lab.frames import Array
-from lab.geometry.model import Model, is_angle
+from lab.geometry.model import Model, unit_of
 from lab.seeds import stream
 from lab.study.campaign import Outcome
 
@@ -80,11 +80,6 @@ def column_scale(model: Model, values: Array) -> Array:
     _, jacobian = model.observe(joints, model.structural(values))
     scale: Array = np.linalg.norm(jacobian.reshape(-1, len(model.names)), axis=0)
     return scale
-
-
-def unit_of(name: str) -> str:
-    """``m`` or ``rad``, by a parameter's name."""
-    return "rad" if is_angle(name) else "m"
 
 
 def outliers(outcome: Outcome) -> list[dict[str, Any]]:
