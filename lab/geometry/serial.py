@@ -113,8 +113,11 @@ class SerialArm:
 
     def joint_jacobian(self, joints: Array, values: Array) -> Array:
         """Derivatives of the targets with respect to the readings, ``(n, k, 3, joints)``."""
+        return self.by_joints(self.observe(joints, values)[1])
+
+    def by_joints(self, jacobian: Array) -> Array:
+        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
         moving = [self.names.index(f"link{i + 1}.{'d' if p else 'theta'}") for i, p in enumerate(self.chain.prismatic)]
-        _, jacobian = self.observe(joints, values)
         moved: Array = jacobian[..., moving] * self.chain.sign
         return moved
 

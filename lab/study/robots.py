@@ -1,15 +1,20 @@
 """A robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import lab
 from lab.errors import LabError
 from lab.frames import Array
+from lab.geometry.affected import AffectedArm, affected
 from lab.geometry.chain import Chain
+from lab.geometry.effects import effect
+from lab.geometry.loads import Loads
 from lab.geometry.serial import DEFAULT_TOOL, SerialArm
 from lab.geometry.table import read_table
+from lab.virtual.masses import loads_of
 from lab.virtual.robot import RobotModel, load_model
 
 
@@ -20,6 +25,7 @@ class Robot:
     Attributes:
         tool: the targets it has (m, in the last frame).
         model: its MuJoCo model; None for a robot given as a table.
+        loads: its masses, for what gravity does; None where the model has none.
         sha256: of the files that it was read from.
     """
 
@@ -29,10 +35,19 @@ class Robot:
     model: RobotModel | None
     sha256: str
     warnings: tuple[str, ...] = ()
+    loads: Loads | None = None
 
     def arm(self, targets: tuple[str, ...]) -> SerialArm:
         """The arm as equations, with these targets."""
         return SerialArm(self.chain, targets)
+
+    def arm_with(self, targets: tuple[str, ...], groups: Sequence[str]) -> SerialArm | AffectedArm:
+        """The arm with groups of effects (``geometry.effects``), by name.
+
+        Raises:
+            LabError: there is no such group, or no masses for it, or two do not go together.
+        """
+        return affected(self.arm(targets), [effect(name, self.chain, self.loads) for name in groups])
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
@@ -74,7 +89,16 @@ def load_robot(robot: str) -> Robot:
         table = read_table(path)
         return Robot(table.chain.name, table.chain, table.tool, None, _sha256(path), table.warnings)
     model = load_model(path)
-    return Robot(model.chain.name, model.chain, model.tool, model, _sha256(path), model.warnings)
+    loads = loads_of(model)
+    return Robot(
+        model.chain.name,
+        model.chain,
+        model.tool,
+        model,
+        _sha256(path),
+        model.warnings,
+        loads if loads.mass_kg.any() else None,
+    )
 
 
 def _sha256(path: Path) -> str:

@@ -1,0 +1,171 @@
+"""What is not geometry: named groups of parameters that move joints away from their readings.
+
+An effect is a plain function of readings, conditions and its own parameters, with its derivative;
+all its parameters are zero on the drawing. To add one, write such a function and an ``Effect``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.chain import Chain
+from lab.geometry.loads import Loads
+from lab.seeds import stream
+
+Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
+NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
+HOUR_S = 3600.0
+TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A group of parameters.
+
+    Attributes:
+        name: of the group, e.g. ``compliance``.
+        parameters: their names, e.g. ``joint2.compliance``; joints count from 1.
+        offsets: readings ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
+            joints stand from their readings ``(n, joints)`` (rad, m of a slide), and the derivatives
+            ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
+            the measured points p are shifted v, turned r and stretched s, as p + v + r x p + s p.
+        conditions: columns of ``Measurements.conditions`` that it asks for.
+        moves: the joints, or the frame in which points are measured.
+        typical: values at which the rank is decided, where the drawing's zeros would hide a parameter.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    offsets: Offsets
+    conditions: tuple[str, ...] = ()
+    moves: Literal["joints", "frame"] = "joints"
+    typical: tuple[float, ...] = ()
+
+
+def gear(chain: Chain) -> Effect:
+    """Gear ratios that are off: joint i stands at (1 + e_i) q_i."""
+    names = tuple(f"joint{i + 1}.gear" for i in range(chain.size))
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, chain.size))
+        derivative[:, range(chain.size), range(chain.size)] = joints
+        return joints * values, derivative
+
+    return Effect("gear", names, offsets)
+
+
+def harmonics(chain: Chain, order: int = 1) -> Effect:
+    """Runout of gear or encoder: joint i stands at q_i + s_i sin(k q_i) + c_i cos(k q_i), k the order."""
+    turning = _turning(chain)
+    names = tuple(f"joint{i + 1}.{wave}{order}" for i in turning for wave in ("sin", "cos"))
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, len(names)))
+        for k, i in enumerate(turning):
+            derivative[:, i, 2 * k] = np.sin(order * joints[:, i])
+            derivative[:, i, 2 * k + 1] = np.cos(order * joints[:, i])
+        return derivative @ values, derivative
+
+    return Effect("harmonics" if order == 1 else f"harmonics{order}", names, offsets)
+
+
+def coupling(chain: Chain) -> Effect:
+    """Axes that their neighbours drag along: joint i stands at q_i + k_ij q_j, and the last one also by j = i - 2."""
+    pairs = [(i, i - 1) for i in range(1, chain.size)] + [(i, i - 2) for i in range(chain.size - 1, 1, -chain.size)]
+    turning = _turning(chain)
+    pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
+    names = tuple(f"joint{i + 1}.coupling{j + 1}" for i, j in pairs)
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, len(pairs)))
+        for k, (i, j) in enumerate(pairs):
+            derivative[:, i, k] = joints[:, j]
+        return derivative @ values, derivative
+
+    return Effect("coupling", names, offsets)
+
+
+def backlash(chain: Chain) -> Effect:
+    """Play of full width b_i: joint i stands at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
+    names = tuple(f"joint{i + 1}.backlash" for i in range(chain.size))
+
+    def offsets(joints: Array, approach: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, chain.size))
+        derivative[:, range(chain.size), range(chain.size)] = approach / 2
+        return approach * values / 2, derivative
+
+    return Effect("backlash", names, offsets, tuple(f"approach_{name}" for name in chain.joint_names))
+
+
+def compliance(loads: Loads, payload: bool = False) -> Effect:
+    """Joints that give way to gravity: joint i stands at q_i + c_i g_i(q + offset), by the drawing's masses.
+
+    The equilibrium is solved by Newton's method, with c the compliances (rad/Nm) of the joints that
+    bear the arm's weight and g their torques (``Loads``). With ``payload``, an unknown mass at the
+    last frame's origin is fitted too, beside the rows' own ``payload_kg``.
+    """
+    bearing = loads.bearing(stream(0, "structure"))
+    names = tuple(f"joint{i + 1}.compliance" for i in bearing) + (("payload.mass",) if payload else ())
+
+    def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
+        soft = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
+        soft[list(bearing)] = values[: len(bearing)]
+        mass = conditions[:, 0] + (values[-1] if payload else 0.0)
+        offset: Array = np.zeros_like(joints, dtype=soft.dtype)
+        for _ in range(NEWTON_STEPS):
+            force, rate = loads.forces(joints + offset, mass)
+            equations = np.eye(len(soft)) - soft[:, None] * rate
+            step: Array = np.linalg.solve(equations, (soft * force - offset)[..., None])
+            offset = offset + step[..., 0]
+        pushed = np.zeros((*joints.shape, len(names)), dtype=soft.dtype)
+        for k, i in enumerate(bearing):
+            pushed[:, i, k] = force[:, i]
+        if payload:
+            pushed[..., -1] = soft * (loads.forces(joints + offset, mass + 1.0)[0] - force)
+        rate_of: Array = np.linalg.solve(equations, pushed)
+        return offset, rate_of
+
+    if payload:
+        return Effect("payload", names, offsets, ("payload_kg",), typical=(*[TYPICAL_COMPLIANCE] * len(bearing), 0.0))
+    return Effect("compliance", names, offsets, ("payload_kg",))
+
+
+def drift() -> Effect:
+    """A tracker that creeps, or a frame that grows: what is measured moves in proportion to time."""
+    names = tuple(f"drift.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz", "scale"))
+
+    def offsets(_: Array, time_s: Array, values: Array) -> tuple[Array, Array]:
+        hours = time_s / HOUR_S  # (n, 1)
+        return hours * values, hours[:, :, None] * np.eye(7)
+
+    return Effect("drift", names, offsets, ("time_s",), "frame")
+
+
+GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift")
+
+
+def effect(name: str, chain: Chain, loads: Loads | None) -> Effect:
+    """The group of that name for an arm; a LabError where there is none, or no masses for it."""
+    if name not in GROUPS:
+        raise LabError(f"--model {name}: no such group; there are {', '.join(GROUPS)}")
+    if name in ("compliance", "payload"):
+        if loads is None:
+            raise LabError(f"--model {name}: robot {chain.name} is a table without masses; give it as MJCF or URDF")
+        return compliance(loads, payload=name == "payload")
+    made: dict[str, Callable[[], Effect]] = {
+        "harmonics": lambda: harmonics(chain),
+        "harmonics2": lambda: harmonics(chain, 2),
+        "gear": lambda: gear(chain),
+        "coupling": lambda: coupling(chain),
+        "backlash": lambda: backlash(chain),
+        "drift": drift,
+    }
+    return made[name]()
+
+
+def _turning(chain: Chain) -> tuple[int, ...]:
+    return tuple(i for i in range(chain.size) if not chain.prismatic[i])
