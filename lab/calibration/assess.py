@@ -180,8 +180,9 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
     """Errors of the fitted parameters, in units and in standard deviations."""
     model, free = identification.model, list(identification.fit.free)
     turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
-    difference = identification.values - truth.values
-    estimate, true = (frames.exp(values[turning]) for values in (identification.values, truth.values))
+    truly = truth.of(model.names)
+    difference = identification.values - truly
+    estimate, true = (frames.exp(values[turning]) for values in (identification.values, truly))
     difference[turning] = frames.log(true.T @ estimate)
     error = difference[free]
     tangent = np.eye(len(model.names))

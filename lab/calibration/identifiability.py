@@ -1,5 +1,6 @@
 """What can be identified, in words: the base set, aliases, and how many poses it takes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ from lab.geometry.model import Model
 from lab.seeds import stream
 
 ALIAS_FLOOR = 1e-9  # coefficients below this share of their row are rounding
+WEAK_CONDITION = 100.0  # directions with less than this part of the largest singular value are weak
+MEMBER = 0.1  # the least share of a direction that names a parameter
 
 
 @dataclass(frozen=True)
@@ -21,6 +24,43 @@ class Alias:
 
     name: str
     into: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Parameters that together hardly move any observation.
+
+    Attributes:
+        singular_value: of the Jacobian with unit columns, beside the largest.
+        parts: (name, change) in SI units, so that the largest unit column moves by one; strongest first.
+    """
+
+    singular_value: float
+    parts: tuple[tuple[str, float], ...]
+
+
+def weak_directions(names: Sequence[str], jacobian: Array, below: float = WEAK_CONDITION) -> tuple[Direction, ...]:
+    """The directions that a Jacobian ``(rows, f)`` of the parameters ``names`` nearly does not see, weakest first."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    _, sizes, vt = np.linalg.svd(np.linalg.qr(jacobian / np.where(scale > 0, scale, 1.0), mode="r"))
+    found = []
+    for size, row in zip(sizes[::-1], vt[::-1], strict=True):
+        if size * below >= sizes[0]:
+            break
+        order = [int(i) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= MEMBER]
+        largest = row[order[0]]
+        parts = tuple((names[i], float(row[i] / largest * scale[order[0]] / scale[i])) for i in order)
+        found.append(Direction(float(size / sizes[0]), parts))
+    return tuple(found)
+
+
+def condition_of(model: Model, values: Array, settings: Array) -> float:
+    """Condition of the base set's Jacobian with unit columns at these settings: infinite where it is short of rank."""
+    structure = base_set(model, values)
+    _, jacobian = model.observe(settings, model.structural(values))
+    rows = jacobian.reshape(-1, len(model.names))[:, list(structure.kept)]
+    sizes = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), compute_uv=False)
+    return float(sizes[0] / sizes[-1]) if sizes[-1] > 1e-12 * sizes[0] else float("inf")
 
 
 def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:

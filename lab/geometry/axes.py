@@ -5,7 +5,8 @@ The axes at zero readings, with the targets, say all there is to know of a rigid
 vector of the canonical gauge, near the drawing, that a perturbed arm has.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -40,11 +41,18 @@ class Truth:
     """The parameters of a virtual arm in the canonical gauge, which only the assessment reads.
 
     ``values`` belong to ``arm.names``; those outside ``base_set`` are at their nominal values.
+    ``effects`` are the parameters of what is not geometry, by name; those not named are zero.
     """
 
     arm: SerialArm
     values: Array
     base_set: BaseSet
+    effects: Mapping[str, float] = field(default_factory=dict)
+
+    def of(self, names: Sequence[str]) -> Array:
+        """The true values of these parameters."""
+        known = {**self.effects, **dict(zip(self.arm.names, self.values.tolist(), strict=True))}
+        return np.array([known.get(name, 0.0) for name in names])
 
 
 def chain_from_axes(

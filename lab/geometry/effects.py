@@ -112,21 +112,21 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
     names = tuple(f"joint{i + 1}.compliance" for i in bearing) + (("payload.mass",) if payload else ())
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
-        soft = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
+        soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
         soft[list(bearing)] = values[: len(bearing)]
         mass = conditions[:, 0] + (values[-1] if payload else 0.0)
         offset: Array = np.zeros_like(joints, dtype=soft.dtype)
         for _ in range(NEWTON_STEPS):
             force, rate = loads.forces(joints + offset, mass)
-            equations = np.eye(len(soft)) - soft[:, None] * rate
-            step: Array = np.linalg.solve(equations, (soft * force - offset)[..., None])
+            equations: Array = np.eye(len(soft)) - soft[:, None] * rate
+            step: Array = np.asarray(np.linalg.solve(equations, (soft * force - offset)[..., None]), dtype=soft.dtype)
             offset = offset + step[..., 0]
         pushed = np.zeros((*joints.shape, len(names)), dtype=soft.dtype)
         for k, i in enumerate(bearing):
             pushed[:, i, k] = force[:, i]
         if payload:
             pushed[..., -1] = soft * (loads.forces(joints + offset, mass + 1.0)[0] - force)
-        rate_of: Array = np.linalg.solve(equations, pushed)
+        rate_of: Array = np.asarray(np.linalg.solve(equations, pushed), dtype=soft.dtype)
         return offset, rate_of
 
     if payload:
