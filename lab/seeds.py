@@ -10,7 +10,22 @@ from zlib import crc32
 import numpy as np
 
 Purpose = Literal[
-    "arm", "tracker", "poses", "noise", "fresh", "split", "structure", "candidates", "design", "promise", "tour"
+    "arm",
+    "tracker",
+    "poses",
+    "noise",
+    "fresh",
+    "split",
+    "structure",
+    "candidates",
+    "design",
+    "promise",
+    "tour",
+    "effects",
+    "conditions",
+    "touched",
+    "places",
+    "null",
 ]
 
 

@@ -11,9 +11,9 @@ from lab.errors import LabError
 from lab.geometry.serial import SerialArm
 from lab.instruments import INSTRUMENTS, instrument
 from lab.seeds import stream
-from lab.study.campaign import perturbed_arm
 from lab.study.options import VirtualCampaign
 from lab.study.robots import load_robot
+from lab.study.virtual_arm import perturbed_arm
 from lab.virtual.feasible import collides, random_poses
 from lab.virtual.placement import calibrated_mjcf
 from lab.virtual.real import Perturbation, perturbed_bodies, random_perturbation, random_tracker, real_arm, track

@@ -67,6 +67,14 @@ class Chain:
         """The same joints with other link parameters ``(n, 5)``."""
         return replace(self, table=np.array(table, dtype=np.float64))
 
+    def first(self, size: int) -> "Chain":
+        """The chain cut off after so many joints; every link keeps its beta."""
+        cut = slice(0, size)
+        return Chain(
+            self.name, self.convention, self.joint_names[cut], self.prismatic[cut], self.table[cut],
+            self.sign[cut], self.lower[cut], self.upper[cut], self.speed[cut], (True,) * size,
+        )  # fmt: skip
+
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Readings ``(count, n)`` uniform within the limits."""
         return rng.uniform(self.lower, self.upper, (count, self.size))

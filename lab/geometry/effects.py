@@ -75,8 +75,8 @@ def harmonics(chain: Chain, order: int = 1) -> Effect:
 
 def coupling(chain: Chain) -> Effect:
     """Axes that their neighbours drag along: joint i stands at q_i + k_ij q_j, and the last one also by j = i - 2."""
-    pairs = [(i, i - 1) for i in range(1, chain.size)] + [(i, i - 2) for i in range(chain.size - 1, 1, -chain.size)]
-    turning = _turning(chain)
+    last, turning = chain.size - 1, _turning(chain)
+    pairs = [*((i, i - 1) for i in range(1, chain.size)), (last, last - 2)]
     pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
     names = tuple(f"joint{i + 1}.coupling{j + 1}" for i, j in pairs)
 

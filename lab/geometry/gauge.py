@@ -45,6 +45,7 @@ def base_set(
     *,
     fix: Sequence[str] = (),
     free: Sequence[str] = (),
+    known: Array | None = None,
 ) -> BaseSet:
     """The identifiable parameters at ``values``, from ``settings`` or 200 random ones in the limits.
 
@@ -54,6 +55,7 @@ def base_set(
     Args:
         fix: parameters to hold at nominal, names or patterns (``tool.*``).
         free: parameters to keep that would be fixed, in the place of fixed ones.
+        known: ``(r, p)`` derivatives of what is known beside the measurements, in m.
 
     Raises:
         LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
@@ -62,6 +64,8 @@ def base_set(
         settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
     _, jacobian = model.observe(settings, model.structural(values))
     flat, order = jacobian.reshape(-1, len(model.names)), model.preferred()
+    if known is not None:
+        flat = np.concatenate([flat, known])
     if not (fix or free):
         return base_set_of(flat, order)
     return _as_wished(model, base_set_of(flat, order), flat, named(model, "--fix", fix), named(model, "--free", free))
@@ -115,6 +119,7 @@ def _with_aliases(triangle: Array, kept: tuple[int, ...]) -> BaseSet:
     scale = np.where(norms > 0, norms, 1.0)
     scaled = triangle / scale
     alias = np.linalg.lstsq(scaled[:, kept], scaled[:, fixed], rcond=None)[0]
+    alias[:, norms[list(fixed)] < INDEPENDENT] = 0.0  # of what moves nothing, rounding
     return BaseSet(kept, fixed, alias * scale[list(fixed)] / scale[list(kept)][:, None])
 
 

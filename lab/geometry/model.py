@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.frames import Array
 
-_UNITS = dict.fromkeys(("x", "y", "z", "d", "a"), "m")
+_UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset"), "m")
 _UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta"), "rad")
 
 

@@ -131,6 +131,11 @@ class SerialArm:
         poses[:, 3, 3] = 1
         return poses
 
+    def frame(self, joints: Array, values: Array, size: int) -> Array:
+        """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at readings ``(n, joints)``."""
+        part = SerialArm(self.chain.with_table(self.split(values)[1]).first(size))
+        return part.flange(joints[:, :size], part.nominal())
+
     def motions(self, values: Array) -> list[Motion]:
         """The chain's elementary motions with every joint reading zero, base first."""
         return self._walk(np.zeros((1, self.chain.size)), values)[0]

@@ -1,23 +1,17 @@
 """The masses of a MuJoCo model, as the equations of gravity need them."""
 
-from dataclasses import replace
-
-import mujoco
 import numpy as np
 
 from lab import frames
-from lab.frames import Array
-from lab.geometry.chain import Chain
 from lab.geometry.loads import Loads
 from lab.geometry.serial import SerialArm
-from lab.virtual.robot import RobotModel
+from lab.virtual.robot import RobotModel, at_zero
 
 
 def loads_of(robot: RobotModel) -> Loads:
     """What turns with each joint of the drawing: its body and all that is welded to it, later joints' aside."""
     model, chain = robot.model, robot.chain
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
+    data = at_zero(model)
     jointed = [int(model.body(name).id) for name in robot.bodies]
     mass, moment = np.zeros(chain.size), np.zeros((chain.size, 3))
     for body in range(1, model.nbody):
@@ -29,24 +23,13 @@ def loads_of(robot: RobotModel) -> Loads:
             mass[link] += model.body_mass[body]
             moment[link] += model.body_mass[body] * data.xipos[body]
     centre = moment / np.maximum(mass, 1e-300)[:, None]
+    arm, zero = SerialArm(chain), np.zeros((1, chain.size))
+    links = [arm.frame(zero, arm.nominal(), size)[0] for size in range(1, chain.size + 1)]
     placed = [
         frames.transform(frames.inverse(robot.T_world_frame0 @ T_frame0_link), centre[i : i + 1])[0]
         if mass[i]
         else np.zeros(3)
-        for i, T_frame0_link in enumerate(_link_frames(chain))
+        for i, T_frame0_link in enumerate(links)
     ]
     gravity = robot.T_world_frame0[:3, :3].T @ model.opt.gravity
     return Loads(chain, mass, np.array(placed), gravity)
-
-
-def _link_frames(chain: Chain) -> list[Array]:
-    """Poses ``(4, 4)`` of the table's frames 1 to n in frame 0, readings zero."""
-    poses = []
-    for n in range(1, chain.size + 1):
-        part = {
-            name: getattr(chain, name)[:n]
-            for name in ("joint_names", "prismatic", "table", "sign", "lower", "upper", "speed", "parallel")
-        }
-        arm = SerialArm(replace(chain, **part))
-        poses.append(arm.flange(np.zeros((1, n)), arm.nominal())[0])
-    return poses

@@ -1,11 +1,12 @@
 """The "real" robot: a copy of the model whose bodies are a little off, and what a tracker sees of it."""
 
 import copy
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from lab import frames
 from lab.errors import LabError
@@ -14,6 +15,8 @@ from lab.geometry.axes import JointAxes, Truth, parameters_from_axes
 from lab.geometry.serial import SerialArm
 from lab.instruments import Instrument
 from lab.measurements import Measurements, measured
+from lab.virtual.effects import NOTHING_SET, Effects, condition
+from lab.virtual.flexible import FlexibleArm
 from lab.virtual.placement import place_bodies, place_tracker
 from lab.virtual.robot import RobotModel, joint_axes
 
@@ -74,29 +77,74 @@ class RealArm:
     Attributes:
         model: with the bodies and the tracker where they really are.
         T_world_tracker: pose ``(4, 4)`` of the tracker's frame.
-        joint_offset: ``(n,)``.
+        joint_offset: ``(n,)`` rad or m.
+        effects: what adds to the geometry.
     """
 
     robot: RobotModel
     model: mujoco.MjModel
     T_world_tracker: Array
     joint_offset: Array
+    effects: Effects
 
-    def points(self, joints: Array, targets: Sequence[str]) -> Array:
-        """Exact positions ``(n, k, 3)`` of the targets in the tracker's frame, at readings ``(n, joints)``."""
+    def with_effects(self, effects: Effects) -> "RealArm":
+        """The same arm and tracker with these effects alone.
+
+        Raises:
+            LabError: they are of an arm with other joints.
+        """
+        chain = self.robot.chain
+        if len(effects.gear) != chain.size:
+            raise LabError(f"effects of {len(effects.gear)} joints: robot {chain.name} has {chain.size}")
+        slides = list(chain.prismatic)
+        if effects.harmonics_rad[slides].any() or effects.bending_rad_per_nm[slides].any():
+            raise LabError(f"robot {chain.name}: a slide has no harmonics_rad and no bending_rad_per_nm; give it zeros")
+        return replace(self, effects=effects)
+
+    def points(
+        self,
+        joints: Array,
+        targets: Sequence[str],
+        conditions: Mapping[str, Array] = NOTHING_SET,
+        scatter: Array | float = 0.0,
+    ) -> Array:
+        """Exact positions ``(m, k, 3)`` m of the targets in the tracker's frame, at readings ``(m, n)``.
+
+        All effects that are the same at every visit are in it: motors, then loads, growth, and the tracker's drift.
+
+        Args:
+            conditions: ``payload_kg``, ``approach_<joint>`` (+1 or -1) and ``time_s``, ``(m,)`` each; where missing
+                there is no payload, no approach, no time gone by.
+            scatter: ``(m, n)`` rad or m, how far the joints stand off by chance.
+        """
+        poses, sites = len(joints), [self.model.site(name).id for name in targets]
+        names = [f"approach_{name}" for name in self.robot.chain.joint_names]
+        approach = np.stack([condition(conditions, name, poses) for name in names], axis=1)
+        time_s = condition(conditions, "time_s", poses)
+        driven = self.effects.driven(joints, approach) + self.joint_offset + scatter
+        world = self._stand(driven, sites, condition(conditions, "payload_kg", poses))
+        world = self.effects.grown(world, self.robot.T_world_frame0[:3, 3], time_s)
+        first = frames.transform(frames.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
+        return self.effects.drifted(first, time_s)
+
+    def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
+        """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
+        if self.effects.yielding:
+            arm = FlexibleArm(self.model, self.robot)
+            compliance, bending = self.effects.compliance_rad_per_nm, self.effects.bending_rad_per_nm
+            return arm.positions(arm.settled(driven, compliance, bending, payload_kg), sites)
         data = mujoco.MjData(self.model)
-        sites = [self.model.site(name).id for name in targets]
-        stands = np.zeros((len(joints), self.model.nq))
-        stands[:, self._addresses()] = joints + self.joint_offset
-        world = np.empty((len(joints), len(sites), 3))
+        stands = np.zeros((len(driven), self.model.nq))
+        stands[:, self._addresses()] = driven
+        world = np.empty((len(driven), len(sites), 3))
         for i, qpos in enumerate(stands):
             data.qpos[:] = qpos
             mujoco.mj_kinematics(self.model, data)
             world[i] = data.site_xpos[sites]
-        return frames.transform(frames.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
+        return world
 
     def truth(self, arm: SerialArm) -> Truth:
-        """The canonical parameters, read off the joint axes."""
+        """The canonical parameters of the geometry, without effects, read off the joint axes."""
         data = mujoco.MjData(self.model)
         data.qpos[self._addresses()] = self.joint_offset
         mujoco.mj_kinematics(self.model, data)
@@ -154,13 +202,34 @@ def track(
     instrument: Instrument,
     rng: np.random.Generator,
     readings: int = 1,
+    conditions: Mapping[str, Array] = NOTHING_SET,
 ) -> Measurements:
-    """What the tracker reads at these joint readings: each point the mean of some readings."""
-    exact = real.points(joints, targets)
-    return measured(real.robot.chain.joint_names, joints, targets, instrument.sample(exact, rng, readings))
+    """What the tracker reads where these joint readings settle: each point the mean of some readings."""
+    return track_knowing(real, joints, targets, instrument, rng, readings, conditions)[0]
+
+
+def track_knowing(
+    real: RealArm,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int = 1,
+    conditions: Mapping[str, Array] = NOTHING_SET,
+) -> tuple[Measurements, NDArray[np.bool_]]:
+    """The same, and ``(m,)`` which poses' readings are bad, for the assessment alone.
+
+    Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
+    """
+    effects, (scattering, failing) = real.effects, rng.spawn(2)
+    exact = real.points(joints, targets, conditions, effects.scatter(len(joints), scattering))
+    displaced, bad = effects.displacements(len(joints), failing)
+    points = instrument.sample(exact, rng, readings) + displaced[:, None]
+    data = measured(real.robot.chain.joint_names, effects.shown(joints), targets, points)
+    return replace(data, conditions=dict(conditions)), bad
 
 
 def _before_tracker(robot: RobotModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealArm:
     place_tracker(model, robot, T_world_tracker)
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    return RealArm(robot, model, T_world_tracker, offset)
+    return RealArm(robot, model, T_world_tracker, offset, Effects.none(robot.chain.size))
