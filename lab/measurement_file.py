@@ -25,6 +25,7 @@ _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("location", "socket")
 _ORIENTATION = ("qw", "qx", "qy", "qz", "rx_deg", "ry_deg", "rz_deg")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
+POINTS_OBSERVED = ("points", "pose")  # kinds of sighting that take the measured points
 _LEAST_SIGMA_M = 1e-12
 
 
@@ -65,26 +66,34 @@ def _decimal(value: float, exponent: int) -> str:
 
 
 def read_measurements(
-    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], *, points: bool = True
+    path: Path,
+    joint_names: Sequence[str],
+    prismatic: Sequence[bool],
+    *,
+    points: bool = True,
+    observe: str = "points",
 ) -> Measurements:
     """Read a measurement file, or a plan (``points=False``: the points may be missing).
 
     Args:
         joint_names: the robot's; the file may call them q1…qn instead.
         prismatic: which of them slide: their columns are lengths.
+        observe: ``points``, ``pose`` (which keeps orientations as texts for ``orientations``), or another kind,
+            for which points are not needed and are ignored.
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    return _Reader(path, list(joint_names), list(prismatic)).read(points)
+    reader = _Reader(path, list(joint_names), list(prismatic), observe)
+    return reader.read(points and observe in POINTS_OBSERVED)
 
 
 class _Reader(CsvTable):
     """A measurement file being read: what its columns mean."""
 
-    def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool]) -> None:
+    def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool], observe: str) -> None:
         super().__init__(path)
-        self.joint_names, self.prismatic = joint_names, prismatic
+        self.joint_names, self.prismatic, self.observe = joint_names, prismatic, observe
         self.warnings: list[str] = []
 
     def read(self, need_points: bool) -> Measurements:
@@ -252,10 +261,11 @@ class _Reader(CsvTable):
                 orientation.append(column)
             elif column not in _OTHER_RESERVED:
                 unknown.append(column)
-        if orientation:
-            self.warnings.append(
-                f"{self.path}: orientation columns {', '.join(orientation)} are ignored: positions are fitted"
-            )
+        if orientation and self.observe != "pose":
+            fitted = "positions are fitted" if self.observe == "points" else f"--observe {self.observe}"
+            self.warnings.append(f"{self.path}: orientation columns {', '.join(orientation)} are ignored: {fitted}")
+        if targets and self.observe not in POINTS_OBSERVED:
+            self.warnings.append(f"{self.path}: points {', '.join(targets)} are ignored: --observe {self.observe}")
         if unknown:
             self.warnings.append(
                 f"{self.path}: columns {', '.join(unknown)} have no meaning here and are kept as they are"

@@ -8,10 +8,11 @@ from lab.calibration.assess import (
     Errors,
     Judgement,
     configurations,
+    hold_out,
     judge_file,
     judge_folds,
-    judge_holdout,
-    split_by_configuration,
+    judge_rows,
+    split_by_label,
     verdict,
 )
 from lab.calibration.identify import identify
@@ -47,25 +48,21 @@ def test_repeats_are_never_split() -> None:
     joints = np.repeat(rng.normal(size=(40, 6)), rng.integers(1, 6, 40), axis=0)
     joints += 1e-4 * rng.normal(size=joints.shape)
     for seed in range(20):
-        fit_rows, test_rows = split_by_configuration(joints, 0.3, seed)
-        assert sorted([*fit_rows, *test_rows]) == list(range(len(joints)))
         labels = configurations(joints)
+        fit_rows, test_rows = split_by_label(labels, 0.3, seed)
+        assert sorted([*fit_rows, *test_rows]) == list(range(len(joints)))
         assert not set(labels[fit_rows]) & set(labels[test_rows])
         assert len(test_rows) / len(joints) == pytest.approx(0.3, abs=0.06)
 
 
 def test_held_out_poses_are_not_fitted() -> None:
     data, _ = campaign(60, 1)
-    seen = []
-
-    def spy(part: Measurements):
-        seen.append(part)
-        return fitted(part)
-
-    _, judgement = judge_holdout(spy, data, 0.3, 0)
+    rows, test = hold_out(ARM, data, 0.3, 0)
+    assert len(rows) == 42 and not set(rows.ids) & set(test.ids)
+    judgement = judge_rows(fitted(rows), test)
     assert judgement.judged_by == "holdout" and judgement.errors is not None
-    assert len(seen[0]) == 42 and judgement.errors.after.shape == (18, 1)
-    other = judge_holdout(fitted, data, 0.3, 1)[1].errors
+    assert judgement.errors.after.shape == (18, 1)
+    other = judge_rows(fitted(rows), hold_out(ARM, data, 0.3, 1)[1]).errors
     assert other is not None and not np.array_equal(other.after, judgement.errors.after)
 
 

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from lab import frames
 from lab.calibration.identify import Identification
 from lab.calibration.locate import columns_of, locate
+from lab.calibration.sightings import sighting_of
 from lab.calibration.solver import Observations, fit
 from lab.errors import LabError
 from lab.frames import Array
@@ -77,65 +78,73 @@ class TruthComparison:
     coverage_95: float
 
 
-def errors_at(identification: Identification, joints: Array, points: Array) -> Errors:
-    """Errors of the identified and the nominal arm at ``joints``, where the targets are at ``points`` (n, k, 3)."""
-    model = identification.model
-    before, after = (
-        np.linalg.norm(model.points(joints, v) - points, axis=2) for v in (identification.before, identification.values)
-    )
+def errors_at(identification: Identification, settings: Array, points: Array) -> Errors:
+    """Errors of the identified and the nominal arm at ``settings``, where the targets are at ``points`` (n, k, 3)."""
+    model, both = identification.model, (identification.before, identification.values)
+    before, after = (np.linalg.norm(model.points(settings, v) - points, axis=2) for v in both)
     return Errors(before, after)
 
 
-def configurations(joints: Array) -> Array:
+def errors_of(identification: Identification, test: Measurements) -> Errors:
+    """Errors at rows that were not fitted, as their kind of sighting counts them."""
+    sight = sighting_of(identification.model)
+    return Errors(sight.errors(test, identification.before), sight.errors(test, identification.values))
+
+
+def configurations(joints: Array) -> Rows:
     """``(n,)`` labels: rows within 0.01 rad of each other in every joint share one, transitively."""
     pairs = cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
-    labels: Array = connected_components(links, directed=False)[1]
+    labels: Rows = connected_components(links, directed=False)[1].astype(np.int_)
     return labels
 
 
-def split_by_configuration(joints: Array, share: float, seed: int) -> tuple[Rows, Rows]:
-    """Rows to fit and rows to hold out: whole configurations, at random, until the share is reached."""
-    labels = configurations(joints)
+def kept_together(model: Model, data: Measurements) -> Rows:
+    """``(n,)`` labels of rows that are fitted or held out as one: of a place, or repeats of a configuration."""
+    labels = sighting_of(model).held_together(data)
+    return configurations(data.joints) if labels is None else labels
+
+
+def split_by_label(labels: Rows, share: float, seed: int) -> tuple[Rows, Rows]:
+    """Rows to fit and rows to hold out: all rows of a label, labels at random, until the share is reached."""
     order = stream(seed, "split").permutation(labels.max() + 1)
     sizes = np.bincount(labels)[order]
-    held = order[np.cumsum(sizes) - sizes < share * len(joints) - 0.5]
+    held = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
     test = np.isin(labels, held)
     return np.flatnonzero(~test), np.flatnonzero(test)
 
 
-def judge_holdout(identify: Identify, data: Measurements, share: float, seed: int) -> tuple[Identification, Judgement]:
-    """Fit some configurations, judge on the others; what is delivered comes from those fitted."""
+def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements]:
+    """The rows to fit, and those to judge by."""
     if not 0 < share < 1:
         raise LabError(f"--holdout {share:g}: give a share between 0 and 1, e.g. 0.3")
-    fitted, held = split_by_configuration(data.joints, share, seed)
+    fitted, held = split_by_label(kept_together(model, data), share, seed)
     if not len(held) or not len(fitted):
         raise LabError(f"--holdout {share:g}: {len(data)} poses leave nothing to fit or to judge; change the share")
-    identification = identify(data.take(fitted))
-    test = data.take(held)
-    return identification, Judgement("holdout", errors_at(identification, test.joints, test.points))
+    return data.take(fitted), data.take(held)
 
 
 def judge_rows(identification: Identification, test: Measurements) -> Judgement:
-    """Judge on rows that the file itself keeps for this (``use`` = ``test``)."""
-    return Judgement("holdout", errors_at(identification, test.joints, test.points))
+    """Judge on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
+    return Judgement("holdout", errors_of(identification, test))
 
 
 def judge_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Judgement:
-    """Five-fold cross-validation by configuration; by nothing where a fold would leave too little to fit."""
-    labels = configurations(data.joints)
+    """Five-fold cross-validation by configuration or place; by nothing where a fold would leave too little to fit."""
+    labels, numbers = kept_together(identification.model, data), data.points.shape[2]
     order = stream(seed, "split").permutation(labels.max() + 1)
     fold_of = np.empty(len(order), dtype=np.int_)
     fold_of[order] = np.arange(len(order)) % FOLDS
     rows = fold_of[labels]
     kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
-    enough = all(3 * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(FOLDS))
+    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(FOLDS))
     if len(order) < FOLDS or not enough:
         per_pose = points.mean()
-        wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (3 * per_pose) * FOLDS / (FOLDS - 1)))
+        wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
         why = f"too few poses to hold any out: not judged on fresh poses, which takes about {wanted}"
         return Judgement(None, None, (why,))
-    before, after = np.full(data.seen.shape, np.nan), np.full(data.seen.shape, np.nan)
+    shape = errors_of(identification, data).after.shape
+    before, after = np.full(shape, np.nan), np.full(shape, np.nan)
     for fold in range(FOLDS):
         test = np.flatnonzero(rows == fold)
         part = identify(data.take(np.flatnonzero(rows != fold)))
@@ -145,7 +154,7 @@ def judge_folds(identify: Identify, identification: Identification, data: Measur
             return Judgement(
                 None, None, ("without a fold, the other poses do not tell all parameters apart: not judged",)
             )
-        errors = errors_at(part, data.joints[test], data.points[test])
+        errors = errors_of(part, data.take(test))
         errors.before[:, blind] = errors.after[:, blind] = np.nan  # targets that only this fold's poses saw
         before[test], after[test] = errors.before, errors.after
     return Judgement("cross-validation", Errors(before, after))
@@ -167,12 +176,12 @@ def judge_file(identification: Identification, model: Model, data: Measurements,
     for session in dict.fromkeys(data.sessions):
         part = data.take([i for i, s in enumerate(data.sessions) if s == session])
         reference, test = _reference_and_test(part, refit)
-        joints, points = part.joints[test], part.points[test]
+        settings, points = part.settings(model.conditions)[test], part.points[test]
         for values, out in ((identification.before, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
             if refit:
                 moved = _placed(model, part.take(reference), moved, refit, session)
-            out.append(np.linalg.norm(model.points(joints, moved) - points, axis=2))
+            out.append(np.linalg.norm(model.points(settings, moved) - points, axis=2))
     return Judgement("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused))
 
 
@@ -250,7 +259,8 @@ def _transfer(source: Model, target: Model, values: Array) -> Array:
 
 
 def _placed(model: Model, reference: Measurements, values: Array, refit: Sequence[str], session: str) -> Array:
-    seen = Observations.unweighted(reference)
+    ones = np.ones(reference.points.shape[:2])
+    seen = Observations(reference.settings(model.conditions), reference.points, ones)
     free = columns_of(model, refit)
     moved = locate(model, seen, values, refit)
     solution = fit(model, seen, free, moved)

@@ -32,10 +32,12 @@ class Direction:
 
     Attributes:
         singular_value: of the Jacobian with unit columns, beside the largest.
-        parts: (name, change) in SI units, so that the largest unit column moves by one; strongest first.
+        moved: root mean square change of an observed number (m of positions) by ``parts``.
+        parts: (name, change) in SI units, the strongest first and by 1e-3.
     """
 
     singular_value: float
+    moved: float
     parts: tuple[tuple[str, float], ...]
 
 
@@ -48,9 +50,10 @@ def weak_directions(names: Sequence[str], jacobian: Array, below: float = WEAK_C
         if size * below >= sizes[0]:
             break
         order = [int(i) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= MEMBER]
-        largest = row[order[0]]
-        parts = tuple((names[i], float(row[i] / largest * scale[order[0]] / scale[i])) for i in order)
-        found.append(Direction(float(size / sizes[0]), parts))
+        change = row / scale
+        unit = 1e-3 / change[order[0]]
+        parts = tuple((names[i], float(unit * change[i])) for i in order)
+        found.append(Direction(float(size / sizes[0]), float(abs(unit) * size / np.sqrt(len(jacobian))), parts))
     return tuple(found)
 
 

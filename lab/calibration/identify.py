@@ -3,6 +3,7 @@
 It sees an arm only through ``Model``: joints and parameters in, points and derivatives out.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from lab.calibration.identifiability import poses_needed
 from lab.calibration.locate import columns_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.sightings import Sighting, sighting_of
-from lab.calibration.solver import Fit, Further, Observations, Status, fit, whitening
+from lab.calibration.solver import Fit, Further, Observations, Status, fit, typical_weight, whitening
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet, base_set, independent_columns
@@ -22,6 +23,7 @@ from lab.instruments import Instrument
 from lab.measurements import Measurements, seen_mask
 from lab.seeds import stream
 
+Solve = Callable[[Sighting, Observations, Sequence[int], Array], Fit]
 BARELY_TOLD_APART = 1e3  # a condition above which poses hardly tell the parameters apart
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the drawing in the same poses
@@ -47,11 +49,13 @@ class Wishes:
     Attributes:
         fix, free: names or patterns of parameters to hold at nominal, or to keep though usually fixed.
         tolerance: of manufacture, as a prior (MAP); None for none.
+        solve: another way to fit the free parameters than all at once (``sequential``); None for that.
     """
 
     fix: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
     tolerance: Tolerance | None = None
+    solve: Solve | None = None
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,9 @@ def locate_before(sight: Sighting, seen: Observations, nominal: Array) -> Array:
     start = sight.located(seen, nominal)
     held = [column for i, column in enumerate(placing) if i not in free]
     start[held] = nominal[held]
-    return fit(model, seen, [placing[i] for i in free], start, tolerance_m=1e-7, further=sight.further).values
+    return fit(
+        model, seen, [placing[i] for i in free], start, tolerance_m=1e-7, further=_as_positions(sight, seen)
+    ).values
 
 
 def identify(
@@ -138,21 +144,22 @@ def identify(
 
     Args:
         seen_by: the arm, seen by points; or a ``Sighting``, a model of another kind of measurement.
-        nominal: the drawing's parameters ``(p,)``; what is placed (base and tool) needs no guess.
+        nominal: the drawing's parameters, at least the arm's; what is placed (base and tool) needs no guess.
 
     Raises:
         LabError: there are fewer poses than the base set needs, or a wish cannot be met.
     """
-    noise, wishes, sight = noise or Noise(), wishes or Wishes(), sighting_of(seen_by)
-    model = sight.model
-    seen, known = _weighed(sight, data, noise)
+    noise, wishes, sight = noise or Noise(), wishes or Wishes(), sighting_of(seen_by).within(data)
+    model, nominal = sight.model, sight.nominal(nominal)
+    seen, known = weighed(sight, data, noise)
     if (count := int(data.seen.sum())) < 3:
         raise LabError(
             f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
         )
-    before = locate_before(sight, seen, nominal)
-    structure = base_set(model, before, fix=wishes.fix, free=wishes.free)
-    free = _told_apart(model, seen, before, structure)
+    before, further = locate_before(sight, seen, nominal), _as_positions(sight, seen)
+    known_rows = sight.further(model.structural(before))[1]
+    structure = base_set(model, before, fix=wishes.fix, free=wishes.free, known=known_rows)
+    free = _told_apart(model, seen, before, structure, known_rows)
     if len(free) < len(structure.kept) and len(data) < (needed := poses_needed(model, before, structure)):
         raise LabError(
             f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
@@ -160,7 +167,12 @@ def identify(
         )
     start = before.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
-    solution = _canonical(model, seen, fit(model, seen, free, start, further=sight.further), sight.further)
+    whole = (
+        fit(model, seen, free, start, further=further)
+        if wishes.solve is None
+        else wishes.solve(sight, seen, free, start)
+    )
+    solution = _canonical(model, seen, whole, further)
     residuals = data.points - model.points(seen.settings, solution.values)
     squares = float(np.sum(seen.apply(residuals) ** 2))
     freedom = int(seen_mask(seen.points).sum()) * data.points.shape[2] - len(free)
@@ -168,8 +180,8 @@ def identify(
     estimated = np.sqrt(squares / freedom) if freedom > 0 else float("nan")
     if wishes.tolerance is not None:
         prior = prior_of(model, structure, nominal, wishes.tolerance, sight.placed)
-        scaled = _both(sight.further, prior.rows(1.0 if known else estimated))
-        solution = _canonical(model, seen, fit(model, seen, structure.kept, solution.values, further=scaled), scaled)
+        scaled = _both(further, prior.rows(1.0 if known else estimated))
+        solution = _canonical(model, seen, fit(model, seen, structure.kept, start, further=scaled), scaled)
         free, residuals = structure.kept, data.points - model.points(seen.settings, solution.values)
     found = Identification(
         model=model,
@@ -182,10 +194,21 @@ def identify(
         freedom=freedom,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
         residuals=residuals,
-        spread=_spread_to_drawing(model, seen, before, nominal),
+        spread=_spread_to_drawing(sight, seen, before, nominal),
         warnings=data.warnings,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found, estimated if known else None)))
+
+
+def _as_positions(sight: Sighting, seen: Observations) -> Further:
+    """What is known beside the measurements, weighed as these are."""
+    weight = typical_weight(seen)
+
+    def rows(values: Array) -> tuple[Array, Array]:
+        residual, jacobian = sight.further(values)
+        return weight * residual, weight * jacobian
+
+    return rows
 
 
 def _both(first: Further, second: Further) -> Further:
@@ -198,7 +221,7 @@ def _both(first: Further, second: Further) -> Further:
     return rows
 
 
-def _weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
+def weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
     """The points with their weights, and whether these stand on a known sigma."""
     settings, units = data.settings(sight.model.conditions), sight.units
     given = np.isfinite(data.sigma_m)
@@ -211,14 +234,27 @@ def _weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observa
             return Observations(settings, data.points, np.broadcast_to(1 / units, shape)), False
     rows = np.broadcast_to(data.sigma_m[:, None], shape)
     if instrument is not None and instrument.kind == "spherical":
-        covariance = instrument.covariance(np.nan_to_num(data.points, nan=1.0), noise.readings)
-        covariance = np.where(given[:, None, None, None], rows[..., None, None] ** 2 * np.eye(3), covariance)
+        covariance = _instrument_covariance(sight, instrument, data.points, noise.readings)
+        covariance = np.where(given[:, None, None, None], (rows * units)[..., None, None] ** 2 * np.eye(3), covariance)
         return Observations(settings, data.points, whitening(covariance)), True
     default = noise.sigma_m
     if instrument is not None:
         default = instrument.radial_m / np.sqrt(noise.readings)
     sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
     return Observations(settings, data.points, 1 / (sigma * units)), True
+
+
+def _instrument_covariance(sight: Sighting, device: Instrument, points: Array, readings: int) -> Array:
+    """``(n, k, 3, 3)``: of positions the instrument's; of what else is seen, by its unit, from their mean."""
+    if not sight.positions:
+        raise LabError(f"{device.name} measures points, of which none are observed: say --noise-mm in its place")
+    seen = np.nan_to_num(points[:, : sight.positions], nan=1.0)
+    covariance = np.asarray(device.covariance(seen, readings))
+    if sight.positions == len(sight.units):
+        return covariance
+    mean = float(np.trace(covariance, axis1=2, axis2=3).mean()) / 3
+    further = (mean * sight.units[sight.positions :, None, None] ** 2) * np.eye(3)
+    return np.concatenate([covariance, np.broadcast_to(further, (len(points), *further.shape))], axis=1)
 
 
 def _root_mean_square_sigma(seen: Observations) -> float:
@@ -228,10 +264,10 @@ def _root_mean_square_sigma(seen: Observations) -> float:
     return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
 
 
-def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet) -> tuple[int, ...]:
+def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet, known: Array) -> tuple[int, ...]:
     """Those of the base set that the measured poses tell apart, at the nominal links."""
     _, jacobian = model.observe(seen.settings, model.structural(before))
-    rows = jacobian[seen_mask(seen.points)].reshape(-1, len(model.names))
+    rows = np.concatenate([jacobian[seen_mask(seen.points)].reshape(-1, len(model.names)), known])
     kept = list(structure.kept)
     order = [kept.index(i) for i in model.preferred() if i in structure.kept]
     return tuple(kept[i] for i in independent_columns(rows[:, kept], order))
@@ -247,12 +283,13 @@ def _canonical(model: Model, seen: Observations, solution: Fit, further: Further
     return replace(fit(model, seen, solution.free, values, further=further), cost_trace=solution.cost_trace)
 
 
-def _spread_to_drawing(model: Model, seen: Observations, before: Array, nominal: Array) -> float:
+def _spread_to_drawing(sight: Sighting, seen: Observations, before: Array, nominal: Array) -> float:
     """The spread of what was measured, to that of the drawing with its tool in the same poses; 1 where all is zero."""
-    drawing, tool = before.copy(), list(columns_of(model, ("tool",)))
+    drawing, tool = before.copy(), list(columns_of(sight.model, ("tool",)))
     drawing[tool] = nominal[tool]
-    drawn = np.where(np.isnan(seen.points), np.nan, model.points(seen.settings, drawing))
-    measured = _spread(seen.points)
+    compared = seen.points[:, : sight.positions or None]
+    drawn = sight.model.points(seen.settings, drawing)[:, : sight.positions or None]
+    drawn, measured = np.where(np.isnan(compared), np.nan, drawn), _spread(compared)
     return measured / _spread(drawn) if measured > 0 else 1.0
 
 

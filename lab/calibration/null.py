@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.solver import Observations
+from lab.calibration.solver import Further, Observations
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import seen_mask
@@ -45,39 +45,43 @@ class Shape:
 
 @dataclass(frozen=True)
 class Linear:
-    """Whitened residuals and derivatives near a solution, one row of blocks a pose.
+    """Whitened residuals and derivatives near a solution, one block a pose.
 
     Attributes:
         residual: ``(n, m)`` measured less predicted, m = k d; zero where not seen.
         jacobian: ``(n, m, f)`` of the prediction, columns scaled to unit norm; zero where not seen.
         scale: ``(f,)`` the norms they had.
         seen: ``(n, m)``.
+        poses: how many of the n blocks are poses, the first; the others hold what else is known, and are not tested.
     """
 
     residual: Array
     jacobian: Array
     scale: Array
     seen: Mask
+    poses: int
 
     def within(self, inside: Mask) -> "Within":
         """Least squares on the poses ``inside`` ``(n,)``."""
         used = np.where(inside[:, None, None], self.jacobian, 0.0).reshape(-1, len(self.scale))
         triangle = np.linalg.qr(used, mode="r")
-        u, sizes, vt = np.linalg.svd(triangle)
+        _, sizes, vt = np.linalg.svd(triangle, full_matrices=False)
         told = sizes > FULL_RANK * sizes[0]
         gain = np.where(told, 1 / np.maximum(sizes, 1e-300), 0.0)
-        basis = self.jacobian @ (vt.T * gain)
+        back = vt.T * gain
+        basis = self.jacobian @ back
         own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
         spread, axes = np.linalg.eigh(np.eye(own.shape[1]) + np.where(inside, -1.0, 1.0)[:, None, None] * own)
         alone = spread < _DETERMINED
-        root = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))[:, None, :] * axes
+        root = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))
         return Within(
             inside=inside,
             basis=basis,
-            root=np.swapaxes(root, 1, 2),
-            count=self.seen.sum(axis=1) - alone.sum(axis=1),
+            back=back / self.scale[:, None],
+            root=(root[:, None, :] * axes) @ np.swapaxes(axes, 1, 2),
+            count=np.where(np.arange(len(own)) < self.poses, self.seen.sum(axis=1) - alone.sum(axis=1), 0),
             freedom=int(self.seen[inside].sum()) - int(told.sum()),
-            full_rank=bool(told.all()) and len(used) >= len(told),
+            full_rank=bool(told.all()) and len(told) == len(self.scale),
         )
 
 
@@ -87,6 +91,7 @@ class Within:
 
     Attributes:
         basis: ``(n, m, f)`` Q: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction.
+        back: ``(f, f)`` from the basis to the parameters: their covariance is back back' where noise is white.
         root: ``(n, m, m)`` whitens a pose's residual: (I - H_ii)^-1/2 inside, (I + H_ii)^-1/2 outside.
         count: ``(n,)`` numbers of a pose that the other poses predict.
         freedom: residual degrees of freedom inside.
@@ -95,6 +100,7 @@ class Within:
 
     inside: Mask
     basis: Array
+    back: Array
     root: Array
     count: NDArray[np.int_]
     freedom: int
@@ -141,18 +147,28 @@ class Within:
         return np.where(count > 0, p, 1.0)
 
 
-def linearized(model: Model, seen: Observations, values: Array, free: Sequence[int]) -> Linear:
-    """The linear problem of ``seen`` at ``values`` ``(p,)`` in the parameters ``free``."""
+def linearized(
+    model: Model, seen: Observations, values: Array, free: Sequence[int], further: Further | None = None
+) -> Linear:
+    """The linear problem of ``seen`` at ``values`` ``(p,)`` in the parameters ``free``.
+
+    Args:
+        further: what else is known of the parameters; its rows stay whichever poses are looked at.
+    """
     predicted, jacobian = model.observe(seen.settings, values)
     mask = seen_mask(seen.points)
     n, k, d = seen.points.shape
-    residual, slopes = np.zeros((n, k, d)), np.zeros((n, k, d, len(free)))
-    residual[mask] = seen.apply(seen.points - predicted).reshape(-1, d)
-    slopes[mask] = seen.apply(jacobian[..., list(free)]).reshape(-1, d, len(free))
+    more, rows = (np.empty(0), np.empty((0, len(values)))) if further is None else further(values)
+    blocks = n + -(-len(more) // (k * d))
+    residual, slopes = np.zeros((blocks, k * d)), np.zeros((blocks, k * d, len(free)))
+    numbers = np.zeros((blocks, k * d), dtype=bool)
+    numbers[:n] = np.repeat(mask, d, axis=1)
+    numbers[n:].flat[: len(more)] = True
+    residual[numbers] = np.concatenate([seen.apply(seen.points - predicted), more])
+    slopes[numbers] = np.concatenate([seen.apply(jacobian[..., list(free)]), rows[:, list(free)]])
     scale = np.linalg.norm(slopes.reshape(-1, len(free)), axis=0)
     scale[scale == 0] = 1.0
-    numbers = np.repeat(mask, d, axis=1)
-    return Linear(residual.reshape(n, k * d), (slopes / scale).reshape(n, k * d, -1), scale, numbers)
+    return Linear(residual, slopes / scale, scale, numbers, n)
 
 
 def smallest_p(within: Within, seen: Mask, shape: Shape, known: bool, draws: int, rng: np.random.Generator) -> Array:

@@ -4,7 +4,7 @@ The step is solved through an orthogonal factorization of the scaled Jacobian an
 values of its triangle, so that a deficient system gives the shortest step, and is told.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,9 +16,10 @@ from lab.measurements import Measurements, seen_mask
 
 Status = Literal["converged", "not converged"]
 Further = Callable[[Array], tuple[Array, Array]]  # parameters to further whitened residuals, and their Jacobian
-MAX_ITERATIONS = 50
-MOST_HALVINGS = 5
-DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4)  # of the largest singular value, squared
+MAX_ITERATIONS = 100
+LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
+PROBE = 0.1  # of a step, at which its curvature is looked for
+MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
 
 
@@ -114,54 +115,91 @@ def fit(
 ) -> Fit:
     """Least squares over the free parameters from ``start``, the others held.
 
-    Gauss-Newton; where its step does not lower the cost, halved, then damped as by Levenberg and
-    Marquardt. It has converged when a full step would move the predicted points by less than ``tolerance_m``
-    (root mean square, of what is weighed as one metre); that step is still taken, so that what
-    remains is its square.
+    Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full
+    step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
+    weighed as one metre); that step is still taken, so that what remains is its square.
 
     Args:
         further: what else is known of the parameters, e.g. a prior.
     """
     index = list(free)
-    metre = _typical_weight(seen) * np.sqrt(max(len(seen.settings), 1))
-    values = start.copy()
-    residual, jacobian = _linearized(model, seen, values, index, further)
-    trace = [_cost(residual)]
+    metre = typical_weight(seen) * np.sqrt(max(len(seen.settings), 1))
+
+    def at(values: Array) -> _State:
+        return _State(values, *_linearized(model, seen, values, index, further))
+
+    here, damping = at(start.copy()), LEAST_DAMPING
+    trace = [here.cost]
     status: Status = "not converged"
     while True:
-        scale = np.linalg.norm(jacobian, axis=0)
+        scale = np.linalg.norm(here.jacobian, axis=0)
         scale[scale == 0] = 1.0
-        triangle, right = _triangle(jacobian / scale, residual)
+        triangle, right = _triangle(here.jacobian / scale, here.residual)
         decomposed = np.linalg.svd(triangle)
         step = _step(*decomposed, right)
         moved = float(np.linalg.norm(triangle @ step)) / metre
+        values = here.values.copy()
         if moved < tolerance_m:
             values[index] += step / scale
             status = "converged"
             break
         if len(trace) > MAX_ITERATIONS:
             break
-        for trial in _trial_steps(*decomposed, right):
-            tried = values.copy()
-            tried[index] += trial / scale
-            new_residual, new_jacobian = _linearized(model, seen, tried, index, further)
-            if _cost(new_residual) < trace[-1]:
-                break
-        else:  # nothing lowers the cost: rounding, if what is left to move is
+        values[index] += step / scale
+        there = at(values)
+        if there.cost >= here.cost:
+            there, damping = _damped(at, here, index, scale, decomposed.S, decomposed.Vh, damping)
+        if there.cost >= here.cost:  # nothing lowers it: rounding, if what is left to move is
+            values = here.values
             status = "converged" if moved < 1e3 * tolerance_m else "not converged"
             break
-        values, residual, jacobian = tried, new_residual, new_jacobian
-        trace.append(_cost(residual))
+        here = there
+        trace.append(here.cost)
     return Fit(values, tuple(index), status, tuple(trace), triangle, scale, decomposed.S)
 
 
-def _trial_steps(u: Array, sizes: Array, vt: Array, right: Array) -> Iterator[Array]:
-    """Steps to try, in scaled parameters: Gauss and Newton's, parts of it, then ever shorter damped ones."""
-    whole = _step(u, sizes, vt, right)
-    for halvings in range(MOST_HALVINGS):
-        yield whole * 0.5**halvings
-    for damping in DAMPINGS:
-        yield vt.T @ (sizes / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2) * (u.T @ right))
+@dataclass(frozen=True)
+class _State:
+    """Parameters with the whitened residual ``(r,)`` and the Jacobian ``(r, f)`` there."""
+
+    values: Array
+    residual: Array
+    jacobian: Array
+
+    @property
+    def cost(self) -> float:
+        return 0.5 * float(self.residual @ self.residual)
+
+
+def _damped(
+    at: Callable[[Array], _State], here: _State, index: list[int], scale: Array, sizes: Array, vt: Array, damping: float
+) -> tuple[_State, float]:
+    """Where a damped step lowers the cost, and the damping to begin with next time; ``here`` if none does.
+
+    Levenberg and Marquardt's steps v, each bent by half of a = -(J'J + d)^-1 J'f_vv, with f_vv the prediction's
+    curvature along v (geodesic acceleration: Transtrum, Machta & Sethna 2011): a valley that is narrow and
+    curved, as that of a target near the last axis, is else followed in hundreds of short steps.
+    """
+    jacobian = here.jacobian / scale
+    downhill = vt @ (jacobian.T @ here.residual)
+
+    def moved(step: Array) -> _State:
+        values = here.values.copy()
+        values[index] += step / scale
+        return at(values)
+
+    while damping <= LARGEST_DAMPING:
+        weight = 1 / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2)
+        step = vt.T @ (weight * downhill)
+        ahead = moved(PROBE * step).residual
+        curvature = 2 / PROBE * ((here.residual - ahead) / PROBE - jacobian @ step)
+        bend = -vt.T @ (weight * (vt @ (jacobian.T @ curvature)))
+        if 2 * np.linalg.norm(bend) <= MOST_BENT * np.linalg.norm(step):
+            there = moved(step + bend / 2)
+            if there.cost < here.cost:
+                return there, max(damping / 10, LEAST_DAMPING)
+        damping *= 10
+    return here, LEAST_DAMPING
 
 
 def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
@@ -169,10 +207,6 @@ def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
     gain = np.where(sizes > RANK_TOLERANCE * sizes[0], 1 / np.maximum(sizes, 1e-300), 0.0)
     step: Array = vt.T @ (gain * (u.T @ right))
     return step
-
-
-def _cost(residual: Array) -> float:
-    return 0.5 * float(residual @ residual)
 
 
 def _linearized(
@@ -196,7 +230,7 @@ def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:
     return padded[:size, :size], padded[:size, size]
 
 
-def _typical_weight(seen: Observations) -> float:
+def typical_weight(seen: Observations) -> float:
     """The root mean square weight of a coordinate."""
     whiten = seen.whiten[seen_mask(seen.points)]
     if whiten.ndim == 1:

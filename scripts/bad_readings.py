@@ -1,0 +1,171 @@
+"""Bad readings: how much a few poses that are off cost a calibration, and how often they are named.
+
+Each campaign measures a virtual arm at random poses and moves 5 % of them in a random direction by a size
+between 0.03 and 50 mm (log-uniform). It is identified without the poses that the test finds, judged on fresh
+poses, and compared with the same campaign before anything was moved. Further campaigns with nothing but noise
+tell the level of the test: how often it names anything there.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from lab.calibration.identify import Noise, identify
+from lab.calibration.null import Shape
+from lab.calibration.outliers import LEVEL, Outliers, find_outliers
+from lab.calibration.solver import Observations
+from lab.frames import Array
+from lab.geometry.serial import SerialArm
+from lab.instruments import instrument
+from lab.measurements import Measurements
+from lab.seeds import stream
+from lab.study.options import VirtualCampaign
+from lab.study.robots import Robot, load_robot
+from lab.study.virtual_arm import perturbed_arm
+from lab.virtual.feasible import random_poses
+from lab.virtual.real import RealArm, track
+
+INSTRUMENT = instrument("uniform-8um")
+POSES, FRESH, BAD_SHARE = 60, 1000, 0.05
+SMALLEST_M, SMALL_M, LARGEST_M = 0.03e-3, 0.05e-3, 50e-3
+FIRST_CLEAN = 1_000_000  # seeds of the campaigns for the level, apart from the others
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What came out of one campaign; lengths in m.
+
+    Attributes:
+        sizes, named: ``(b,)`` of the rows that were moved.
+        good_named: rows that were not moved and are named all the same.
+        mean, clean, plain: fresh-pose means with the bad rows, without them, and with them but plain least squares.
+    """
+
+    sizes: Array
+    named: Array
+    good_named: int
+    mean: float
+    clean: float
+    plain: float
+
+
+def main() -> None:
+    """Run both studies and print what they say."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--campaigns", type=int, default=300, help="with bad readings")
+    parser.add_argument("--clean", type=int, default=3000, help="with nothing but noise")
+    parser.add_argument("--estimated", action="store_true", help="sigma is not known but estimated")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    with ProcessPoolExecutor(given.workers) as pool:
+        spoilt = list(pool.map(partial(bad_campaign, known=not given.estimated), range(given.campaigns), chunksize=5))
+        seeds = range(FIRST_CLEAN, FIRST_CLEAN + given.clean)
+        clean = list(pool.map(partial(names_anything, known=not given.estimated), seeds, chunksize=20))
+    result = summary(spoilt, clean)
+    print(json.dumps(result) if given.json else table(result))
+
+
+def bad_campaign(seed: int, known: bool) -> Campaign:
+    """One campaign with bad rows, and the same without."""
+    with threadpool_limits(1):
+        arm, real, data = measured(seed)
+        rng = np.random.default_rng((seed, 1))
+        bad = rng.choice(POSES, round(BAD_SHARE * POSES), replace=False)
+        sizes = np.exp(rng.uniform(np.log(SMALLEST_M), np.log(LARGEST_M), len(bad)))
+        away = rng.standard_normal((len(bad), 3))
+        points = data.points.copy()
+        points[bad, 0] += sizes[:, None] * away / np.linalg.norm(away, axis=1, keepdims=True)
+        moved = replace(data, points=points)
+        fresh = random_poses(real.robot, FRESH, stream(seed, "fresh"))
+        exact = real.points(fresh, arm.targets)
+
+        def mean(values: Array) -> float:
+            return float(np.linalg.norm(arm.points(fresh, values) - exact, axis=2).mean())
+
+        plain, found = outliers_of(arm, moved, known, seed)
+        named = np.isin(bad, found.rows)
+        clean, _ = outliers_of(arm, data, known, seed)
+        return Campaign(
+            sizes, named, len(found.rows) - int(named.sum()), mean(found.fit.values), mean(clean), mean(plain)
+        )
+
+
+def names_anything(seed: int, known: bool) -> bool:
+    """Whether a campaign with nothing but noise names a pose."""
+    with threadpool_limits(1):
+        arm, _, data = measured(seed)
+        return len(outliers_of(arm, data, known, seed)[1].rows) > 0
+
+
+@cache
+def drawing() -> Robot:
+    """The nominal robot, loaded once."""
+    return load_robot("irb120")
+
+
+def measured(seed: int) -> tuple[SerialArm, RealArm, Measurements]:
+    """A virtual arm and what the tracker reads of it."""
+    robot = drawing()
+    real = perturbed_arm(robot, VirtualCampaign(seed=seed))
+    arm = robot.arm(("p1",))
+    joints = random_poses(real.robot, POSES, stream(seed, "poses"))
+    return arm, real, track(real, joints, arm.targets, INSTRUMENT, stream(seed, "noise"))
+
+
+def outliers_of(arm: SerialArm, data: Measurements, known: bool, seed: int) -> tuple[Array, Outliers]:
+    """Plain least squares' values, and what is off."""
+    plain = identify(arm, data, arm.nominal(drawing().tool), Noise(INSTRUMENT if known else None))
+    weight = 1 / INSTRUMENT.radial_m if known else 1.0
+    seen = Observations(data.joints, data.points, np.full(data.seen.shape, weight))
+    rng, shape = np.random.default_rng((seed, 2)), Shape("uniform")
+    return plain.values, find_outliers(arm, seen, plain.fit.free, plain.before, known=known, rng=rng, shape=shape)
+
+
+def summary(spoilt: Sequence[Campaign], named_clean: Sequence[bool]) -> dict[str, Any]:
+    """The figures of both studies; lengths in mm."""
+    sizes, named = (np.concatenate([getattr(c, name) for c in spoilt] or [[]]) for name in ("sizes", "named"))
+    mean, clean, plain = (1e3 * np.array([getattr(c, name) for c in spoilt]) for name in ("mean", "clean", "plain"))
+    large = sizes >= SMALL_M
+    return {
+        "campaigns": len(spoilt),
+        "mean_mm": mean.mean(),
+        "clean_mm": clean.mean(),
+        "plain_mm": plain.mean(),
+        "above_clean": mean.mean() / clean.mean() - 1,
+        "mean_of_ratios": (mean / clean).mean() - 1,
+        "large": int(large.sum()),
+        "large_named": named[large].mean(),
+        "small": int((~large).sum()),
+        "small_named": named[~large].mean(),
+        "good_named": sum(c.good_named for c in spoilt),
+        "nothing_but_noise": len(named_clean),
+        "named_there": float(np.mean(named_clean)),
+    }
+
+
+def table(result: dict[str, Any]) -> str:
+    """The same as a few lines."""
+    return "\n".join(
+        [
+            f"{result['campaigns']} campaigns of {POSES} poses, {BAD_SHARE:.0%} of them off by 0.03 to 50 mm",
+            f"fresh-pose mean: {result['mean_mm']:.5f} mm, {result['clean_mm']:.5f} without the bad rows "
+            f"({result['above_clean']:+.1%}; campaign by campaign {result['mean_of_ratios']:+.1%}), "
+            f"{result['plain_mm']:.3f} by plain least squares",
+            f"named: {result['large_named']:.1%} of {result['large']} bad rows of 0.05 mm and more, "
+            f"{result['small_named']:.1%} of {result['small']} smaller ones; {result['good_named']} good rows",
+            f"nothing but noise: {result['named_there']:.2%} of {result['nothing_but_noise']} campaigns name a row "
+            f"(level {LEVEL:.0%})",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    main()
