@@ -8,12 +8,14 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Union
 
 import tyro
 
 from lab.errors import LabError
-from lab.study.options import Flag, MeasuredCampaign, Names, PlannedCampaign, VirtualCampaign
+from lab.study.config_file import read_options
+from lab.study.option_groups import Fitting, Flag, Names, Numbers
+from lab.study.options import MeasuredCampaign, PlannedCampaign, VirtualCampaign
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,14 @@ class Inspect:
     """A model's name, or a path to an MJCF, a URDF or a TOML table."""
     targets: Names = ("p1",)
     """Measured points of the tool."""
+    tool_mm: Numbers = ()
+    """Where the first of them is in the last frame; by default on the robot's tool."""
+    model: str = "geometric"
+    """geometric, or groups of effects joined by +."""
+    fix: Names = ()
+    """Hold these parameters at nominal: names or patterns."""
+    free: Names = ()
+    """Identify these parameters, which are usually fixed, in the place of fixed ones."""
     json: Flag = False
     """Print the same as one JSON object."""
 
@@ -61,18 +71,20 @@ class Design:
     """Print the result as one JSON object."""
 
 
-Command = (
-    Annotated[Calibrate, tyro.conf.subcommand("calibrate")]
-    | Annotated[Identify, tyro.conf.subcommand("identify")]
-    | Annotated[Inspect, tyro.conf.subcommand("inspect")]
-    | Annotated[Design, tyro.conf.subcommand("design")]
-)
+Command = Calibrate | Identify | Inspect | Design
+_COMMANDS: dict[str, type[Command]] = {
+    "calibrate": Calibrate,
+    "identify": Identify,
+    "inspect": Inspect,
+    "design": Design,
+}
+_CONFIGURED = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign, "design": PlannedCampaign}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit code."""
-    command = _parsed(arguments)
     try:
+        command = _parsed(sys.argv[1:] if arguments is None else list(arguments))
         if isinstance(command, Inspect):
             code = _inspect(command)
         else:
@@ -91,15 +103,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _parsed(arguments: Sequence[str] | None) -> Calibrate | Identify | Inspect | Design:
-    """The command; what cannot be parsed ends the program with one line and exit code 2."""
+def _parsed(arguments: list[str]) -> Command:
+    """The command; what cannot be parsed ends the program with one line and exit code 2.
+
+    Raises:
+        LabError: ``--config`` names what is no run's config.json.
+    """
+    arguments, configured = _configured(arguments)
+    kinds = tuple(
+        Annotated[kind, tyro.conf.subcommand(name, **({"default": configured[name]} if name in configured else {}))]
+        for name, kind in _COMMANDS.items()
+    )
+    commands: Any = Union[kinds]  # noqa: UP007
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            command: Calibrate | Identify | Inspect | Design = tyro.cli(
-                Command,
+            command: Command = tyro.cli(
+                commands,
                 prog="lab",
-                description="Plan, run and judge the calibration of a robot arm, virtual or measured.",
+                description="Plan, run and judge the calibration of a robot arm, virtual or measured. "
+                "With --config FILE the options of an earlier run (its config.json) are the usual ones.",
                 args=arguments,
                 config=(tyro.conf.OmitSubcommandPrefixes,),
             )
@@ -108,6 +131,19 @@ def _parsed(arguments: Sequence[str] | None) -> Calibrate | Identify | Inspect |
             print(f"lab: {_one_line(said.getvalue())}", file=sys.stderr)
         raise
     return command
+
+
+def _configured(arguments: list[str]) -> tuple[list[str], dict[str, Any]]:
+    """The arguments without ``--config FILE``, and by its name the command with that file's options."""
+    if not arguments or arguments[0] not in _CONFIGURED or "--config" not in arguments:
+        return arguments, {}
+    at = arguments.index("--config")
+    if at + 1 == len(arguments):
+        raise LabError("--config: give the config.json of an earlier run")
+    name = arguments[0]
+    options: Any = read_options(Path(arguments[at + 1]), name, _CONFIGURED[name])
+    made: Any = _COMMANDS[name]
+    return [*arguments[:at], *arguments[at + 2 :]], {name: made(campaign=options)}
 
 
 def _one_line(panel: str) -> str:
@@ -127,6 +163,7 @@ def _one_line(panel: str) -> str:
 
 def _campaign(command: Calibrate | Identify) -> int:
     """Run, write and print a campaign; 1 where its verdict is bad."""
+    from lab.calibration.sightings import sighting_of
     from lab.output.result import summary
     from lab.output.run import write_run
     from lab.output.tables import print_outcome
@@ -140,9 +177,10 @@ def _campaign(command: Calibrate | Identify) -> int:
     with _written(command.out, stem) as (folder, out):
         outcome = run_measured(options) if isinstance(options, MeasuredCampaign) else run_virtual(options)
         write_run(folder, outcome, options)
-        from lab.output.recording import record  # rerun is slow to import: only once there is something to show
+        if sighting_of(outcome.identification.model).positions:  # of a cable or a socket there is nothing to draw
+            from lab.output.recording import record  # slow to import: only once there is something to show
 
-        record(folder / "recording.rrd", outcome)
+            record(folder / "recording.rrd", outcome)
     _tell(outcome.warnings, summary(outcome) if command.json else None)
     if not command.json:
         print_outcome(outcome, out)
@@ -205,11 +243,16 @@ def _tell(warnings: Sequence[str], result: dict[str, Any] | None) -> None:
 
 def _inspect(command: Inspect) -> int:
     """Print what a robot is and what of it can be identified."""
-    from lab.output.tables import inspection, print_inspection
+    from lab.output.inspection import Question, inspection, print_inspection
     from lab.study.robots import load_robot
 
     robot = load_robot(command.robot)
-    _tell(robot.warnings, inspection(robot, command.targets) if command.json else None)
+    fitting = Fitting(command.model, fix=command.fix, free=command.free)
+    fitting.check()
+    if command.model == "auto":
+        raise LabError("--model auto: groups are chosen by measurements; name groups to inspect")
+    question = Question(robot, command.targets, fitting.groups, command.fix, command.free, command.tool_mm)
+    _tell(robot.warnings, inspection(question) if command.json else None)
     if not command.json:
-        print_inspection(robot, command.targets)
+        print_inspection(question)
     return 0

@@ -21,11 +21,11 @@ from lab.geometry.serial import SerialArm
 from lab.instruments import instrument
 from lab.measurements import Measurements
 from lab.seeds import stream
-from lab.study.campaign import perturbed_arm
 from lab.study.options import PlannedCampaign, VirtualCampaign
 from lab.study.plan import best_design
 from lab.study.problem import pose_problem
 from lab.study.robots import load_robot
+from lab.study.virtual_arm import perturbed_arm
 from lab.virtual.candidates import draw_candidates
 from lab.virtual.feasible import random_poses
 from lab.virtual.real import track

@@ -194,6 +194,63 @@ def planned(name: str, text: str, *says: str) -> Case:
     return Case(f"plan: {name}", f"{CALIBRATE} --plan p.csv", ("p.csv", *says), {"p.csv": text})
 
 
+IDENTIFY = "identify good.csv --robot arm.toml"
+POSED = "q1_deg,q2_deg,rail_mm,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n" + "\n".join(
+    f"{7 * i},{5 * i - 40},{10 * i},1,2,3,{i},0,0" for i in range(ROWS)
+)
+
+
+def configured(name: str, text: str, *says: str, command: str = CALIBRATE) -> Case:
+    return Case(f"config: {name}", f"{command} --config c.json", ("c.json", *says), {"c.json": text})
+
+
+FITTING = [
+    Case("model: unknown", f"{CALIBRATE} --model sag", ("--model sag", "compliance, payload, harmonics")),
+    Case("model: empty", f"{CALIBRATE} --model ''", ("--model", "geometric, auto")),
+    Case("model: twice", f"{CALIBRATE} --model gear+gear", ("--model gear+gear", "different groups")),
+    Case("model: auto beside a group", f"{CALIBRATE} --model auto+gear", ("--model auto", "no such group")),
+    Case("model: both compliances", f"{CALIBRATE} --model compliance+payload", ("compliance+payload", "choose one")),
+    Case("model: no masses", f"{IDENTIFY} --model compliance", ("compliance", "without masses", "MJCF")),
+    Case("model: no approach", f"{IDENTIFY} --model backlash", ("good.csv", "approach_q1", "missing")),
+    Case("model: auto to inspect", "inspect arm.toml --model auto", ("--model auto", "name groups")),
+    Case("fix: unknown", f"{IDENTIFY} --fix link9.d", ("--fix link9.d", "no such parameter", "link1.a")),
+    Case("fix: everything", f"{IDENTIFY} --fix '*'", ("--fix", "no parameter")),
+    Case("free: hidden", f"{IDENTIFY} --free link1.theta", ("--free link1.theta", "hidden in", "base.rz")),
+    Case("free: both", f"{IDENTIFY} --free link1.a --fix link1.a", ("--fix and --free", "link1.a")),
+    Case("prior: no tolerance", f"{IDENTIFY} --prior --tolerance-mm 0", ("--tolerance-mm 0", "above zero")),
+    Case("tool: two numbers", "inspect arm.toml --tool-mm 1,2", ("--tool-mm", "x, y and z")),
+    Case("tool: words", "inspect arm.toml --tool-mm a,b,c", ("--tool-mm", "not a number")),
+    Case("observe: no cable", f"{IDENTIFY} --observe cable", ("good.csv", "cable_mm", "missing")),
+    Case("observe: no sockets", f"{IDENTIFY} --observe socket", ("good.csv", "location", "missing")),
+    Case("observe: no orientation", f"{IDENTIFY} --observe pose", ("good.csv", "orientation")),
+    Case("observe: unknown", f"{IDENTIFY} --observe light", ("--observe", "light", "socket")),
+    Case(
+        "observe: angles of unknown meaning",
+        "identify posed.csv --robot arm.toml --observe pose",
+        ("posed.csv", "--orientation", "intrinsic-xyz"),
+        {"posed.csv": POSED},
+    ),
+    Case("observe: validated", f"{IDENTIFY} --observe cable --validate good.csv", ("--observe cable", "--validate")),
+    Case("orientation: of points", f"{IDENTIFY} --orientation fixed-xyz", ("--orientation", "--observe pose")),
+    Case("noise: mrad of points", f"{IDENTIFY} --noise-mrad 1", ("--noise-mrad", "--observe pose")),
+    Case("method: of points", f"{IDENTIFY} --method sequential", ("--method sequential", "--observe pose")),
+    Case("socket: of points", f"{IDENTIFY} --socket-distance-mm 50", ("--socket-distance-mm", "--observe socket")),
+    Case("effects: lag", f"{CALIBRATE} --lag 1", ("--lag", "below 1")),
+    Case("effects: negative", f"{CALIBRATE} --harmonic-mrad -1", ("--harmonic-mrad -1", "from 0")),
+    Case("effects: no stiffness", f"{CALIBRATE} --stiffness-nm-per-rad 0", ("--stiffness-nm-per-rad", "above zero")),
+    Case("effects: half a range", f"{CALIBRATE} --bad-mm 5", ("--bad-mm", "least and the largest")),
+    Case("effects: payload in words", f"{CALIBRATE} --payload-kg heavy", ("--payload-kg", "not a number")),
+    Case("config: missing", f"{CALIBRATE} --config gone.json", ("gone.json", "config.json")),
+    Case("config: no file named", f"{CALIBRATE} --config", ("--config", "config.json")),
+    configured("not JSON", "poses: 3", "not JSON"),
+    configured("a list", "[]", "has no options"),
+    configured("of another command", '{"command": "identify", "options": {}}', "lab identify"),
+    configured("unknown option", '{"options": {"pose": 12}}', "'pose'", "poses"),
+    configured("wrong kind", '{"options": {"poses": "many"}}', "'many'", "poses"),
+    configured("wrong group", '{"options": {"effects": 3}}', "'effects'"),
+    configured("no file to identify", '{"options": {}}', "missing", command="identify"),
+]
+
 COMMAND_LINE = [
     Case("cli: no command", "", ("calibrate, identify, inspect", "--help")),
     Case("cli: unknown command", "callibrate", ("callibrate", "--help")),
@@ -543,7 +600,7 @@ MODELS = [
     model("no masses", ARM_URDF.replace(INERTIA, ""), "mass and inertia", "'l1'", "mend", suffix="urdf"),
 ]
 
-CASES = [*COMMAND_LINE, *MEASUREMENTS, *TABLES, *MODELS]
+CASES = [*COMMAND_LINE, *FITTING, *MEASUREMENTS, *TABLES, *MODELS]
 
 
 @pytest.fixture(autouse=True)

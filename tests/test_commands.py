@@ -221,12 +221,16 @@ def test_a_robot_given_as_a_table_comes_back_as_a_table(tmp_path, capsys) -> Non
     code, result = run(capsys, "identify", data_file("ur10_ipa_D.csv"), "--robot", table, "--out", out)
     assert code == 0 and result["rank"] == 27 and result["judged_by"] == "cross-validation"
     assert any("rx_deg" in warning for warning in result["warnings"])
-    values = {row["name"]: row["estimate"] for row in json.loads((out / "parameters.json").read_text())}
+    rows = json.loads((out / "parameters.json").read_text())
+    values = {row["name"]: row["exported"] for row in rows}
     back = read_table(out / "calibrated.toml")
     arm = SerialArm(back.chain)
     assert back.base is not None
     again = arm.assemble(back.base, back.chain.table, back.tool["p1"])
     assert dict(zip(arm.names, again, strict=True)) == values
+    joints = back.chain.random_joints(100, np.random.default_rng(0))
+    estimate = np.array([row["estimate"] for row in rows])
+    np.testing.assert_allclose(arm.points(joints, again), arm.points(joints, estimate), rtol=0, atol=1e-12)
 
 
 def test_inspect_prints_the_table_of_the_drawing(capsys) -> None:

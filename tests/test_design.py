@@ -21,9 +21,9 @@ from lab.instruments import instrument
 from lab.measurement_file import write_measurements
 from lab.measurements import Measurements, measured
 from lab.seeds import stream
-from lab.study.campaign import perturbed_arm
 from lab.study.options import PlannedCampaign, VirtualCampaign
 from lab.study.plan import plan_campaign
+from lab.study.virtual_arm import perturbed_arm
 from lab.virtual.candidates import feasibility, path_check
 from lab.virtual.feasible import random_poses
 from lab.virtual.real import track

@@ -36,13 +36,15 @@ def test_every_further_command_runs(tmp_path, monkeypatch, capsys) -> None:
         assert capsys.readouterr().out
 
 
-def test_the_snippet_is_the_script_and_prints_what_is_shown(tmp_path) -> None:
-    (snippet,) = blocks("python")
-    assert snippet == (ROOT / "scripts" / "first_calibration.py").read_text()
+@pytest.mark.parametrize(("at", "name"), enumerate(["first_calibration.py", "own_effect.py"]))
+def test_the_snippets_are_scripts_and_print_what_is_shown(at: int, name: str, tmp_path) -> None:
+    assert len(blocks("python")) == 2
+    snippet = blocks("python")[at]
+    assert snippet == (ROOT / "scripts" / name).read_text()
     script = tmp_path / "snippet.py"
     script.write_text(snippet)
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert done.stdout == blocks("text")[0]
+    assert done.stdout == blocks("text")[at]
 
 
 def test_the_table_is_a_robot(tmp_path) -> None:

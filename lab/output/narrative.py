@@ -2,12 +2,10 @@
 
 from typing import Any
 
-import numpy as np
-
 from lab import frames
 from lab.calibration.identify import Identification
 from lab.frames import Array
-from lab.output.result import parameters, summary
+from lab.output.result import human_unit, parameters, summary
 from lab.output.scene import Scene
 from lab.study.campaign import Outcome
 
@@ -47,7 +45,7 @@ def parameter_table(outcome: Outcome) -> str:
         "|:--|:--|--:|--:|--:|--:|:--|",
     ]
     for row, moved in zip(parameters(outcome), _changes(outcome.identification), strict=True):
-        scale, unit, digits = (1e3, "mm", 4) if row["unit"] == "m" else (180 / np.pi, "°", 5)
+        scale, unit, digits = human_unit(row["name"])
         cells = [f"{scale * row['nominal']:.{digits}f}", "", "", "", _held(row)]
         if row["status"] == "identified":
             std = "" if row["std"] is None else f"{scale * row['std']:#.2g}"

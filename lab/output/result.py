@@ -4,14 +4,27 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.identifiability import aliases
+from lab.calibration.identifiability import Direction, aliases, weak_directions
+from lab.calibration.identify import Identification
+from lab.calibration.lift import lift
+from lab.calibration.sightings import sighting_of
+from lab.calibration.uncertainty import position_covariance
 from lab.frames import Array
 from lab.geometry.model import Model, unit_of
+from lab.geometry.serial import SerialArm
 from lab.seeds import stream
 from lab.study.campaign import Outcome
 
-OUTLIER_SIGMAS = 6.0  # in robust standard deviations of a coordinate; a mark, not a test with a level
-_MEDIAN_LENGTH = 1.5382  # of a vector of three standard normal coordinates
+CORRELATED = 0.95  # where two parameters' errors go together
+_HUMAN_UNITS = {
+    "m": (1e3, "mm", 4),
+    "rad/Nm": (1e6, "µrad/Nm", 3),
+    "": (1e6, "ppm", 2),
+    "kg": (1.0, "kg", 3),
+    "m/h": (1e3, "mm/h", 4),
+    "rad/h": (1e3, "mrad/h", 4),
+    "1/h": (1e6, "ppm/h", 2),
+}
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
@@ -35,7 +48,16 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "after_mm": None if errors is None else statistics(errors.after),
         "noise_mm": number(1e3 * identification.sigma_m),
         "noise_known": identification.sigma_known,
+        "predicted_mm": number(1e3 * predicted_rms(identification)),
+        "model": "+".join(("geometric", *outcome.fit.groups)),
+        "groups": groups(outcome),
+        "adequate": outcome.fit.adequacy.adequate,
+        "adequacy": outcome.fit.adequacy.words,
+        "stiffness_nm_per_rad": stiffness(outcome),
+        "correlated": correlated(identification),
+        "weak_directions": weak(outcome),
         "outliers": outliers(outcome),
+        "outliers_left_out": outcome.fit.left_out,
         "warnings": list(outcome.warnings),
     }
     if (comparison := outcome.comparison) is not None:
@@ -52,6 +74,7 @@ def parameters(outcome: Outcome) -> list[dict[str, Any]]:
     """What ``parameters.json`` holds: every parameter, in m and rad."""
     identification = outcome.identification
     model, free = identification.model, list(identification.fit.free)
+    exported = likely(outcome)
     std = dict(zip(free, identification.std, strict=True))
     scale = column_scale(model, identification.before)
     hidden = {alias.name: dict(alias.into) for alias in aliases(model, identification.base_set, scale)}
@@ -65,13 +88,22 @@ def parameters(outcome: Outcome) -> list[dict[str, Any]]:
                 "unit": unit_of(name),
                 "nominal": float(identification.before[i]),
                 "estimate": estimate,
+                "exported": float(exported[i]),
                 "std": number(std.get(i, np.nan)),
                 "interval_95": None if None in interval else interval,
-                "status": "identified" if i in std else "not seen" if i in identification.unseen else "fixed",
+                "status": _status(identification, i),
                 "aliases": hidden.get(name, {}),
             }
         )
     return rows
+
+
+def human_unit(name: str) -> tuple[float, str, int]:
+    """In what a person reads a parameter: the factor from SI, the unit, and how many digits after the point."""
+    unit = unit_of(name)
+    if unit == "rad":
+        return (1e3, "mrad", 4) if name.startswith("joint") else (180 / np.pi, "°", 5)
+    return _HUMAN_UNITS[unit]
 
 
 def column_scale(model: Model, values: Array) -> Array:
@@ -82,16 +114,102 @@ def column_scale(model: Model, values: Array) -> Array:
     return scale
 
 
+def _status(identification: Identification, parameter: int) -> str:
+    if parameter in identification.fit.free:
+        return "identified"
+    if parameter in identification.base_set.held:
+        return "fixed on request"
+    return "not seen" if parameter in identification.unseen else "fixed"
+
+
+def likely(outcome: Outcome) -> Array:
+    """The parameters that are exported: of the most likely arm among those that predict the same (``lift``)."""
+    identification = outcome.identification
+    return lift(identification, outcome.nominal, outcome.tolerance, sighting_of(identification.model).placed)
+
+
+def rigid(outcome: Outcome, values: Array) -> tuple[SerialArm, Array]:
+    """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
+    names = outcome.identification.model.names
+    targets = [name.split(".")[1] for name in names if name.startswith("tool.") and name.endswith(".x")]
+    arm = outcome.robot.arm(tuple(targets))
+    return arm, values[: len(arm.names)]
+
+
+def groups(outcome: Outcome) -> list[dict[str, Any]]:
+    """What each group of parameters bought, where the model was selected; else the groups that were asked for."""
+    selection = outcome.fit.selection
+    if selection is None:
+        return [{"name": name, "chosen": True} for name in outcome.fit.groups]
+    return [
+        {
+            "name": group.name,
+            "parameters": group.parameters,
+            "holdout_mm": number(1e3 * group.holdout_m),
+            "f_p": number(group.f_p),
+            "bic": number(group.bic),
+            "chosen": group.chosen,
+            "why_not": group.why_not,
+        }
+        for group in selection.groups
+    ]
+
+
+def stiffness(outcome: Outcome) -> dict[str, float]:
+    """Stiffness of the joints (Nm/rad) whose compliance was fitted and is above zero."""
+    identification, names = outcome.identification, outcome.robot.chain.joint_names
+    found = {}
+    for i in identification.fit.free:
+        joint, _, kind = identification.model.names[i].partition(".")
+        if kind == "compliance" and identification.values[i] > 0:
+            found[names[int(joint.removeprefix("joint")) - 1]] = 1 / float(identification.values[i])
+    return found
+
+
+def correlated(identification: Identification) -> list[dict[str, Any]]:
+    """Pairs of identified parameters that can hardly be told apart, the strongest first."""
+    names, std = [identification.model.names[i] for i in identification.fit.free], identification.std
+    if not (np.isfinite(std).all() and (std > 0).all()):
+        return []
+    matrix = np.triu(identification.covariance / np.outer(std, std), 1)
+    pairs = np.argwhere(np.abs(matrix) > CORRELATED)
+    order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
+    return [{"parameters": [names[i], names[j]], "correlation": round(float(matrix[i, j]), 4)} for i, j in order]
+
+
+def weak(outcome: Outcome) -> list[dict[str, Any]]:
+    """Directions of the identified parameters that these measurements nearly do not see."""
+    found = outcome.identification
+    _, jacobian = found.model.observe(outcome.fitted.settings(found.model.conditions), found.values)
+    rows = jacobian[outcome.fitted.seen][..., list(found.fit.free)].reshape(-1, len(found.fit.free))
+    return [direction_as_values(each) for each in weak_directions([found.model.names[i] for i in found.fit.free], rows)]
+
+
+def direction_as_values(direction: Direction) -> dict[str, Any]:
+    """A weak direction as plain values; ``parts`` in SI units."""
+    return {
+        "singular_value": direction.singular_value,
+        "moved_mm": 1e3 * direction.moved,
+        "parts": dict(direction.parts),
+    }
+
+
+def predicted_rms(identification: Identification) -> float:
+    """Predicted position uncertainty (m) over the workspace: sqrt(tr J C J'), root mean square over random poses."""
+    model = identification.model
+    settings = model.structure_joints(200, stream(0, "structure"))
+    if not sighting_of(model).positions:
+        return float("nan")
+    squares = np.trace(position_covariance(identification, settings), axis1=1, axis2=2)
+    return float(np.sqrt(squares.mean()))
+
+
 def outliers(outcome: Outcome) -> list[dict[str, Any]]:
-    """Fitted poses whose residual stands far out of the others'; they were fitted all the same."""
-    lengths = np.linalg.norm(outcome.identification.residuals, axis=2)  # (n, k)
-    scale = np.nanmedian(lengths) / _MEDIAN_LENGTH
-    worst = np.nanmax(np.where(np.isnan(lengths), 0.0, lengths), axis=1)
-    far = [int(i) for i in np.argsort(-worst) if worst[i] > OUTLIER_SIGMAS * max(scale, 1e-9)]
-    lines = outcome.fitted.lines
-    where = [{"line": lines[i]} if lines else {} for i in far]
-    sizes = [round(1e3 * float(worst[i]), 6) for i in far]
-    return [{"id": outcome.fitted.ids[i], **at, "size_mm": mm} for i, at, mm in zip(far, where, sizes, strict=True)]
+    """Poses that are off by a test, the largest first."""
+    return [
+        {"id": pose.id, **({} if pose.line is None else {"line": pose.line}), "size_mm": 1e3 * pose.size_m, "p": pose.p}
+        for pose in outcome.fit.outliers
+    ]
 
 
 def statistics(errors: Array) -> dict[str, float | int]:

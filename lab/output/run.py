@@ -16,7 +16,7 @@ import lab
 from lab.errors import LabError
 from lab.geometry.table import write_table
 from lab.measurement_file import write_measurements
-from lab.output.result import parameters, summary
+from lab.output.result import likely, parameters, rigid, summary
 from lab.study.campaign import Outcome
 from lab.study.options import MeasuredCampaign, PlannedCampaign, VirtualCampaign
 from lab.virtual.placement import calibrated_mjcf
@@ -101,17 +101,17 @@ def _swap(draft: Path, out: Path) -> None:
 
 def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) -> None:
     """Everything of a run but its recording."""
-    robot, identification = outcome.robot, outcome.identification
+    robot = outcome.robot
     command = "calibrate" if isinstance(options, VirtualCampaign) else "identify"
     write_json(folder / "config.json", config(command, options, robot.sha256))
     write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
     write_json(folder / "parameters.json", parameters(outcome))
-    arm = robot.arm(outcome.fitted.targets)
+    arm, exported = rigid(outcome, likely(outcome))
     if robot.model is not None:
-        text = calibrated_mjcf(robot.model, arm, identification.values)
+        text = calibrated_mjcf(robot.model, arm, exported)
         (folder / "calibrated.xml").write_text(text, encoding="utf-8")
     else:
-        base, table, tool = arm.split(identification.values)
+        base, table, tool = arm.split(exported)
         targets = dict(zip(arm.targets, tool, strict=True))
         (folder / "calibrated.toml").write_text(
             write_table(robot.chain.with_table(table), base, targets), encoding="utf-8"

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from lab import frames
 from lab.calibration.identify import Identification
+from lab.calibration.sightings import sighting_of
 from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
-from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.serial import SerialArm
+from lab.measurements import seen_mask
+from lab.output.result import rigid
 from lab.study.campaign import Outcome
 from lab.virtual.appearance import Shell, body_poses, instrument_body, shells
 
@@ -82,16 +84,19 @@ def scene(outcome: Outcome) -> Scene:
     """The scene of a campaign; an evenly spaced part of its poses where they are many."""
     fitted, identification = outcome.fitted, outcome.identification
     model = identification.model
-    rows = drawn_rows(len(fitted))
+    seen = fitted.points[:, : sighting_of(model).positions]
+    rows, settings = drawn_rows(len(fitted)), fitted.settings(model.conditions)
     joints = fitted.joints[rows]
     T_world_instrument = world_of(outcome)
-    before, after = (model.points(fitted.joints, v) for v in (identification.before, identification.values))
-    errors = [_mean_length(fitted.points - predicted) for predicted in (before, after)]
-    measured, before, after = (moved(T_world_instrument, points) for points in (fitted.points, before, after))
-    reach = float(np.linalg.norm(measured[fitted.seen] - _world_frame0(outcome)[:3, 3], axis=1).max())
-    arm = _arm(outcome)
-    strip = moved(_world_frame0(outcome), chain_corners(arm, identification.values, joints))
-    visible, bodies = _bodies(outcome, arm, joints)
+    both = (identification.before, identification.values)
+    before, after = (model.points(settings, v)[:, : seen.shape[1]] for v in both)
+    errors = [_mean_length(seen - predicted) for predicted in (before, after)]
+    measured, before, after = (moved(T_world_instrument, points) for points in (seen, before, after))
+    there = seen_mask(seen)
+    reach = float(np.linalg.norm(measured[there] - _world_frame0(outcome)[:3, 3], axis=1).max())
+    arm, values = rigid(outcome, identification.values)
+    strip = moved(_world_frame0(outcome), chain_corners(arm, values, joints))
+    visible, bodies = _bodies(outcome, arm, values, joints)
     return Scene(
         rows,
         reach,
@@ -99,13 +104,13 @@ def scene(outcome: Outcome) -> Scene:
         measured[rows],
         before[rows],
         after[rows],
-        measured[fitted.seen],
+        measured[there],
         errors[0],
         errors[1],
         _error_factor(errors[0], ARROW * reach),
         _error_factor(errors[1], ARROW * reach),
-        drawn(mapping_ellipsoids(identification, joints), after[rows, 0], T_world_instrument),
-        _uncertainty(identification, joints, after[rows, 0], T_world_instrument),
+        drawn(mapping_ellipsoids(identification, settings[rows]), after[rows, 0], T_world_instrument),
+        _uncertainty(identification, settings[rows], after[rows, 0], T_world_instrument),
         visible,
         bodies,
         strip,
@@ -144,7 +149,8 @@ def _mean_length(vectors: Array) -> Array:
 
 def world_of(outcome: Outcome) -> Array:
     """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
-    base = _arm(outcome).split(outcome.identification.values)[0]
+    arm, values = rigid(outcome, outcome.identification.values)
+    base = arm.split(values)[0]
     T_instrument_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
     return _world_frame0(outcome) @ frames.inverse(T_instrument_frame0)
 
@@ -158,7 +164,7 @@ def chain_corners(arm: SerialArm, values: Array, joints: Array) -> Array:
     table = arm.split(values)[1]
     corners = [np.zeros((len(joints), 3))]
     for size in range(1, arm.chain.size + 1):
-        Ts = _last_frames(arm, table, joints, size)
+        Ts = arm.frame(joints, values, size)
         origin, (_, d, a, _, beta) = Ts[:, :3, 3], table[size - 1]
         if arm.chain.convention == "distal":
             corner = origin - a * (np.cos(beta) * Ts[:, :3, 0] + np.sin(beta) * Ts[:, :3, 2])  # x before beta
@@ -167,18 +173,6 @@ def chain_corners(arm: SerialArm, values: Array, joints: Array) -> Array:
             corner = origin - np.atleast_1d(d + reading)[:, None] * Ts[:, :3, 2]
         corners += [corner, origin]
     return np.stack(corners, axis=1)
-
-
-def _last_frames(arm: SerialArm, table: Array, joints: Array, size: int) -> Array:
-    """Poses ``(n, 4, 4)`` in frame 0 of frame ``size``: the last one of the chain cut off there."""
-    chain, cut = arm.chain, slice(0, size)
-    part = SerialArm(
-        type(chain)(
-            chain.name, chain.convention, chain.joint_names[cut], chain.prismatic[cut], table[cut],
-            chain.sign[cut], chain.lower[cut], chain.upper[cut], chain.speed[cut], (True,) * size,
-        )
-    )  # fmt: skip
-    return part.flange(joints[:, cut], part.nominal())
 
 
 def _world_frame0(outcome: Outcome) -> Array:
@@ -190,29 +184,24 @@ def moved(T_a_b: Array, points: Array) -> Array:
     return frames.transform(T_a_b, points.reshape(-1, 3)).reshape(points.shape)
 
 
-def _arm(outcome: Outcome) -> SerialArm:
-    model = outcome.identification.model
-    if not isinstance(model, SerialArm):
-        raise LabError(f"robot {outcome.robot.name}: only a serial arm can be drawn")
-    return model
-
-
-def _bodies(outcome: Outcome, arm: SerialArm, joints: Array) -> tuple[tuple[Shell, ...], dict[str, Array]]:
+def _bodies(
+    outcome: Outcome, arm: SerialArm, values: Array, joints: Array
+) -> tuple[tuple[Shell, ...], dict[str, Array]]:
     """What is seen of the robot; of the instrument only where it is known: a virtual one."""
     robot = outcome.robot.model
     if robot is None:
         return (), {}
     hidden = instrument_body(robot) if outcome.real is None else ""
     visible = tuple(shell for shell in shells(robot) if shell.body != hidden)
-    poses = body_poses(robot, arm, outcome.identification.values, joints)
+    poses = body_poses(robot, arm, values, joints)
     return visible, {shell.body: poses[shell.body] for shell in visible}
 
 
 def _uncertainty(
-    identification: Identification, joints: Array, centers: Array, T_world_instrument: Array
+    identification: Identification, settings: Array, centers: Array, T_world_instrument: Array
 ) -> Drawn | None:
     """What the covariance leaves in position; None where it is unknown, or nothing but rounding."""
-    covariance = position_covariance(identification, joints)
+    covariance = position_covariance(identification, settings)
     if not np.isfinite(covariance).all():
         return None
     shapes = ellipsoids(covariance)

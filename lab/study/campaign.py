@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,33 +14,31 @@ from lab.calibration.assess import (
     TruthComparison,
     Verdict,
     compare_with_truth,
-    errors_at,
+    errors_of,
+    hold_out,
     judge_file,
     judge_folds,
-    judge_holdout,
     judge_rows,
     verdict,
 )
-from lab.calibration.identify import Identification, Noise, identify
+from lab.calibration.identify import Identification, Noise
+from lab.calibration.prior import Tolerance
+from lab.calibration.sighted import Observing
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.axes import Truth
+from lab.geometry.effects import HOUR_S
 from lab.instruments import instrument
 from lab.measurement_file import read_measurements
-from lab.measurements import Measurements
+from lab.measurements import Measurements, measured
 from lab.seeds import stream
+from lab.study.fitting import Fitted, Fitter
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.robots import Robot, load_robot
+from lab.study.virtual_arm import perturbed_arm
+from lab.virtual.effect_draws import random_conditions
+from lab.virtual.effects import true_parameters
 from lab.virtual.feasible import collides, random_poses
-from lab.virtual.real import (
-    RealArm,
-    random_perturbation,
-    random_table,
-    random_tracker,
-    real_arm,
-    real_arm_from_table,
-    track,
-)
+from lab.virtual.real import RealArm, track
 
 FRESH_POSES = 1000
 
@@ -50,22 +49,34 @@ class Outcome:
 
     Attributes:
         measurements: all rows that were read or measured.
-        fitted: the rows that the delivered parameters come from.
+        fit: of those to be fitted.
+        nominal: the drawing's parameters, of the model that was fitted.
+        tolerance: of manufacture.
         truth, comparison, real: of a virtual arm only.
         seconds: of the identification and its assessment.
     """
 
     robot: Robot
     measurements: Measurements
-    fitted: Measurements
-    identification: Identification
+    fit: Fitted
+    nominal: Array
+    tolerance: Tolerance
     judgement: Judgement
     verdict: Verdict
     seconds: float
     warnings: tuple[str, ...]
     real: RealArm | None = None
-    truth: Truth | None = None
     comparison: TruthComparison | None = None
+
+    @property
+    def identification(self) -> Identification:
+        """The parameters."""
+        return self.fit.identification
+
+    @property
+    def fitted(self) -> Measurements:
+        """The rows that they come from."""
+        return self.fit.rows
 
 
 def run_virtual(options: VirtualCampaign) -> Outcome:
@@ -74,66 +85,92 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     robot = load_robot(options.robot)
     robot.needed_model()
     robot.refuse_unknown(options.targets)
-    device, arm = instrument(options.instrument), robot.arm(options.targets)
+    device, chain = instrument(options.instrument), robot.chain
     real = perturbed_arm(robot, options)
-    joints, notes = _plan(robot, options)
-    data = track(real, joints, options.targets, device, stream(options.seed, "noise"), options.readings)
+    joints, set_there, notes = _plan(robot, options)
+    hours, loads = options.effects.hours * HOUR_S, options.effects.payload_kg
+    conditions = random_conditions(chain, real.effects, len(joints), stream(options.seed, "conditions"), loads, hours)
+    noisy = stream(options.seed, "noise")
+    data = track(real, joints, options.targets, device, noisy, options.readings, conditions | set_there)
     data = replace(data, warnings=notes)
 
     started = time.perf_counter()
-    noise = (
-        Noise(device, readings=options.readings) if options.noise_mm is None else Noise(None, options.noise_mm / 1e3)
-    )
+    noise = Noise(device, readings=options.readings)
+    if options.noise_mm is not None:
+        noise = Noise(None, options.noise_mm / 1e3)
+    fitter = Fitter(robot, options.targets, data, Observing(), noise, options.fitting, False, options.seed)
     with _naming(options.plan or f"--poses {options.poses}"):
-        identification = identify(arm, data, arm.nominal(robot.tool), noise)
-    fresh = random_poses(real.robot, FRESH_POSES, stream(options.seed, "fresh"))
-    judgement = Judgement("fresh", errors_at(identification, fresh, real.points(fresh, options.targets)))
-    truth = real.truth(arm)
+        fit = fitter(data)
+    identification = fit.identification
+    judgement = Judgement("fresh", errors_of(identification, _fresh(real, options)))
+    truth = replace(real.truth(robot.arm(options.targets)), effects=true_parameters(real.effects))
+    comparison = compare_with_truth(identification, truth)
     seconds = time.perf_counter() - started
-    return _outcome(robot, data, data, identification, judgement, options.gate_mm, seconds, real, truth)
+    return _outcome(fitter, fit, judgement, options.gate_mm, seconds, real=real, comparison=comparison)
 
 
 def run_measured(options: MeasuredCampaign) -> Outcome:
     """The same from a measurement file, judged by a hold-out, another file, or cross-validation."""
     options.check()
-    noise = Noise(
-        instrument(options.instrument) if options.instrument is not None else None,
-        None if options.noise_mm is None else options.noise_mm / 1e3,
-    )
     robot = load_robot(options.robot)
-    data = _read(robot, options.file)
-    other = None if options.validate is None else _seen(_read(robot, options.validate))
-    rows, test = _seen(data.only("calibrate")), _seen(data.only("test"))
+    data = _read(robot, options.file, options)
+    other = None if options.validate is None else _seen(_read(robot, options.validate, options))
+    fitter = _fitter(robot, data, options)
+    with _naming(options.file):
+        observed = fitter.observed()
+    rows, test = _seen(observed.only("calibrate")), _seen(observed.only("test"))
     if not len(rows):
         raise LabError(f"{options.file}: no row with use = calibrate has a measured point; mark or measure some")
     if "test" in data.use and not len(test):
         raise LabError(f"{options.file}: no row with use = test has a measured point; mark or measure some")
     _refuse_gaps(options, rows)
-    arm = robot.arm(data.targets)
-    nominal = arm.nominal(robot.tool)
-
-    def fitted(part: Measurements) -> Identification:
-        with _naming(options.file):
-            return identify(arm, part, nominal, noise)
 
     started = time.perf_counter()
+    held = test if len(test) else None
     if options.holdout is not None:
-        identification, judgement = judge_holdout(fitted, rows, options.holdout, options.seed)
-    else:
-        identification = fitted(rows)
+        rows, held = hold_out(fitter.model_with(()), rows, options.holdout, options.seed)
+    with _naming(options.file):
+        fit = fitter(rows, held)
         if other is not None:
-            with _naming(options.validate):
-                judgement = judge_file(identification, robot.arm(other.targets), other, options.refit)
-        elif len(test):
-            judgement = judge_rows(identification, test)
+            judgement = _judged_by_file(robot, fit, other, options)
+        elif held is not None:
+            judgement = judge_rows(fit.identification, held)
         else:
-            judgement = judge_folds(fitted, identification, rows, options.seed)
-    seconds = time.perf_counter() - started
-    return _outcome(robot, data, rows, identification, judgement, options.gate_mm, seconds)
+            again = partial(fitter.identified, groups=fit.groups)
+            judgement = judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
+    return _outcome(fitter, fit, judgement, options.gate_mm, time.perf_counter() - started)
 
 
-def _read(robot: Robot, path: Path) -> Measurements:
-    return read_measurements(path, robot.chain.joint_names, robot.chain.prismatic)
+def _judged_by_file(robot: Robot, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
+    with _naming(options.validate):
+        return judge_file(fit.identification, robot.arm_with(other.targets, fit.groups), other, options.refit)
+
+
+def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
+    """How the file is to be fitted."""
+    ratio = None
+    if options.noise_mrad is not None and options.noise_mm is not None:
+        ratio = options.noise_mrad / options.noise_mm
+    distance = None if options.socket_distance_mm is None else options.socket_distance_mm / 1e3
+    observing = Observing(options.observe, options.orientation, ratio, distance)
+    device = None if options.instrument is None else instrument(options.instrument)
+    noise = Noise(device, None if options.noise_mm is None else options.noise_mm / 1e3)
+    targets = data.targets if options.observe in ("points", "pose") else ("p1",)
+    return Fitter(robot, targets, data, observing, noise, options.fitting, options.method == "sequential", options.seed)
+
+
+def _fresh(real: RealArm, options: VirtualCampaign) -> Measurements:
+    """Where the real arm's targets are at poses that were never measured, with conditions of their own."""
+    rng, asked = stream(options.seed, "fresh"), options.effects
+    poses = random_poses(real.robot, FRESH_POSES, rng)
+    chain = real.robot.chain
+    conditions = random_conditions(chain, real.effects, len(poses), rng, asked.payload_kg, asked.hours * HOUR_S)
+    exact = measured(chain.joint_names, poses, options.targets, real.points(poses, options.targets, conditions))
+    return replace(exact, conditions=conditions)
+
+
+def _read(robot: Robot, path: Path, options: MeasuredCampaign) -> Measurements:
+    return read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
 
 
 def _seen(data: Measurements) -> Measurements:
@@ -150,21 +187,6 @@ def _naming(place: object) -> Iterator[None]:
         raise LabError(f"{place}: {error}") from error
 
 
-def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
-    """The virtual arm of these options, before its tracker."""
-    model = robot.needed_model()
-    place = random_tracker(model, stream(options.seed, "tracker"))
-    rng = stream(options.seed, "arm")
-    sigmas = options.position_sigma_mm / 1e3, options.rotation_sigma_mrad / 1e3
-    if options.dh_only:
-        arm = robot.arm(tuple(robot.tool))
-        base, table, _ = arm.split(random_table(arm, *sigmas, rng))
-        tool = arm.split(arm.nominal(robot.tool))[2]
-        return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
-    off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
-    return real_arm(model, off, place)
-
-
 def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:
     """The rows to fit give sigma_mm all or none, unless an option says what the others' is."""
     given = np.isfinite(rows.sigma_m)
@@ -175,11 +197,11 @@ def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:
         )
 
 
-def _plan(robot: Robot, options: VirtualCampaign) -> tuple[Array, tuple[str, ...]]:
-    """The poses to measure, of the plan or random ones that collide with nothing, and the plan's warnings."""
+def _plan(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
+    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings."""
     model = robot.needed_model()
     if options.plan is None:
-        return random_poses(model, options.poses, stream(options.seed, "poses")), ()
+        return random_poses(model, options.poses, stream(options.seed, "poses")), {}, ()
     plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
     plan = plan.only("calibrate")
     if not len(plan):
@@ -200,41 +222,42 @@ def _plan(robot: Robot, options: VirtualCampaign) -> tuple[Array, tuple[str, ...
     if hit.any():
         line = plan.lines[int(np.argmax(hit))]
         raise LabError(f"{options.plan}: line {line}: the arm collides in this pose; take it out of the plan")
-    return joints, plan.warnings
+    return joints, dict(plan.conditions), plan.warnings
 
 
 def _outcome(
-    robot: Robot,
-    data: Measurements,
-    rows: Measurements,
-    identification: Identification,
+    fitter: Fitter,
+    fit: Fitted,
     judgement: Judgement,
     gate_mm: float,
     seconds: float,
+    *,
     real: RealArm | None = None,
-    truth: Truth | None = None,
+    comparison: TruthComparison | None = None,
 ) -> Outcome:
+    robot, data, identification = fitter.robot, fitter.data, fit.identification
     word = verdict(identification, judgement, gate_mm / 1e3)
-    warnings = [*robot.warnings, *identification.warnings, *judgement.warnings]
-    if blank := int((~data.seen.any(axis=1)).sum()):
+    warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *judgement.warnings]
+    if fitter.observing.kind == "points" and (blank := int((~data.seen.any(axis=1)).sum())):
         warnings.append(f"{blank} of {len(data)} rows have no measured point and are left out")
-    warnings += _outside_limits(robot, data) + _several_sessions(rows)
+    warnings += _outside_limits(robot, data)
+    if fitter.observing.kind in ("points", "pose"):
+        warnings += _several_sessions(fit.rows)
     if judgement.errors is not None:
         before, after = (float(np.nanmean(e)) for e in (judgement.errors.before, judgement.errors.after))
         if after >= before:
             warnings.append(f"no improvement: {1e3 * after:.3g} mm after, {1e3 * before:.3g} mm before")
-    comparison = None if truth is None else compare_with_truth(identification, truth)
     return Outcome(
         robot,
         data,
-        rows,
-        identification,
+        fit,
+        fitter.nominal(identification.model),
+        fitter.tolerance,
         judgement,
         word,
         seconds,
         tuple(dict.fromkeys(warnings)),
         real,
-        truth,
         comparison,
     )
 

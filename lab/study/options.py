@@ -1,26 +1,13 @@
 """What can be asked of a campaign: the options of the commands, and of the library calls behind them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
 
 from lab.errors import LabError
-
-_LEAST, _LARGEST = 1e-9, 1e9  # of an option in mm or mrad
-
-Names = Annotated[
-    tuple[str, ...],
-    tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="A,B,…",
-        instance_from_str=lambda given: tuple(name.strip() for name in given[0].split(",") if name.strip()),
-        is_instance=lambda instance: isinstance(instance, tuple) and all(isinstance(name, str) for name in instance),
-        str_from_instance=lambda names: [",".join(names)],
-    ),
-]
-Flag = tyro.conf.FlagCreatePairsOff[bool]
+from lab.study.option_groups import LARGEST, ArmEffects, Fitting, Flag, Names, positive, whole
 
 
 @dataclass(frozen=True)
@@ -53,11 +40,16 @@ class VirtualCampaign:
     """Perturb nothing but the Denavit-Hartenberg parameters."""
     gate_mm: float = 1.0
     """A larger mean error on fresh poses is a bad result."""
+    fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
+    """How parameters are fitted."""
+    effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)
+    """What of the arm is not geometry."""
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
+        self.effects.check()
         for flag, count in (("--poses", self.poses), ("--readings", self.readings)):
-            _whole(flag, count, 1)
+            whole(flag, count, 1)
         _check_common(self)
         spreads = {
             "--position-sigma-mm": self.position_sigma_mm,
@@ -65,8 +57,8 @@ class VirtualCampaign:
             "--offset-sigma-mrad": self.offset_sigma_mrad,
         }
         for flag, value in spreads.items():
-            if not 0 <= value <= _LARGEST:
-                raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {_LARGEST:g}")
+            if not 0 <= value <= LARGEST:
+                raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {LARGEST:g}")
 
 
 @dataclass(frozen=True)
@@ -92,6 +84,18 @@ class MeasuredCampaign:
     """What each session of that file may place anew: base, tool, or base,tool."""
     gate_mm: float = 1.0
     """A larger mean error on poses not fitted is a bad result."""
+    observe: Literal["points", "pose", "cable", "socket", "plane"] = "points"
+    """Which of the file's columns are the measurements."""
+    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None
+    """What the angles rx, ry, rz of a measured pose mean."""
+    noise_mrad: float | None = None
+    """Weigh measured orientations by this noise; without it it is estimated."""
+    method: Literal["global", "sequential"] = "global"
+    """Fit everything at once; or of poses the angles first, then the lengths."""
+    socket_distance_mm: float | None = None
+    """Known distance between the sockets of a location."""
+    fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
+    """How parameters are fitted."""
 
     def check(self) -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""
@@ -102,6 +106,19 @@ class MeasuredCampaign:
             raise LabError("--holdout and --validate both say how to judge; give one")
         if self.refit and self.validate is None:
             raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
+        if self.observe != "points" and (self.validate is not None or self.instrument is not None):
+            raise LabError(f"--observe {self.observe}: --validate and --instrument are of points; leave them out")
+        for flag, given, kind in (
+            ("--orientation", self.orientation, "pose"),
+            ("--noise-mrad", self.noise_mrad, "pose"),
+            ("--method sequential", self.method == "sequential" or None, "pose"),
+            ("--socket-distance-mm", self.socket_distance_mm, "socket"),
+        ):
+            if given is not None and self.observe != kind:
+                raise LabError(f"{flag} is of --observe {kind}; give that too, or leave it out")
+        for flag, number in (("--noise-mrad", self.noise_mrad), ("--socket-distance-mm", self.socket_distance_mm)):
+            if number is not None:
+                positive(flag, number)
 
 
 @dataclass(frozen=True)
@@ -133,10 +150,10 @@ class PlannedCampaign:
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
-        _whole("--seed", self.seed, 0)
-        _whole("--starts", self.starts, 1)
+        whole("--seed", self.seed, 0)
+        whole("--starts", self.starts, 1)
         if self.poses is not None:
-            _whole("--poses", self.poses, 1)
+            whole("--poses", self.poses, 1)
             if self.accuracy_mm is not None:
                 raise LabError("--poses and --accuracy-mm both say how many poses to choose; give one")
         if self.accuracy_mm is not None and not self.accuracy_mm > 0:
@@ -144,17 +161,8 @@ class PlannedCampaign:
 
 
 def _check_common(options: VirtualCampaign | MeasuredCampaign) -> None:
-    _whole("--seed", options.seed, 0)
-    _positive("--gate-mm", options.gate_mm)
+    options.fitting.check()
+    whole("--seed", options.seed, 0)
+    positive("--gate-mm", options.gate_mm)
     if options.noise_mm is not None:
-        _positive("--noise-mm", options.noise_mm)
-
-
-def _whole(flag: str, value: int, least: int) -> None:
-    if value < least:
-        raise LabError(f"{flag} {value}: give a whole number of {least} or more")
-
-
-def _positive(flag: str, value: float) -> None:
-    if not _LEAST <= value <= _LARGEST:
-        raise LabError(f"{flag} {value:g}: give a number above zero, from {_LEAST:g} to {_LARGEST:g}")
+        positive("--noise-mm", options.noise_mm)

@@ -1,0 +1,231 @@
+"""What a set of measurements says: the model asked for or found, the poses that are off, and how far to trust it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.adequacy import Adequacy, adequacy, isotropy
+from lab.calibration.assess import kept_together
+from lab.calibration.identifiability import WEAK_CONDITION
+from lab.calibration.identify import Identification, Noise, Wishes, identify, weighed
+from lab.calibration.lag import lagging
+from lab.calibration.null import Shape
+from lab.calibration.outliers import Outliers, find_outliers, would_matter
+from lab.calibration.poses import Poses
+from lab.calibration.prior import Tolerance
+from lab.calibration.readings import by_readings
+from lab.calibration.rounding import rounding
+from lab.calibration.selection import Selection, select
+from lab.calibration.sequential import fit_sequentially
+from lab.calibration.sighted import Observing, sighted
+from lab.calibration.sightings import Sighting, sighting_of
+from lab.calibration.solver import Fit, Observations
+from lab.frames import Array
+from lab.geometry.model import Model
+from lab.measurements import Measurements
+from lab.seeds import stream
+from lab.study.advice import changes
+from lab.study.option_groups import Fitting
+from lab.study.robots import Robot
+
+
+@dataclass(frozen=True)
+class Named:
+    """A pose that the test of outliers names.
+
+    Attributes:
+        id, line: of its row; no line where there is no file.
+        size_m: how far its farthest target is from where the other poses say it is.
+        p: the chance that noise alone makes any pose of a campaign stand out as far.
+    """
+
+    id: str
+    line: int | None
+    size_m: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What a set of measurements says.
+
+    Attributes:
+        rows: those that the parameters come from.
+        outliers: poses that are off: left out if asked for, else fitted all the same.
+        left_out: whether they were.
+        selection: of the model's groups, where that was asked for.
+    """
+
+    identification: Identification
+    rows: Measurements
+    groups: tuple[str, ...]
+    outliers: tuple[Named, ...]
+    left_out: bool
+    adequacy: Adequacy
+    selection: Selection | None
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """How measurements of one arm are fitted.
+
+    Attributes:
+        targets: of the arm, measured or (of a cable, a socket, a plane) the one that is tied.
+        data: all measurements, by which what is observed is known.
+    """
+
+    robot: Robot
+    targets: tuple[str, ...]
+    data: Measurements
+    observing: Observing
+    noise: Noise
+    options: Fitting
+    sequential: bool
+    seed: int
+
+    def model_with(self, groups: Sequence[str]) -> Model:
+        """The arm with groups of effects, as it is observed."""
+        arm = self.robot.arm_with(self.targets, groups)
+        return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[0]
+
+    def observed(self) -> Measurements:
+        """What is observed of the measurements."""
+        arm = self.robot.arm(self.targets)
+        return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[1]
+
+    def nominal(self, model: Model) -> Array:
+        """The drawing's parameters of one of these models."""
+        arm = self.robot.arm(self.targets)
+        drawn = dict(zip(arm.names, arm.nominal(self.robot.tool), strict=True))
+        return np.array([drawn.get(name, 0.0) for name in model.names])
+
+    @property
+    def wishes(self) -> Wishes:
+        """What is asked of the identification."""
+        chosen = self.options
+        tolerance = self.tolerance if chosen.prior else None
+        return Wishes(chosen.fix, chosen.free, tolerance, _sequentially if self.sequential else None)
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """Of manufacture."""
+        return Tolerance(self.options.tolerance_mm / 1e3, self.options.tolerance_mrad / 1e3)
+
+    def identified(self, rows: Measurements, groups: Sequence[str]) -> tuple[Identification, Measurements]:
+        """One identification of the arm with these groups, and the rows that it comes from."""
+        model = self.model_with(groups)
+        if not self.options.robust:
+            return self._identify(model, rows), rows
+        found = self._outliers(model, rows, self._identify(model, rows))
+        clean = rows.take(np.setdiff1d(np.arange(len(rows)), found.rows))
+        return self._identify(model, clean), clean
+
+    def __call__(self, rows: Measurements, held: Measurements | None = None) -> Fitted:
+        """Everything that the rows say.
+
+        Args:
+            rows, held: some of what is observed; ``held`` are poses held out, by which adequacy can be judged.
+        """
+        groups, selection = self.options.groups, None
+        if self.options.model == "auto":
+            _, clean = self.identified(rows, ())
+            selection = select(self.model_with, clean, self.nominal, self.noise, self.wishes, seed=self.seed)
+            groups = selection.chosen
+        identification, clean = self.identified(rows, groups)
+        model = identification.model
+        found = self._outliers(model, rows, identification)
+        seen, known = weighed(sighting_of(model), clean, self.noise)
+        test = None if held is None else weighed(sighting_of(model), held, self.noise)[0]
+        labels = kept_together(model, clean)
+        judged = adequacy(model, seen, identification.fit, known=known, shape=self._shape, labels=labels, held=test)
+        return Fitted(
+            identification,
+            clean,
+            groups,
+            _named(rows, found),
+            self.options.robust,
+            judged,
+            selection,
+            tuple(self._warnings(groups, identification, clean, found, judged)),
+        )
+
+    @property
+    def _shape(self) -> Shape:
+        """Of the noise that is assumed."""
+        device = self.noise.instrument
+        uniform = device is not None and device.kind == "uniform" and self.noise.sigma_m is None
+        return Shape("uniform", self.noise.readings) if uniform else Shape()
+
+    def _identify(self, model: Model, rows: Measurements) -> Identification:
+        return identify(model, rows, self.nominal(model), self.noise, self.wishes)
+
+    def _outliers(self, model: Model, rows: Measurements, start: Identification) -> Outliers:
+        seen, known = weighed(sighting_of(model), rows, self.noise)
+        rng = stream(self.seed, "null")
+        return find_outliers(model, seen, start.fit.free, start.before, known=known, rng=rng, shape=self._shape)
+
+    def _warnings(
+        self,
+        groups: tuple[str, ...],
+        found: Identification,
+        rows: Measurements,
+        outliers: Outliers,
+        judged: Adequacy,
+    ) -> list[str]:
+        sight = sighting_of(found.model)
+        seen, _ = weighed(sight, rows, self.noise)
+        said = [] if judged.adequate is not False else [judged.words]
+        if len(outliers.rows) and not self.options.robust:
+            moved = would_matter(found.model, seen, found.values, outliers.fit.values)
+            said.append(
+                f"{len(outliers.rows)} poses are off by more than noise explains, {1e3 * outliers.sizes_m[0]:.3g} mm "
+                f"the worst: --robust would leave them out, and move what is predicted by {1e3 * moved:.2g} mm"
+            )
+        spherical = self.noise.instrument is not None and self.noise.instrument.kind == "spherical"
+        if self.observing.kind == "points" and not spherical and not len(outliers.rows):
+            said += [words for words in (isotropy(found.model, seen, found.fit).words,) if words]
+        if self.observing.kind == "points" and found.fit.condition > WEAK_CONDITION and not found.unseen:
+            wanted = changes(self.robot, self.targets, groups, found.values, seen.settings)[0]
+            said.append(
+                f"some parameters are nearly unidentifiable (weak_directions in result.json): with {wanted.words} the "
+                f"same poses would have a condition of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"
+            )
+        said += self._said_of_joints(found, rows)
+        return said
+
+    def _said_of_joints(self, found: Identification, rows: Measurements) -> list[str]:
+        """Readings that are rounded, or that do not follow the arm."""
+        model, said = found.model, []
+        sight = sighting_of(model)
+        seen, _ = weighed(sight, rows, self.noise)
+        if (coarse := rounding(model, rows, found.values, sight.positions or None)) is not None:
+            said.append(
+                f"joint readings are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes "
+                f"{1e3 * coarse.rms_m:.3g} mm (root mean square) of what is observed"
+            )
+        derivative = by_readings(model, seen.settings, found.values, self.robot.chain.size)
+        for lag in lagging(model, seen, found.fit, rows.joints, derivative, rows.sessions):
+            shares = [
+                f"{name} {share:.2g}"
+                for name, share, sure in zip(rows.joint_names, lag.fractions, lag.significant, strict=True)
+                if sure
+            ]
+            where = f"session {lag.session}: " if lag.session else ""
+            said.append(
+                f"{where}the joint values do not follow the arm: residuals lag behind the moves by a share of "
+                f"{', '.join(shares)} (F test, p = {lag.p:.1g}); read the joints when the arm has settled"
+            )
+        return said
+
+
+def _sequentially(sight: Sighting, seen: Observations, free: Sequence[int], start: Array) -> Fit:
+    assert isinstance(sight, Poses)  # the options see to it
+    return fit_sequentially(sight, seen, free, start)
+
+
+def _named(rows: Measurements, found: Outliers) -> tuple[Named, ...]:
+    lines = [rows.lines[i] if rows.lines else None for i in found.rows]
+    parts = zip(found.rows, lines, found.sizes_m, found.p_values, strict=True)
+    return tuple(Named(rows.ids[i], line, float(size), float(p)) for i, line, size, p in parts)

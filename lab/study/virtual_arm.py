@@ -1,0 +1,63 @@
+"""The virtual arm that a campaign's options describe: perturbed bodies, a tracker somewhere, effects."""
+
+from lab.errors import LabError
+from lab.seeds import stream
+from lab.study.option_groups import ArmEffects
+from lab.study.options import VirtualCampaign
+from lab.study.robots import Robot
+from lab.virtual.effect_draws import EffectSizes, random_effects
+from lab.virtual.real import (
+    RealArm,
+    random_perturbation,
+    random_table,
+    random_tracker,
+    real_arm,
+    real_arm_from_table,
+)
+
+
+def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
+    """The virtual arm of these options, before its tracker, with its effects."""
+    effects = random_effects(robot.chain, _sizes(robot, options.effects), stream(options.seed, "effects"))
+    return _geometry(robot, options).with_effects(effects)
+
+
+def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
+    """How large the effects are, in SI units."""
+    stiffness = {}
+    if asked.stiffness_nm_per_rad is not None:
+        if robot.loads is None:
+            raise LabError(f"--stiffness-nm-per-rad: robot {robot.name} has no masses, so nothing bends it")
+        bearing = robot.loads.bearing(stream(0, "structure"))
+        stiffness = {joint + 1: asked.stiffness_nm_per_rad for joint in bearing}
+    return EffectSizes(
+        stiffness_nm_per_rad=stiffness,
+        harmonic_rad=asked.harmonic_mrad / 1e3,
+        second_harmonic_rad=asked.harmonic2_mrad / 1e3,
+        gear_sigma=asked.gear_ppm / 1e6,
+        coupling_sigma=asked.coupling_ppm / 1e6,
+        backlash_rad=asked.backlash_mrad / 1e3,
+        repeatability_rad=asked.repeatability_mrad / 1e3,
+        lag=asked.lag,
+        bending_rad_per_nm=asked.bending_mrad_per_knm / 1e6,
+        drift_m_per_h=asked.drift_mm_per_h / 1e3,
+        drift_rad_per_h=asked.drift_mrad_per_h / 1e3,
+        growth_per_h=asked.growth_ppm_per_h / 1e6,
+        bad_share=asked.bad_share,
+        bad_range_m=(asked.bad_mm[0] / 1e3, asked.bad_mm[1] / 1e3),
+    )
+
+
+def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
+    """The perturbed arm without effects."""
+    model = robot.needed_model()
+    place = random_tracker(model, stream(options.seed, "tracker"))
+    rng = stream(options.seed, "arm")
+    sigmas = options.position_sigma_mm / 1e3, options.rotation_sigma_mrad / 1e3
+    if options.dh_only:
+        arm = robot.arm(tuple(robot.tool))
+        base, table, _ = arm.split(random_table(arm, *sigmas, rng))
+        tool = arm.split(arm.nominal(robot.tool))[2]
+        return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
+    off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
+    return real_arm(model, off, place)

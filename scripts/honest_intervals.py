@@ -1,0 +1,140 @@
+"""Are the intervals honest? Thousands of virtual campaigns against the truth, for every kind of noise.
+
+Robots with perturbed bodies, random poses, the default target; each robot is measured many times. Per case: how often
+95 % intervals hold (every parameter of the canonical gauge), NEES a parameter, the estimator's variance against the
+Cramér-Rao bound, and how often the test of adequacy rejects a true model, or one that lacks a compliance.
+"""
+
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import tyro
+from scipy import stats
+from threadpoolctl import threadpool_limits
+
+from lab.calibration.adequacy import adequacy, isotropy, sandwich
+from lab.calibration.assess import compare_with_truth
+from lab.calibration.identify import Noise, identify, weighed
+from lab.calibration.null import Shape, linearized
+from lab.calibration.sightings import sighting_of
+from lab.instruments import Instrument, instrument
+from lab.seeds import stream
+from lab.study.option_groups import ArmEffects, Flag
+from lab.study.options import VirtualCampaign
+from lab.study.robots import load_robot
+from lab.study.virtual_arm import perturbed_arm
+from lab.virtual.feasible import random_poses
+from lab.virtual.real import track
+
+GAUSSIAN = Instrument("gaussian-8um", "gaussian", radial_m=8e-6 / np.sqrt(3))
+NOISES = {
+    "Gaussian, known": (GAUSSIAN, Noise(GAUSSIAN)),
+    "Gaussian, estimated": (GAUSSIAN, Noise()),
+    "uniform, known": (instrument("uniform-8um"), Noise(instrument("uniform-8um"))),
+    "spherical, weighed": (instrument("leica-at960"), Noise(instrument("leica-at960"))),
+    "spherical taken for isotropic": (instrument("leica-at960"), Noise()),
+}
+COMPLIANT = "compliance missing"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How much to simulate."""
+
+    robots: int = 100
+    """Perturbed arms, each before a tracker of its own."""
+    draws: int = 100
+    """Campaigns of each."""
+    poses: int = 30
+    """Random poses of a robot."""
+    cases: tuple[str, ...] = field(default_factory=lambda: (*NOISES, COMPLIANT))
+    """Which kinds of noise."""
+    json: Flag = False
+    """Print one JSON object."""
+
+
+def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray]:
+    """All campaigns of one robot: an array over the draws by what was found."""
+    robot = load_robot("irb120")
+    arm = robot.arm(("p1",))
+    device, noise = NOISES.get(case, NOISES["Gaussian, known"])
+    effects = ArmEffects(stiffness_nm_per_rad=1e5) if case == COMPLIANT else ArmEffects()
+    real = perturbed_arm(robot, VirtualCampaign(seed=seed, effects=effects))
+    truth, nominal = real.truth(arm), arm.nominal(robot.tool)
+    poses = random_poses(real.robot, options.poses, stream(seed, "poses"))
+    shape = Shape("uniform") if device.kind == "uniform" else Shape()
+    exact = track(real, poses, arm.targets, instrument("exact"), stream(seed, "noise"))
+    weights = weighed(sighting_of(arm), exact, Noise(device))[0]
+    bound = None
+    rows = []
+    for draw in stream(seed, "noise").spawn(options.draws):
+        data = replace(exact, points=device.sample(exact.points, draw))
+        found = identify(arm, data, nominal, noise)
+        compared = compare_with_truth(found, truth)
+        free = list(found.fit.free)
+        if bound is None:
+            rates = weights.apply(arm.observe(poses, truth.values)[1][..., free])
+            bound = np.diag(np.linalg.inv(rates.T @ rates))
+        seen, known = weighed(sighting_of(arm), data, noise)
+        judged = adequacy(arm, seen, found.fit, known=known, shape=shape)
+        row = {
+            "covered": np.abs(compared.z) <= found.half_width_95,
+            "nees": compared.nees_per_parameter,
+            "square": compared.error**2 / bound,
+            "rejected": judged.adequate is False,
+            "freedom": found.freedom,
+        }
+        if not known:
+            wide = sandwich(linearized(arm, seen, found.values, found.fit.free))
+            reach = stats.t.ppf(0.975, wide.freedom) * np.sqrt(np.diag(wide.covariance))
+            row |= {"covered by sandwich": np.abs(compared.error) <= reach}
+            row |= {"said": isotropy(arm, seen, found.fit).words != ""}
+        rows.append(row)
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+
+def study(case: str, options: Options) -> dict[str, float]:
+    """One case over all robots and draws."""
+    with ProcessPoolExecutor(min(os.cpu_count() or 1, 8), initializer=threadpool_limits, initargs=(1,)) as pool:
+        seeds = range(options.robots)
+        parts = list(pool.map(of_one_robot, [case] * options.robots, seeds, [options] * options.robots))
+    found = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    freedom = float(found["freedom"][0])
+    expected = 1.0 if NOISES.get(case, NOISES["Gaussian, known"])[1].instrument else freedom / (freedom - 2)
+    covered, ratio = found["covered"].mean(axis=0), found["square"].mean(axis=0)
+    result = {
+        "campaigns": len(found["nees"]),
+        "coverage_least": covered.min(),
+        "coverage_mean": covered.mean(),
+        "coverage_largest": covered.max(),
+        "nees": found["nees"].mean() / expected,
+        "variance_over_bound_least": ratio.min(),
+        "variance_over_bound_mean": ratio.mean(),
+        "variance_over_bound_largest": ratio.max(),
+        "inadequate": found["rejected"].mean(),
+    }
+    if "said" in found:
+        result["anisotropy_said"] = found["said"].mean()
+        wide = found["covered by sandwich"].mean(axis=0)
+        result |= {"sandwich_least": wide.min(), "sandwich_mean": wide.mean(), "sandwich_largest": wide.max()}
+    return {key: float(value) for key, value in result.items()}
+
+
+def main() -> None:
+    """Run all cases and print them."""
+    options = tyro.cli(Options)
+    results = {case: study(case, options) for case in options.cases}
+    if options.json:
+        print(json.dumps(results))
+        return
+    for case, result in results.items():
+        print(case)
+        for key, value in result.items():
+            print(f"  {key.replace('_', ' '):28} {value:.4f}")
+
+
+if __name__ == "__main__":
+    main()
