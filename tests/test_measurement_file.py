@@ -20,7 +20,9 @@ def random_measurements(rng: np.random.Generator, slides) -> Measurements:
     other = {"note": tuple('a,"b"' for _ in range(n))}
     conditions = {"temp_C": np.where(rng.random(n) < 0.5, np.nan, 20 + rng.random(n)), "approach_q2": np.ones(n)}
     ids, days = tuple(f"row{i}" for i in range(n)), tuple(rng.choice(["mon", "tue"], n))
-    return Measurements(names, joints, ("ball", "p2"), points, ids, use, days, sigma, other, True, conditions=conditions)
+    return Measurements(
+        names, joints, ("ball", "p2"), points, ids, use, days, sigma, other, True, conditions=conditions
+    )
 
 
 def test_what_is_written_reads_back_to_the_bit(tmp_path) -> None:

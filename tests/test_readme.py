@@ -36,7 +36,7 @@ def test_every_further_command_runs(tmp_path, monkeypatch, capsys) -> None:
         assert capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("at", "name"), enumerate(["first_calibration.py", "own_effect.py"]))
+@pytest.mark.parametrize(("at", "name"), [(0, "first_calibration.py"), (1, "own_effect.py")])
 def test_the_snippets_are_scripts_and_print_what_is_shown(at: int, name: str, tmp_path) -> None:
     assert len(blocks("python")) == 2
     snippet = blocks("python")[at]

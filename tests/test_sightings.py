@@ -11,7 +11,7 @@ from lab import frames
 from lab.calibration.assess import configurations, errors_of, kept_together, split_by_label
 from lab.calibration.identify import Identification, Noise, Wishes, identify
 from lab.calibration.places import PLACE, Places
-from lab.calibration.poses import Poses, weighed
+from lab.calibration.poses import Poses, balanced
 from lab.calibration.prior import Tolerance
 from lab.calibration.rounding import rounding
 from lab.calibration.sessions import found_sessions, with_sessions
@@ -231,7 +231,7 @@ def test_the_ratio_of_the_noises_is_found() -> None:
     ratios = []
     for seed in range(6):
         sight, data, _ = seen_poses(ARM, 60, seed, 1e-4, 3e-4)
-        found = [weighed(replace(sight, ratio=start), data, ARM.nominal()).ratio for start in (0.1, 30.0)]
+        found = [balanced(replace(sight, ratio=start), data, ARM.nominal()).ratio for start in (0.1, 30.0)]
         assert found[0] == pytest.approx(found[1], rel=0.02)
         ratios.append(found[0])
     assert np.mean(ratios) == pytest.approx(3.0, rel=0.08)
@@ -240,7 +240,7 @@ def test_the_ratio_of_the_noises_is_found() -> None:
 
 def test_the_ratio_matters_and_exact_poses_leave_it() -> None:
     sight, data, _ = seen_poses(ARM, 30, 0)
-    assert weighed(sight, data, ARM.nominal()).ratio == sight.ratio
+    assert balanced(sight, data, ARM.nominal()).ratio == sight.ratio
     errors: dict[float, list[float]] = {1.0: [], 30.0: []}
     for seed in range(6):
         sight, data, true = seen_poses(ARM, 40, seed, 1e-4, 3e-3)

@@ -26,7 +26,7 @@ from lab.measurements import Measurements
 from lab.seeds import stream
 
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): readings this near are repeats of one configuration
-FOLDS = 5
+FOLDS, LEAST_FOLDS = 5, 3
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
 UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
 REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
@@ -133,19 +133,20 @@ def judge_folds(identify: Identify, identification: Identification, data: Measur
     """Five-fold cross-validation by configuration or place; by nothing where a fold would leave too little to fit."""
     labels, numbers = kept_together(identification.model, data), data.points.shape[2]
     order = stream(seed, "split").permutation(labels.max() + 1)
+    folds = min(FOLDS, len(order))
     fold_of = np.empty(len(order), dtype=np.int_)
-    fold_of[order] = np.arange(len(order)) % FOLDS
+    fold_of[order] = np.arange(len(order)) % folds
     rows = fold_of[labels]
     kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
-    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(FOLDS))
-    if len(order) < FOLDS or not enough:
+    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(folds))
+    if folds < LEAST_FOLDS or not enough:
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
         why = f"too few poses to hold any out: not judged on fresh poses, which takes about {wanted}"
         return Judgement(None, None, (why,))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
-    for fold in range(FOLDS):
+    for fold in range(folds):
         test = np.flatnonzero(rows == fold)
         part = identify(data.take(np.flatnonzero(rows != fold)))
         unseen = {part.model.names[i] for i in part.unseen}

@@ -25,6 +25,7 @@ from lab.seeds import stream
 
 Solve = Callable[[Sighting, Observations, Sequence[int], Array], Fit]
 BARELY_TOLD_APART = 1e3  # a condition above which poses hardly tell the parameters apart
+MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the drawing in the same poses
 
@@ -71,6 +72,8 @@ class Identification:
         sigma_known: whether it was given.
         freedom: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
+        further: what was known beside the measurements, weighed as they are: places, a prior.
+        freedom_each: ``(f,)`` of each parameter's interval, where the covariance is not sigma's (``sandwich``).
         residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not seen.
         spread: of the measured points, to that of the drawing's in the same poses: a wrong unit shows here.
     """
@@ -87,6 +90,8 @@ class Identification:
     residuals: Array
     spread: float
     warnings: tuple[str, ...]
+    further: Further
+    freedom_each: Array | None = None
 
     @property
     def status(self) -> Status:
@@ -99,11 +104,12 @@ class Identification:
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def half_width_95(self) -> float:
-        """Half a 95 % interval in standard deviations: Student's t where sigma was estimated."""
+    def half_width_95(self) -> Array:
+        """Half of each 95 % interval ``(f,)`` in standard deviations: Student's t where sigma was estimated."""
         if self.sigma_known:
-            return 1.959963984540054
-        return float(student.ppf(0.975, self.freedom)) if self.freedom > 0 else float("nan")
+            return np.full(len(self.fit.free), 1.959963984540054)
+        freedom = np.full(len(self.fit.free), self.freedom) if self.freedom_each is None else self.freedom_each
+        return np.asarray(np.where(freedom > 0, student.ppf(0.975, np.maximum(freedom, 1)), np.nan))
 
     @property
     def plausible(self) -> bool:
@@ -180,8 +186,8 @@ def identify(
     estimated = np.sqrt(squares / freedom) if freedom > 0 else float("nan")
     if wishes.tolerance is not None:
         prior = prior_of(model, structure, nominal, wishes.tolerance, sight.placed)
-        scaled = _both(further, prior.rows(1.0 if known else estimated))
-        solution = _canonical(model, seen, fit(model, seen, structure.kept, start, further=scaled), scaled)
+        further = _both(further, prior.rows(1.0 if known else estimated))
+        solution = _canonical(model, seen, fit(model, seen, structure.kept, start, further=further), further)
         free, residuals = structure.kept, data.points - model.points(seen.settings, solution.values)
     found = Identification(
         model=model,
@@ -196,6 +202,7 @@ def identify(
         residuals=residuals,
         spread=_spread_to_drawing(sight, seen, before, nominal),
         warnings=data.warnings,
+        further=further,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found, estimated if known else None)))
 
@@ -302,18 +309,23 @@ def _spread(points: Array) -> float:
 def _warnings(found: Identification, misfit: float | None) -> list[str]:
     warnings = []
     if found.status != "converged":
-        warnings.append(f"Gauss-Newton did not converge in {found.fit.iterations} steps: the result is not to be used")
+        warnings.append(
+            f"Gauss-Newton did not converge in {found.fit.iterations} steps: the result is not to be used; where the "
+            "measurements say too little, --prior weighs the drawing's tolerances"
+        )
     if unseen := [found.model.names[i] for i in found.unseen]:
         warnings.append(
             f"these poses do not tell {', '.join(unseen)} apart from the others: they stay nominal; "
             "move every joint through more of its range"
         )
     elif found.fit.condition > BARELY_TOLD_APART:
-        weak = f", and leave {', '.join(found.weak)} unsure by more than 1 mm or 1 mrad" if found.weak else ""
+        listed = [*found.weak[:MOST_NAMED], *(["others"] if len(found.weak) > MOST_NAMED else [])]
+        weak = f", and leave {', '.join(listed)} unsure by more than 1 mm or 1 mrad" if found.weak else ""
         warnings.append(
             f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart{weak}; "
             "positions near the measured ones are right, single parameters are not: "
-            "move every joint through more of its range, or set the target further off the last axis"
+            "move every joint through more of its range, set the target further off the last axis, "
+            "or weigh tolerances (--prior)"
         )
     if misfit is not None and misfit > 1.5:
         warnings.append(

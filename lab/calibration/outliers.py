@@ -64,6 +64,7 @@ def find_outliers(
     shape: Shape = Shape(),  # noqa: B008
     level: float = LEVEL,
     further: Further | None = None,
+    things: int | None = None,
 ) -> Outliers:
     """Find the poses that are off, and fit the others.
 
@@ -74,6 +75,7 @@ def find_outliers(
         rng: for the distribution of the largest residual where noise is not Gaussian.
         shape: of the noise.
         level: of a whole campaign.
+        things: how many of the observed things, from the first, are lengths; all where None.
         further: what else is known of the parameters, as for ``fit``.
     """
     values, weights, scale = _robust(model, seen, free, start, further, 0.01 if known else LEAST_SIGMA_M)
@@ -88,7 +90,7 @@ def find_outliers(
         if (inside == before).all():
             break
     p, _ = test.judge(linear.within(inside), linear.residual)
-    rows, sizes = np.flatnonzero(~inside), _sizes(model, seen, values)
+    rows, sizes = np.flatnonzero(~inside), _sizes(model, seen, values, things)
     rows = rows[np.argsort(-sizes[rows], kind="stable")]
     return Outliers(
         rows, sizes[rows], test.campaign(p[rows]), solution, weights[: linear.poses], believed, level, needed
@@ -236,7 +238,7 @@ def _weighted_step(linear: Linear, basis: Array, weights: Array) -> Array:
     return np.asarray(np.linalg.solve(normal, spread @ linear.residual.ravel()))
 
 
-def _sizes(model: Model, seen: Observations, values: Array) -> Array:
+def _sizes(model: Model, seen: Observations, values: Array, things: int | None) -> Array:
     """Largest residual length ``(n,)`` of each pose's seen targets (m)."""
-    lengths = np.linalg.norm(seen.points - model.points(seen.settings, values), axis=2)
+    lengths = np.linalg.norm((seen.points - model.points(seen.settings, values))[:, :things], axis=2)
     return np.asarray(np.where(np.isnan(lengths), 0.0, lengths).max(axis=1))

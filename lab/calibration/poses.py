@@ -165,7 +165,7 @@ def flange_turns(arm: Model, settings: Array, values: Array, jacobian: Array) ->
     return rotation, turns
 
 
-def weighed(sight: Poses, data: Measurements, nominal: Array, wishes: Wishes | None = None) -> Poses:
+def balanced(sight: Poses, data: Measurements, nominal: Array, wishes: Wishes | None = None) -> Poses:
     """The same with the ratio of the noises that the residuals show (the module's text).
 
     Args:

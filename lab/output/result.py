@@ -76,11 +76,12 @@ def parameters(outcome: Outcome) -> list[dict[str, Any]]:
     model, free = identification.model, list(identification.fit.free)
     exported = likely(outcome)
     std = dict(zip(free, identification.std, strict=True))
+    reach = dict(zip(free, identification.half_width_95 * identification.std, strict=True))
     scale = column_scale(model, identification.before)
     hidden = {alias.name: dict(alias.into) for alias in aliases(model, identification.base_set, scale)}
     rows = []
     for i, name in enumerate(model.names):
-        estimate, half = float(identification.values[i]), identification.half_width_95 * std.get(i, np.nan)
+        estimate, half = float(identification.values[i]), reach.get(i, np.nan)
         interval = [number(estimate - half), number(estimate + half)]
         rows.append(
             {

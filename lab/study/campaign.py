@@ -23,7 +23,9 @@ from lab.calibration.assess import (
 )
 from lab.calibration.identify import Identification, Noise
 from lab.calibration.prior import Tolerance
+from lab.calibration.sessions import found_sessions, with_sessions
 from lab.calibration.sighted import Observing
+from lab.calibration.touching import Cable
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S
@@ -113,11 +115,11 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
     """The same from a measurement file, judged by a hold-out, another file, or cross-validation."""
     options.check()
     robot = load_robot(options.robot)
-    data = _read(robot, options.file, options)
+    read = _read(robot, options.file, options)
     other = None if options.validate is None else _seen(_read(robot, options.validate, options))
-    fitter = _fitter(robot, data, options)
     with _naming(options.file):
-        observed = fitter.observed()
+        fitter = _fitter(robot, read, options)
+        data, observed = fitter.data, fitter.observed()
     rows, test = _seen(observed.only("calibrate")), _seen(observed.only("test"))
     if not len(rows):
         raise LabError(f"{options.file}: no row with use = calibrate has a measured point; mark or measure some")
@@ -136,7 +138,7 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
         elif held is not None:
             judgement = judge_rows(fit.identification, held)
         else:
-            again = partial(fitter.identified, groups=fit.groups)
+            again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
             judgement = judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
     return _outcome(fitter, fit, judgement, options.gate_mm, time.perf_counter() - started)
 
@@ -156,7 +158,24 @@ def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitt
     device = None if options.instrument is None else instrument(options.instrument)
     noise = Noise(device, None if options.noise_mm is None else options.noise_mm / 1e3)
     targets = data.targets if options.observe in ("points", "pose") else ("p1",)
-    return Fitter(robot, targets, data, observing, noise, options.fitting, options.method == "sequential", options.seed)
+    fitter = Fitter(
+        robot, targets, data, observing, noise, options.fitting, options.method == "sequential", options.seed
+    )
+    if options.observe == "cable" and not any(data.sessions):
+        return _with_anchors(fitter)
+    return fitter
+
+
+def _with_anchors(fitter: Fitter) -> Fitter:
+    """The same with sessions where the anchor seems to have moved, for a file that names none."""
+    model, data = fitter.model_with(()), fitter.data
+    assert isinstance(model, Cable)
+    starts = found_sessions(model, fitter.observed(), fitter.nominal(model))
+    if len(starts) == 1:
+        return fitter
+    rows = ", ".join(data.ids[start] for start in starts[1:])
+    said = f"the anchor seems to have moved before rows {rows}: {len(starts)} anchors; name them in a column session"
+    return replace(fitter, data=replace(with_sessions(data, starts), warnings=(*data.warnings, said)))
 
 
 def _fresh(real: RealArm, options: VirtualCampaign) -> Measurements:

@@ -1,18 +1,18 @@
 """What a set of measurements says: the model asked for or found, the poses that are off, and how far to trust it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.adequacy import Adequacy, adequacy, isotropy
+from lab.calibration.adequacy import Adequacy, adequacy, isotropy, sandwich
 from lab.calibration.assess import kept_together
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification, Noise, Wishes, identify, weighed
 from lab.calibration.lag import lagging
-from lab.calibration.null import Shape
+from lab.calibration.null import Shape, linearized
 from lab.calibration.outliers import Outliers, find_outliers, would_matter
-from lab.calibration.poses import Poses
+from lab.calibration.poses import Poses, balanced
 from lab.calibration.prior import Tolerance
 from lab.calibration.readings import by_readings
 from lab.calibration.rounding import rounding
@@ -52,6 +52,8 @@ class Fitted:
 
     Attributes:
         rows: those that the parameters come from.
+        groups: of the model.
+        unshown: parameters of these that the selection found the poses not to show: held at zero.
         outliers: poses that are off: left out if asked for, else fitted all the same.
         left_out: whether they were.
         selection: of the model's groups, where that was asked for.
@@ -60,6 +62,7 @@ class Fitted:
     identification: Identification
     rows: Measurements
     groups: tuple[str, ...]
+    unshown: tuple[str, ...]
     outliers: tuple[Named, ...]
     left_out: bool
     adequacy: Adequacy
@@ -113,14 +116,22 @@ class Fitter:
         """Of manufacture."""
         return Tolerance(self.options.tolerance_mm / 1e3, self.options.tolerance_mrad / 1e3)
 
-    def identified(self, rows: Measurements, groups: Sequence[str]) -> tuple[Identification, Measurements]:
-        """One identification of the arm with these groups, and the rows that it comes from."""
+    def identified(
+        self, rows: Measurements, groups: Sequence[str], held: Sequence[str] = ()
+    ) -> tuple[Identification, Measurements]:
+        """One identification of the arm with these groups, and the rows that it comes from.
+
+        Args:
+            held: parameters of the groups that the selection found these poses not to show.
+        """
         model = self.model_with(groups)
+        wishes = replace(self.wishes, fix=(*self.wishes.fix, *held))
+        found = self._identify(model, rows, wishes)
         if not self.options.robust:
-            return self._identify(model, rows), rows
-        found = self._outliers(model, rows, self._identify(model, rows))
-        clean = rows.take(np.setdiff1d(np.arange(len(rows)), found.rows))
-        return self._identify(model, clean), clean
+            return found, rows
+        off = self._outliers(found, rows).rows
+        clean = rows.take(np.setdiff1d(np.arange(len(rows)), off))
+        return self._identify(model, clean, wishes), clean
 
     def __call__(self, rows: Measurements, held: Measurements | None = None) -> Fitted:
         """Everything that the rows say.
@@ -128,28 +139,20 @@ class Fitter:
         Args:
             rows, held: some of what is observed; ``held`` are poses held out, by which adequacy can be judged.
         """
-        groups, selection = self.options.groups, None
+        selection = None
         if self.options.model == "auto":
             _, clean = self.identified(rows, ())
             selection = select(self.model_with, clean, self.nominal, self.noise, self.wishes, seed=self.seed)
-            groups = selection.chosen
-        identification, clean = self.identified(rows, groups)
-        model = identification.model
-        found = self._outliers(model, rows, identification)
-        seen, known = weighed(sighting_of(model), clean, self.noise)
-        test = None if held is None else weighed(sighting_of(model), held, self.noise)[0]
-        labels = kept_together(model, clean)
-        judged = adequacy(model, seen, identification.fit, known=known, shape=self._shape, labels=labels, held=test)
-        return Fitted(
-            identification,
-            clean,
-            groups,
-            _named(rows, found),
-            self.options.robust,
-            judged,
-            selection,
-            tuple(self._warnings(groups, identification, clean, found, judged)),
-        )
+        groups = self.options.groups if selection is None else selection.chosen
+        unshown = () if selection is None else selection.held
+        identification, clean = self.identified(rows, groups, unshown)
+        outliers = self._outliers(identification, rows)
+        judged = self._adequacy(identification, clean, held)
+        trusted, warnings = self._said_of_noise(identification, clean, outliers)
+        warnings += [judged.words] if judged.adequate is False else []
+        warnings += self._said_of_weakness(groups, identification, clean) + self._said_of_joints(identification, clean)
+        named = _named(rows, outliers)
+        return Fitted(trusted, clean, groups, unshown, named, self.options.robust, judged, selection, tuple(warnings))
 
     @property
     def _shape(self) -> Shape:
@@ -158,42 +161,72 @@ class Fitter:
         uniform = device is not None and device.kind == "uniform" and self.noise.sigma_m is None
         return Shape("uniform", self.noise.readings) if uniform else Shape()
 
-    def _identify(self, model: Model, rows: Measurements) -> Identification:
-        return identify(model, rows, self.nominal(model), self.noise, self.wishes)
+    def _identify(self, model: Model, rows: Measurements, wishes: Wishes) -> Identification:
+        if isinstance(model, Poses) and self.observing.ratio is None:
+            model = balanced(model, rows, self.nominal(model), wishes)
+        return identify(model, rows, self.nominal(model), self.noise, wishes)
 
-    def _outliers(self, model: Model, rows: Measurements, start: Identification) -> Outliers:
-        seen, known = weighed(sighting_of(model), rows, self.noise)
-        rng = stream(self.seed, "null")
-        return find_outliers(model, seen, start.fit.free, start.before, known=known, rng=rng, shape=self._shape)
+    def _outliers(self, start: Identification, rows: Measurements) -> Outliers:
+        sight = sighting_of(start.model)
+        seen, known = weighed(sight, rows, self.noise)
+        return find_outliers(
+            start.model,
+            seen,
+            start.fit.free,
+            start.before,
+            known=known,
+            rng=stream(self.seed, "null"),
+            shape=self._shape,
+            further=start.further,
+            things=sight.positions or None,
+        )
 
-    def _warnings(
-        self,
-        groups: tuple[str, ...],
-        found: Identification,
-        rows: Measurements,
-        outliers: Outliers,
-        judged: Adequacy,
-    ) -> list[str]:
+    def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> Adequacy:
         sight = sighting_of(found.model)
-        seen, _ = weighed(sight, rows, self.noise)
-        said = [] if judged.adequate is not False else [judged.words]
+        seen, known = weighed(sight, rows, self.noise)
+        return adequacy(
+            found.model,
+            seen,
+            found.fit,
+            known=known,
+            shape=self._shape,
+            labels=kept_together(found.model, rows),
+            held=None if held is None else weighed(sight, held, self.noise)[0],
+            further=found.further,
+        )
+
+    def _said_of_noise(
+        self, found: Identification, rows: Measurements, outliers: Outliers
+    ) -> tuple[Identification, list[str]]:
+        """The identification with intervals to be trusted, and what is to be said of outliers and of the noise."""
+        seen, known = weighed(sighting_of(found.model), rows, self.noise)
         if len(outliers.rows) and not self.options.robust:
             moved = would_matter(found.model, seen, found.values, outliers.fit.values)
-            said.append(
-                f"{len(outliers.rows)} poses are off by more than noise explains, {1e3 * outliers.sizes_m[0]:.3g} mm "
+            count = f"{len(outliers.rows)} poses are" if len(outliers.rows) > 1 else "1 pose is"
+            return found, [
+                f"{count} off by more than noise explains, {1e3 * outliers.sizes_m[0]:.3g} mm "
                 f"the worst: --robust would leave them out, and move what is predicted by {1e3 * moved:.2g} mm"
-            )
-        spherical = self.noise.instrument is not None and self.noise.instrument.kind == "spherical"
-        if self.observing.kind == "points" and not spherical and not len(outliers.rows):
-            said += [words for words in (isotropy(found.model, seen, found.fit).words,) if words]
-        if self.observing.kind == "points" and found.fit.condition > WEAK_CONDITION and not found.unseen:
-            wanted = changes(self.robot, self.targets, groups, found.values, seen.settings)[0]
-            said.append(
-                f"some parameters are nearly unidentifiable (weak_directions in result.json): with {wanted.words} the "
-                f"same poses would have a condition of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"
-            )
-        said += self._said_of_joints(found, rows)
-        return said
+            ]
+        device = self.noise.instrument
+        if self.observing.kind != "points" or (device is not None and device.kind == "spherical"):
+            return found, []
+        words = isotropy(found.model, seen, found.fit).words
+        if not words or known or found.freedom < 1:
+            return found, [words] if words else []
+        own = sandwich(linearized(found.model, seen, found.values, found.fit.free))
+        trusted = replace(found, covariance=own.covariance, freedom_each=own.freedom)
+        return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
+
+    def _said_of_weakness(self, groups: tuple[str, ...], found: Identification, rows: Measurements) -> list[str]:
+        """What would show what is barely seen."""
+        if self.observing.kind != "points" or found.fit.condition <= WEAK_CONDITION or found.unseen:
+            return []
+        settings = rows.settings(found.model.conditions)
+        wanted = changes(self.robot, self.targets, groups, found.values, settings)[0]
+        return [
+            f"some parameters are nearly unidentifiable (weak_directions in result.json): with {wanted.words} the "
+            f"same poses would have a condition of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"
+        ]
 
     def _said_of_joints(self, found: Identification, rows: Measurements) -> list[str]:
         """Readings that are rounded, or that do not follow the arm."""
