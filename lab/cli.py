@@ -163,7 +163,7 @@ def _one_line(panel: str) -> str:
 
 def _campaign(command: Calibrate | Identify) -> int:
     """Run, write and print a campaign; 1 where its verdict is bad."""
-    from lab.calibration.sightings import sighting_of
+    from lab.calibration.sightings.sighting import sighting_of
     from lab.output.result import summary
     from lab.output.run import write_run
     from lab.output.tables import print_outcome

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.certificate import certify
 from lab.calibration.identify import Identification, Noise, identify
+from lab.calibration.planning.certificate import certify
 from lab.calibration.solver import Observations, fit
 from lab.geometry.serial import SerialArm
 from lab.instruments import instrument

@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 
-from lab.calibration.design import ascend, exchange
-from lab.calibration.observability import Scaling, criterion, indices
+from lab.calibration.planning.design import ascend, exchange
+from lab.calibration.planning.observability import Scaling, criterion, indices
 from lab.seeds import stream
 from lab.study.robots import load_robot
 

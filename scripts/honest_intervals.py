@@ -15,11 +15,11 @@ import tyro
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.adequacy import adequacy, isotropy, sandwich
-from lab.calibration.assess import compare_with_truth
+from lab.calibration.assess import compare_with_truth, error_tangent
 from lab.calibration.identify import Noise, identify, weighed
-from lab.calibration.null import Shape, linearized
-from lab.calibration.sightings import sighting_of
+from lab.calibration.sightings.sighting import sighting_of
+from lab.calibration.statistics.adequacy import adequacy, isotropy, sandwich
+from lab.calibration.statistics.null import Shape, linearized
 from lab.instruments import Instrument, instrument
 from lab.seeds import stream
 from lab.study.option_groups import ArmEffects, Flag
@@ -77,7 +77,8 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
         free = list(found.fit.free)
         if bound is None:
             rates = weights.apply(arm.observe(poses, truth.values)[1][..., free])
-            bound = np.diag(np.linalg.inv(rates.T @ rates))
+            local = error_tangent(arm, truth.values)[np.ix_(free, free)]
+            bound = np.diag(local @ np.linalg.inv(rates.T @ rates) @ local.T)
         seen, known = weighed(sighting_of(arm), data, noise)
         judged = adequacy(arm, seen, found.fit, known=known, shape=shape)
         row = {

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lab import frames
-from lab.calibration.poses import QUATERNION, Poses
+from lab.calibration.sightings.poses import QUATERNION, Poses
 from lab.frames import Array
 from lab.geometry.gauge import base_set
 from lab.geometry.model import is_angle

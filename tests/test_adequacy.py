@@ -7,9 +7,9 @@ import pytest
 from arms import IRB120, perturbed, somewhere
 from scipy import stats
 
-from lab.calibration.adequacy import LEVEL, Adequacy, adequacy, isotropy, sandwich
-from lab.calibration.null import Shape, linearized
 from lab.calibration.solver import Fit, Observations, fit, whitening
+from lab.calibration.statistics.adequacy import LEVEL, Adequacy, adequacy, isotropy, sandwich
+from lab.calibration.statistics.null import Shape, linearized
 from lab.frames import Array
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm

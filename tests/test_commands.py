@@ -295,3 +295,94 @@ def test_the_default_folder_is_never_overwritten(tmp_path, monkeypatch, capsys) 
         "calibrate-irb120-seed0",
         "calibrate-irb120-seed0-2",
     }
+
+
+SOFT = ("--stiffness-nm-per-rad", "1e5", "--harmonic-mrad", "0.2", "--payload-kg", "0,3", "--poses", "80")
+
+
+def test_effects_are_found_and_told(tmp_path, capsys) -> None:
+    out = tmp_path / "run"
+    code, result = run(capsys, "calibrate", *SOFT, "--model", "auto", "--out", out)
+    assert code == 0 and result["adequate"] is True
+    assert result["model"] in ("geometric+harmonics+compliance", "geometric+compliance+harmonics")
+    table = {group["name"]: group for group in result["groups"]}
+    assert {name for name, group in table.items() if group["chosen"]} == {"geometry", "harmonics", "compliance"}
+    assert table["compliance"]["parameters"] == 2 and table["compliance"]["f_p"] < 1e-20
+    assert (
+        table["geometry"]["holdout_mm"]
+        > 0.05
+        > 0.02
+        > min(table[name]["holdout_mm"] for name in ("compliance", "harmonics"))
+    )
+    assert "significant" in table["gear"]["why_not"] and "missing" in table["drift"]["why_not"]
+    assert result["after_mm"]["mean"] < 0.006 and 0.5 < result["truth"]["nees_per_parameter"] < 1.7
+    assert {joint: round(k, -5) for joint, k in result["stiffness_nm_per_rad"].items()} == {"q2": 1e5, "q3": 1e5}
+    rows = {row["name"]: row for row in json.loads((out / "parameters.json").read_text())}
+    assert rows["joint2.compliance"]["unit"] == "rad/Nm" and rows["joint2.compliance"]["status"] == "identified"
+    assert (out / "recording.rrd").is_file() and "payload_kg" in (out / "measurements.csv").read_text().splitlines()[0]
+
+    code, again = run(capsys, "identify", out / "measurements.csv", "--instrument", "uniform-8um", "--model",
+                      "compliance+harmonics", "--out", tmp_path / "again")  # fmt: skip
+    assert code == 0 and again["groups"] == [{"name": name, "chosen": True} for name in ("compliance", "harmonics")]
+    assert again["after_mm"]["mean"] < 0.012 and again["parameters"] == 48
+
+    code, rigid = run(capsys, "identify", out / "measurements.csv", "--instrument", "uniform-8um", "--out", out)
+    assert code == 0 and rigid["adequate"] is False and rigid["after_mm"]["mean"] > 0.05
+    assert any("not adequate" in warning for warning in rigid["warnings"])
+
+
+def test_bad_readings_are_named_and_left_out(tmp_path, capsys) -> None:
+    bad = ("--bad-share", "0.06", "--bad-mm", "0.1,20", "--poses", "60")
+    code, plain = run(capsys, "calibrate", *bad, "--out", tmp_path / "plain")
+    assert code in (0, 1) and plain["outliers"] and not plain["outliers_left_out"] and plain["after_mm"]["mean"] > 0.05
+    assert any("--robust would leave them out" in warning for warning in plain["warnings"])
+    code, robust = run(capsys, "calibrate", *bad, "--robust", "--out", tmp_path / "robust")
+    assert code == 0 and robust["after_mm"]["mean"] < 0.006 and robust["outliers_left_out"]
+    assert robust["poses"] == 60 - len(robust["outliers"]) and robust["adequate"] is True
+    assert {each["id"] for each in robust["outliers"]} == {each["id"] for each in plain["outliers"]}
+    sizes = [each["size_mm"] for each in robust["outliers"]]
+    assert sizes == sorted(sizes, reverse=True) and all(each["p"] < 0.02 for each in robust["outliers"])
+    assert len((tmp_path / "robust" / "measurements.csv").read_text().splitlines()) == 61  # nothing is dropped
+
+
+def test_joints_that_lag_are_told(tmp_path, capsys) -> None:
+    for lag, told in ((0.002, True), (0.0, False)):
+        _, result = run(capsys, "calibrate", "--lag", lag, "--poses", "60", "--out", tmp_path / "run")
+        assert any("do not follow the arm" in warning for warning in result["warnings"]) is told
+
+
+def test_spherical_noise_taken_for_isotropic_is_told(tmp_path, capsys) -> None:
+    out = tmp_path / "run"
+    run(capsys, "calibrate", "--instrument", "leica-at960", "--poses", "80", "--out", out)
+    _, plain = run(capsys, "identify", out / "measurements.csv", "--out", tmp_path / "plain")
+    assert any("not isotropic" in w and "own residuals" in w for w in plain["warnings"])
+    _, weighed = run(
+        capsys, "identify", out / "measurements.csv", "--instrument", "leica-at960", "--out", tmp_path / "w"
+    )
+    assert weighed["adequate"] is True and not any("isotropic" in warning for warning in weighed["warnings"])
+
+
+def test_a_config_runs_again(tmp_path, capsys) -> None:
+    out = tmp_path / "run"
+    asked = ("--seed", "4", "--poses", "30", "--harmonic-mrad", "0.1", "--model", "harmonics", "--payload-kg", "0,2")
+    run(capsys, "calibrate", *asked, "--out", out)
+    run(capsys, "calibrate", "--config", out / "config.json", "--out", tmp_path / "again")
+    for name in ("config.json", "measurements.csv", "parameters.json"):
+        assert (out / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+    _, other = run(capsys, "calibrate", "--config", out / "config.json", "--poses", "31", "--out", tmp_path / "more")
+    assert other["poses"] == 31 and other["model"] == "geometric+harmonics"
+    run(capsys, "identify", out / "measurements.csv", "--holdout", "0.2", "--out", tmp_path / "id")
+    _, once = run(capsys, "identify", "--config", tmp_path / "id" / "config.json", "--out", tmp_path / "id2")
+    assert once["judged_by"] == "holdout"
+
+
+def test_inspect_names_weak_directions_and_what_would_show_them(capsys) -> None:
+    code, near = run(capsys, "inspect", "irb120", "--tool-mm", "1,0,100")
+    assert code == 0 and near["condition"] > 600 and len(near["weak_directions"]) == 2
+    assert {"link5.d", "link5.alpha"} <= set(near["weak_directions"][0]["parts"])
+    assert all(condition < 20 for condition in near["changes"].values()) and len(near["changes"]) == 3
+    code, far = run(capsys, "inspect", "irb120", "--model", "compliance", "--fix", "link4.d")
+    assert code == 0 and far["rank"] == 28 and far["held"] == ["link4.d"] and not far["weak_directions"]
+    assert main(["inspect", "irb120", "--tool-mm", "1,0,100"]) == 0
+    printed = capsys.readouterr().out
+    assert "nearly unidentifiable, 1/668" in printed and "with a second target the condition would be" in printed

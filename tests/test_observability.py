@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arms import IRB120
 
-from lab.calibration.observability import CRITERIA, Scaling, criterion, indices
+from lab.calibration.planning.observability import CRITERIA, Scaling, criterion, indices
 from lab.errors import LabError
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from arms import IRB120, perturbed, somewhere
 
-from lab.calibration.lag import lagging
-from lab.calibration.null import Shape, linearized, smallest_p
-from lab.calibration.outliers import Outliers, find_outliers, leave_out, would_matter
 from lab.calibration.solver import Observations, fit
+from lab.calibration.statistics.lag import lagging
+from lab.calibration.statistics.null import Shape, linearized, smallest_p
+from lab.calibration.statistics.outliers import Outliers, find_outliers, leave_out, would_matter
 from lab.frames import Array
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm

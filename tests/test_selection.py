@@ -10,9 +10,9 @@ from arms import IRB120, data_file, somewhere, table_robot
 
 from lab.calibration import trials
 from lab.calibration.identify import Identification, Noise, Wishes, identify
-from lab.calibration.nested import Score
-from lab.calibration.selection import CANDIDATES, Selection, objection, select
-from lab.calibration.trials import Large, Task
+from lab.calibration.statistics.nested import Score
+from lab.calibration.statistics.selection import CANDIDATES, Selection, objection, select
+from lab.calibration.statistics.trials import Large, Task
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import AffectedArm, affected

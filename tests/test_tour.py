@@ -8,7 +8,7 @@ import pytest
 from arms import IRB120, SCARA
 from test_candidates import among_posts, small_arm
 
-from lab.calibration.route import (
+from lab.calibration.planning.route import (
     _or_change,
     _or_moved,
     _reversed,
@@ -18,7 +18,15 @@ from lab.calibration.route import (
     lengths,
     random_starts,
 )
-from lab.calibration.tour import DEFAULT_SLIDE_SPEED, DEFAULT_SPEED, Roads, Tour, joint_speeds, move_seconds, plan_tour
+from lab.calibration.planning.tour import (
+    DEFAULT_SLIDE_SPEED,
+    DEFAULT_SPEED,
+    Roads,
+    Tour,
+    joint_speeds,
+    move_seconds,
+    plan_tour,
+)
 from lab.errors import LabError
 from lab.instruments import INSTRUMENTS
 from lab.seeds import stream

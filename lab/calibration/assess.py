@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from lab import frames
 from lab.calibration.identify import Identification
 from lab.calibration.locate import columns_of, locate
-from lab.calibration.sightings import sighting_of
+from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.solver import Observations, fit
 from lab.errors import LabError
 from lab.frames import Array
@@ -195,9 +195,7 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
     estimate, true = (frames.exp(values[turning]) for values in (identification.values, truly))
     difference[turning] = frames.log(true.T @ estimate)
     error = difference[free]
-    tangent = np.eye(len(model.names))
-    tangent[np.ix_(turning, turning)] = frames.left_jacobian(-identification.values[turning])
-    local = tangent[np.ix_(free, free)]
+    local = error_tangent(model, identification.values)[np.ix_(free, free)]
     covariance = local @ identification.covariance @ local.T
     std = np.sqrt(np.diag(covariance))
     if not (np.isfinite(std).all() and (std > 0).all()):
@@ -205,6 +203,14 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
     z = error / std
     nees = float((error / std) @ np.linalg.solve(covariance / np.outer(std, std), error / std)) / len(free)
     return TruthComparison(error, z, nees, float(np.mean(np.abs(z) <= identification.half_width_95)))
+
+
+def error_tangent(model: Model, values: Array) -> Array:
+    """Derivatives ``(p, p)`` of errors by parameters: one, but for the base's rotation, whose error is a logarithm."""
+    turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
+    tangent = np.eye(len(model.names))
+    tangent[np.ix_(turning, turning)] = frames.left_jacobian(-values[turning])
+    return tangent
 
 
 def verdict(identification: Identification, judgement: Judgement, gate_m: float) -> Verdict:

@@ -13,7 +13,7 @@ from lab import frames
 from lab.calibration.identifiability import poses_needed
 from lab.calibration.locate import columns_of
 from lab.calibration.prior import Tolerance, prior_of
-from lab.calibration.sightings import Sighting, sighting_of
+from lab.calibration.sightings.sighting import Sighting, sighting_of
 from lab.calibration.solver import Fit, Further, Observations, Status, fit, typical_weight, whitening
 from lab.errors import LabError
 from lab.frames import Array

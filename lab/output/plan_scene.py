@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.design import information
+from lab.calibration.planning.design import information
 from lab.calibration.uncertainty import ellipsoids
 from lab.frames import Array
 from lab.output.plan import pose_ids

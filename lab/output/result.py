@@ -7,7 +7,7 @@ import numpy as np
 from lab.calibration.identifiability import Direction, aliases, weak_directions
 from lab.calibration.identify import Identification
 from lab.calibration.lift import lift
-from lab.calibration.sightings import sighting_of
+from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.uncertainty import position_covariance
 from lab.frames import Array
 from lab.geometry.model import Model, unit_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lab import frames
 from lab.calibration.identify import Identification
-from lab.calibration.sightings import sighting_of
+from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
 from lab.frames import Array
 from lab.geometry.serial import SerialArm

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.identifiability import condition_of
-from lab.calibration.poses import Poses
+from lab.calibration.sightings.poses import Poses
 from lab.frames import Array
 from lab.study.robots import Robot
 

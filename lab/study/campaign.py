@@ -23,9 +23,9 @@ from lab.calibration.assess import (
 )
 from lab.calibration.identify import Identification, Noise
 from lab.calibration.prior import Tolerance
-from lab.calibration.sessions import found_sessions, with_sessions
-from lab.calibration.sighted import Observing
-from lab.calibration.touching import Cable
+from lab.calibration.sightings.sessions import found_sessions, with_sessions
+from lab.calibration.sightings.sighted import Observing
+from lab.calibration.sightings.touching import Cable
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S

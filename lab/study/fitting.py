@@ -5,22 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.adequacy import Adequacy, adequacy, isotropy, sandwich
 from lab.calibration.assess import kept_together
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification, Noise, Wishes, identify, weighed
-from lab.calibration.lag import lagging
-from lab.calibration.null import Shape, linearized
-from lab.calibration.outliers import Outliers, find_outliers, would_matter
-from lab.calibration.poses import Poses, balanced
 from lab.calibration.prior import Tolerance
-from lab.calibration.readings import by_readings
-from lab.calibration.rounding import rounding
-from lab.calibration.selection import Selection, select
-from lab.calibration.sequential import fit_sequentially
-from lab.calibration.sighted import Observing, sighted
-from lab.calibration.sightings import Sighting, sighting_of
+from lab.calibration.sightings.poses import Poses, balanced
+from lab.calibration.sightings.sequential import fit_sequentially
+from lab.calibration.sightings.sighted import Observing, sighted
+from lab.calibration.sightings.sighting import Sighting, sighting_of
 from lab.calibration.solver import Fit, Observations
+from lab.calibration.statistics.adequacy import Adequacy, adequacy, isotropy, sandwich
+from lab.calibration.statistics.lag import lagging
+from lab.calibration.statistics.null import Shape, linearized
+from lab.calibration.statistics.outliers import Outliers, find_outliers, would_matter
+from lab.calibration.statistics.readings import by_readings, rounding
+from lab.calibration.statistics.selection import Selection, select
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import Measurements
@@ -191,7 +190,7 @@ class Fitter:
             known=known,
             shape=self._shape,
             labels=kept_together(found.model, rows),
-            held=None if held is None else weighed(sight, held, self.noise)[0],
+            held=weighed(sight, held, self.noise)[0] if held is not None and sight.positions else None,
             further=found.further,
         )
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.accuracy import Prediction, predict, smallest_count
-from lab.calibration.certificate import Certificate, certify
-from lab.calibration.design import Design, ascend, exchange, information
 from lab.calibration.identifiability import enough_poses
-from lab.calibration.observability import Indices, indices
-from lab.calibration.tour import Tour, joint_speeds, plan_tour
+from lab.calibration.planning.accuracy import Prediction, predict, smallest_count
+from lab.calibration.planning.certificate import Certificate, certify
+from lab.calibration.planning.design import Design, ascend, exchange, information
+from lab.calibration.planning.observability import Indices, indices
+from lab.calibration.planning.tour import Tour, joint_speeds, plan_tour
 from lab.errors import LabError
 from lab.frames import Array
 from lab.seeds import stream

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.design import Feasible, Sensitivity, information
-from lab.calibration.observability import Criterion, Scaling, criterion
+from lab.calibration.planning.design import Feasible, Sensitivity, information
+from lab.calibration.planning.observability import Criterion, Scaling, criterion
+from lab.calibration.planning.tour import FreePath
 from lab.calibration.solver import whitening
-from lab.calibration.tour import FreePath
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet, base_set

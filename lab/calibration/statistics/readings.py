@@ -1,4 +1,4 @@
-"""What rounded joint readings alone make of an observation: often the limit of a file from a teach pendant."""
+"""What observations owe to the joint readings: derivatives, and what rounding alone makes of them."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,10 @@ from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import Measurements, seen_mask
 
+STEP = 1e-6  # rad or m, of central differences: exact to about 1e-10 of a lever
 STEPS_DEG = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)  # that displays and files round to, coarse ones first
 _WRITTEN_RAD = 1e-9  # how near to a multiple a reading is that was written as one
 _LEAST_DIFFERENT = 3  # readings of a joint: fewer may be round by choice
-_DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,8 @@ def rounding(model: Model, data: Measurements, values: Array, things: int | None
     step = _step_of(data.joints[:, turning])
     if step is None:
         return None
-    settings = data.settings(model.conditions)
-    squares = np.zeros(data.points[:, :things].shape[:2])
-    for j in turning:
-        ahead, back = settings.copy(), settings.copy()
-        ahead[:, j] += _DIFFERENCE
-        back[:, j] -= _DIFFERENCE
-        slope = (model.points(ahead, values) - model.points(back, values))[:, :things] / (2 * _DIFFERENCE)
-        squares += (slope**2).sum(axis=2)
+    slope = by_readings(model, data.settings(model.conditions), values, data.joints.shape[1])[:, :things]
+    squares = (slope[..., turning] ** 2).sum(axis=(2, 3))
     seen = seen_mask(data.points[:, :things])
     return Rounding(step, float(step * np.sqrt(squares[seen].mean() / 12)))
 
@@ -57,3 +51,14 @@ def _step_of(joints: Array) -> float | None:
         if np.abs(joints - step * np.round(joints / step)).max() < _WRITTEN_RAD:
             return step
     return None
+
+
+def by_readings(model: Model, settings: Array, values: Array, joints: int) -> Array:
+    """Derivatives ``(n, k, d, joints)`` of observations by the readings, the first columns of ``settings``."""
+    columns = []
+    for joint in range(joints):
+        step = np.zeros(settings.shape[1])
+        step[joint] = STEP
+        ahead, behind = (model.points(settings + sign * step, values) for sign in (1, -1))
+        columns.append((ahead - behind) / (2 * STEP))
+    return np.stack(columns, axis=-1)

@@ -14,7 +14,7 @@ import numpy as np
 from lab import frames
 from lab.calibration.identify import Identification, Noise, Wishes, identify
 from lab.calibration.locate import locate
-from lab.calibration.sightings import nothing_further
+from lab.calibration.sightings.sighting import nothing_further
 from lab.calibration.solver import Observations
 from lab.frames import Array
 from lab.geometry.model import Model

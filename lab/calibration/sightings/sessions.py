@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identify import locate_before
-from lab.calibration.places import PLACE
+from lab.calibration.sightings.places import PLACE
+from lab.calibration.sightings.touching import Cable
 from lab.calibration.solver import Observations
-from lab.calibration.touching import Cable
 from lab.frames import Array
 from lab.measurements import Measurements
 

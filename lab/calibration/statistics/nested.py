@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.sightings import Sighting
+from lab.calibration.sightings.sighting import Sighting
 from lab.calibration.solver import RANK_TOLERANCE, Observations, typical_weight
 from lab.frames import Array
 from lab.measurements import seen_mask

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.null import FULL_RANK, Linear, Within, linearized
 from lab.calibration.solver import Fit, Observations
+from lab.calibration.statistics.null import FULL_RANK, Linear, Within, linearized
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import seen_mask

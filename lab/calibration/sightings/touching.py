@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.places import PLACE, Places
+from lab.calibration.sightings.places import PLACE, Places
 from lab.frames import Array, exp, left_jacobian
 from lab.measurements import Measurements
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.poses import Poses
-from lab.calibration.sightings import Sighting
+from lab.calibration.sightings.poses import Poses
+from lab.calibration.sightings.sighting import Sighting
 from lab.calibration.solver import Fit, Observations, Status, fit
 from lab.errors import LabError
 from lab.frames import Array

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identify import locate_before
-from lab.calibration.sightings import Points
+from lab.calibration.sightings.sighting import Points
 from lab.calibration.solver import Observations
 from lab.frames import Array
 from lab.geometry.model import Model

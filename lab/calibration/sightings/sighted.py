@@ -6,10 +6,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from lab.calibration.consistency import disagreement
-from lab.calibration.places import PLACE, Places
-from lab.calibration.poses import QUATERNION, START_RATIO, Poses
-from lab.calibration.touching import Cable, Planes, Sockets
+from lab.calibration.sightings.consistency import disagreement
+from lab.calibration.sightings.places import PLACE, Places
+from lab.calibration.sightings.poses import QUATERNION, START_RATIO, Poses
+from lab.calibration.sightings.touching import Cable, Planes, Sockets
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.model import Model

@@ -12,8 +12,8 @@ import numpy as np
 
 from lab.calibration.assess import ROWS_PER_PARAMETER
 from lab.calibration.identify import Identification, Noise, Wishes
-from lab.calibration.nested import Nested, Score
-from lab.calibration.trials import Drawn, Large, ModelWith, Task
+from lab.calibration.statistics.nested import Nested, Score
+from lab.calibration.statistics.trials import Drawn, Large, ModelWith, Task
 from lab.geometry.effects import GROUPS
 from lab.measurements import Measurements
 

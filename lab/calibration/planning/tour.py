@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
-from lab.calibration.route import improve, kicked, lengths, random_starts
+from lab.calibration.planning.route import improve, kicked, lengths, random_starts
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import Chain

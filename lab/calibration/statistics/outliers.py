@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.null import Linear, Mask, Shape, Within, linearized, smallest_p
 from lab.calibration.solver import Fit, Further, Observations, fit
+from lab.calibration.statistics.null import Linear, Mask, Shape, Within, linearized, smallest_p
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import seen_mask

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from lab.calibration.observability import Criterion
+from lab.calibration.planning.observability import Criterion
 from lab.errors import LabError
 from lab.frames import Array
 

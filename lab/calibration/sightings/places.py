@@ -13,7 +13,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.sightings import nothing_further
+from lab.calibration.sightings.sighting import nothing_further
 from lab.calibration.solver import Observations, fit
 from lab.errors import LabError
 from lab.frames import Array
