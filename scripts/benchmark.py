@@ -14,19 +14,29 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.identify import Identification, Noise, identify
+from lab.calibration.identify import Identification, Noise, identify, locate_before, weighed
 from lab.calibration.planning.certificate import certify
+from lab.calibration.sightings.sighted import Observing
+from lab.calibration.sightings.sighting import Points
 from lab.calibration.solver import Observations, fit
+from lab.calibration.statistics.null import Shape
+from lab.calibration.statistics.outliers import find_outliers
+from lab.calibration.statistics.selection import select
+from lab.geometry.effects import HOUR_S
+from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm
 from lab.instruments import instrument
 from lab.measurements import Measurements
 from lab.seeds import stream
+from lab.study.fitting import Fitter
+from lab.study.option_groups import ArmEffects, Fitting
 from lab.study.options import PlannedCampaign, VirtualCampaign
 from lab.study.plan import best_design
 from lab.study.problem import pose_problem
 from lab.study.robots import load_robot
 from lab.study.virtual_arm import perturbed_arm
 from lab.virtual.candidates import draw_candidates
+from lab.virtual.effect_draws import random_conditions
 from lab.virtual.feasible import random_poses
 from lab.virtual.real import track
 
@@ -39,6 +49,8 @@ BUDGET_MS = {
     "10,000 feasible candidates": 5000,
     "bound over 2,000 candidates, gap 0.1 %": 5000,
     "30 poses from 10,000 candidates": 10_000,
+    "model auto, 1,000 poses with 3 targets": 10_000,
+    "robust fit of 1,000 poses": 500,
     "lab --help": 500,
     "lab calibrate": 8000,
 }
@@ -121,6 +133,35 @@ def planning() -> dict[str, float]:
     }
 
 
+def effects() -> dict[str, float]:
+    """Milliseconds of choosing a model, and of finding bad readings, among 1,000 poses."""
+    soft = ArmEffects(1e5, (0.0, 3.0), harmonic_mrad=0.2, backlash_mrad=0.05, drift_mm_per_h=0.05)
+    robot, targets, tracker = load_robot("irb120"), ("p1", "p2", "p3"), instrument("uniform-8um")
+    real = perturbed_arm(robot, VirtualCampaign(seed=7, effects=soft))
+    poses, rng = random_poses(robot.needed_model(), 1000, stream(7, "poses")), stream(7, "noise")
+    there = random_conditions(robot.chain, real.effects, 1000, stream(7, "conditions"), soft.payload_kg, HOUR_S)
+    data = track(real, poses, targets, tracker, rng, conditions=there)
+    fitter = Fitter(robot, targets, data, Observing(), Noise(tracker), Fitting("auto"), False, 7)
+
+    one = robot.arm(("p1",))
+    rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))
+    seen, _ = weighed(Points(one), track(rigid, poses, ("p1",), tracker, rng), Noise(tracker))
+    free, start = base_set(one, one.nominal(robot.tool)).kept, one.nominal(robot.tool)
+
+    def robust() -> None:
+        before = locate_before(Points(one), seen, start)
+        find_outliers(one, seen, free, before, known=True, rng=rng, shape=Shape("uniform"))
+
+    def auto() -> None:
+        chosen = select(fitter.model_with, data, fitter.nominal, Noise(tracker)).chosen
+        assert {"compliance", "harmonics", "backlash", "drift"} <= set(chosen), chosen
+
+    return {
+        "model auto, 1,000 poses with 3 targets": median_ms(auto, 3),
+        "robust fit of 1,000 poses": median_ms(robust, 5),
+    }
+
+
 def processes() -> dict[str, float]:
     """Milliseconds of whole commands."""
     with tempfile.TemporaryDirectory() as folder:
@@ -141,7 +182,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args()
     with threadpool_limits(1):
-        results = kernels() | planning() | processes()
+        results = kernels() | planning() | effects() | processes()
     ratio = results["that fit by scipy, finite differences"] / results["its fit alone"]
     if arguments.json:
         print(json.dumps(results | {"times faster than scipy": ratio}))

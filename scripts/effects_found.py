@@ -142,7 +142,7 @@ def flexible_arm(seed: int) -> Found:
             float(np.linalg.norm(found.model.points(settings, found.values) - exact, axis=2).mean()),
             stiff[:, 0],
             stiff[:, 1],
-            found.half_width_95,
+            float(found.half_width_95[0]),
         )
 
 

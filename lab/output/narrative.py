@@ -9,6 +9,7 @@ from lab.output.result import human_unit, parameters, summary
 from lab.output.scene import Scene
 from lab.study.campaign import Outcome
 
+MOST_NAMED = 5  # outliers in the summary
 _JUDGED = {
     "fresh": "on {count} fresh poses, without noise",
     "holdout": "on {count} points held out",
@@ -29,6 +30,7 @@ def wording(outcome: Outcome, shown: Scene) -> str:
         f"# {result['robot']}: {_headline(result)}",
         _errors(result),
         _done(result),
+        _trust(result),
         _legend(outcome, shown),
     ]
     if result["warnings"]:
@@ -97,6 +99,23 @@ def _done(result: dict[str, Any]) -> str:
     if result["condition"] is not None:
         parts.append(f"condition {result['condition']:,.0f}")
     return "; ".join([*parts, f"{result['status']} in {result['iterations']} steps"]) + "."
+
+
+def _trust(result: dict[str, Any]) -> str:
+    """What each group of parameters bought, whether the model is adequate, and which poses are off."""
+    parts = [f"Model: {result['model'].replace('+', ' + ')}; {result['adequacy']}."]
+    selected = [group for group in result["groups"] if group["chosen"] and "holdout_mm" in group]
+    if len(selected) > 1:
+        steps = " → ".join(f"{group['name']} {_mm(group['holdout_mm'])}" for group in selected)
+        parts.append(f"Held-out error, mm, group by group: {steps}.")
+    if result["stiffness_nm_per_rad"]:
+        found = (f"{joint} {value:,.0f}" for joint, value in result["stiffness_nm_per_rad"].items())
+        parts.append(f"Stiffness, Nm/rad: {', '.join(found)}.")
+    if off := result["outliers"]:
+        did = "left out" if result["outliers_left_out"] else "fitted all the same"
+        named = ", ".join(f"{each['id']} ({_mm(each['size_mm'])} mm)" for each in off[:MOST_NAMED])
+        parts.append(f"{len(off)} poses are off, {did}: {named}{', …' if len(off) > MOST_NAMED else ''}.")
+    return "\n\n".join(parts)
 
 
 def _legend(outcome: Outcome, shown: Scene) -> str:

@@ -67,6 +67,14 @@ def _print_groups(console: Console, groups: list[dict[str, Any]]) -> None:
     console.print(table)
 
 
+def _verdict_on(group: dict[str, Any]) -> str:
+    """Whether a group was chosen, or in short why not."""
+    if group["chosen"]:
+        return "chosen"
+    reason: str = group["why_not"].removeprefix(f"--model {group['name']}: ")
+    return reason.split(":")[0].split(";")[0]
+
+
 MOST_OUTLIERS = 5  # that are printed
 _GROUP_FORMATS = {"holdout_mm": ".4f", "f_p": ".1e", "bic": ".0f"}
 _JUDGED = {
