@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from lab.errors import LabError
 from lab.frames import Array
 
+SESSION = "session "  # before a session's name: the condition that says which rows are of it
+
 
 @dataclass(frozen=True)
 class Measurements:
@@ -80,7 +82,7 @@ class Measurements:
     def settings(self, conditions: Sequence[str]) -> Array:
         """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
 
-        Where nothing is said of a payload there is none.
+        Where nothing is said of a payload there is none. ``session NAME`` is 1 in the rows of that session, else 0.
 
         Raises:
             LabError: another condition is missing, or empty in a row.
@@ -90,6 +92,8 @@ class Measurements:
 
     def _condition(self, name: str) -> Array:
         column = self.conditions.get(name)
+        if column is None and name.startswith(SESSION):
+            return np.array([session == name.removeprefix(SESSION) for session in self.sessions], dtype=np.float64)
         if column is None:
             if name != "payload_kg":
                 raise LabError(f"column {name} is missing: the model needs it in every row")

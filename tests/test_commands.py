@@ -323,7 +323,9 @@ def test_effects_are_found_and_told(tmp_path, capsys) -> None:
 
     code, again = run(capsys, "identify", out / "measurements.csv", "--instrument", "uniform-8um", "--model",
                       "compliance+harmonics", "--out", tmp_path / "again")  # fmt: skip
-    assert code == 0 and again["groups"] == [{"name": name, "chosen": True} for name in ("compliance", "harmonics")]
+    assert code == 0 and [group["name"] for group in again["groups"]] == ["geometry", "compliance", "harmonics"]
+    assert all(group["chosen"] and not group["why_not"] for group in again["groups"])
+    assert again["groups"][2]["holdout_mm"] < 0.02 < again["groups"][1]["holdout_mm"] < again["groups"][0]["holdout_mm"]
     assert again["after_mm"]["mean"] < 0.012 and again["parameters"] == 48
 
     code, rigid = run(capsys, "identify", out / "measurements.csv", "--instrument", "uniform-8um", "--out", out)
@@ -386,3 +388,14 @@ def test_inspect_names_weak_directions_and_what_would_show_them(capsys) -> None:
     assert main(["inspect", "irb120", "--tool-mm", "1,0,100"]) == 0
     printed = capsys.readouterr().out
     assert "nearly unidentifiable, 1/668" in printed and "with a second target the condition would be" in printed
+
+
+def test_a_bumped_tracker_is_found_by_its_sessions(tmp_path, capsys) -> None:
+    bumped = ("calibrate", "--bump-mm", "0.3", "--bump-mrad", "0.1", "--poses", "60", "--out", tmp_path / "run")
+    _, plain = run(capsys, *bumped)
+    assert plain["adequate"] is False and any("--model sessions" in warning for warning in plain["warnings"])
+    code, result = run(capsys, *bumped, "--model", "auto")
+    assert code == 0 and result["model"] == "geometric+sessions" and result["after_mm"]["mean"] < 0.006
+    assert 0.5 < result["truth"]["nees_per_parameter"] < 1.7 and not result["warnings"]
+    table = (tmp_path / "run" / "measurements.csv").read_text().splitlines()
+    assert table[0].startswith("session,") and {line.split(",")[0] for line in table[1:]} == {"1", "2"}

@@ -30,7 +30,9 @@ PARAMETERS = {
     "coupling": 6,
     "backlash": 6,
     "drift": 7,
+    "sessions": 12,
 }
+SESSIONS = ("a", "b", "c")
 SIZES = {"compliance": 1e-5, "payload": 1e-5}  # rad/Nm; of the others 0.2 mrad, per mille, ...
 
 
@@ -67,7 +69,7 @@ def seen(arm: SerialArm | AffectedArm, values: Array, poses: int, rng: np.random
 def test_derivatives_of_effects(chain: Chain, name: str) -> None:
     rng = np.random.default_rng(0)
     loads = IRB120.loads if chain is IRB120.chain else loads_on(chain, rng)
-    made = effect(name, chain, loads)
+    made = effect(name, chain, loads, SESSIONS)
     joints, values = chain.random_joints(20, rng), SIZES.get(name, 2e-4) * rng.normal(size=len(made.parameters))
     conditions = rng.uniform(0, 3, (20, len(made.conditions)))
     offset, derivative = made.offsets(joints, conditions, values)
@@ -81,7 +83,7 @@ def test_derivatives_of_effects(chain: Chain, name: str) -> None:
 @pytest.mark.parametrize("groups", [ALONE, ("payload", "gear", "drift")], ids="+".join)
 def test_derivatives_of_an_arm_with_effects(groups: tuple[str, ...]) -> None:
     rng = np.random.default_rng(1)
-    arm = IRB120.arm_with(("p1", "p2"), groups)
+    arm = IRB120.arm_with(("p1", "p2"), groups, SESSIONS)
     values, settings = true_values(arm, rng), arm.structure_joints(20, rng)
     points, jacobian = arm.observe(settings, values)
     np.testing.assert_allclose(points, arm.points(settings, values), atol=1e-14)
@@ -160,7 +162,7 @@ def test_sag_outstretched() -> None:
 @pytest.mark.parametrize("name", GROUPS)
 def test_rank_of_each_group(name: str) -> None:
     """Every parameter of a group can be told apart, and none takes the place of the geometry's."""
-    rigid, arm = IRB120.arm(("p1",)), IRB120.arm_with(("p1",), (name,))
+    rigid, arm = IRB120.arm(("p1",)), IRB120.arm_with(("p1",), (name,), SESSIONS)
     kept = base_set(arm, arm.nominal(IRB120.tool)).kept
     geometry = base_set(rigid, rigid.nominal(IRB120.tool)).kept
     assert kept == (*geometry, *range(len(rigid.names), len(arm.names)))
@@ -168,14 +170,14 @@ def test_rank_of_each_group(name: str) -> None:
 
 
 def test_rank_of_all_together() -> None:
-    arm = IRB120.arm_with(("p1",), ALONE)
+    arm = IRB120.arm_with(("p1",), ALONE, SESSIONS)
     assert len(base_set(arm, arm.nominal(IRB120.tool)).kept) == 27 + sum(PARAMETERS[name] for name in ALONE)
 
 
 @pytest.mark.parametrize("name", GROUPS)
 def test_recovery_without_noise(name: str) -> None:
     rng = np.random.default_rng(4)
-    arm = IRB120.arm_with(("p1",), (name,))
+    arm = IRB120.arm_with(("p1",), (name,), SESSIONS)
     truth = true_values(arm, rng)
     found = identify(arm, seen(arm, truth, 60, rng), arm.nominal(IRB120.tool))
     assert found.status == "converged" and len(found.fit.free) == 27 + PARAMETERS[name]
@@ -210,6 +212,17 @@ def test_an_effect_of_ones_own() -> None:
 def test_masses_are_needed_for_gravity() -> None:
     with pytest.raises(LabError, match="table without masses; give it as MJCF or URDF"):
         table_robot("ur10.toml").arm_with(("p1",), ("compliance",))
+
+
+def test_sessions_are_rows_of_a_frame_of_their_own() -> None:
+    arm = IRB120.arm_with(("p1",), ("sessions",), SESSIONS)
+    values, joints = arm.nominal(IRB120.tool), IRB120.chain.random_joints(4, np.random.default_rng(0))
+    values[arm.names.index("session.b.x")] = 1e-3
+    data = replace(measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((4, 1, 3))), sessions=tuple("abca"))
+    moved = arm.points(data.settings(arm.conditions), values) - arm.arm.points(joints, values[: len(arm.arm.names)])
+    np.testing.assert_allclose(moved[:, 0], np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 0], [0, 0, 0]]), atol=1e-15)
+    with pytest.raises(LabError, match="all rows are of one session; say in a column session"):
+        IRB120.arm_with(("p1",), ("sessions",), ("a",))
 
 
 def test_unknown_and_doubled_groups() -> None:

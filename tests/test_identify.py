@@ -241,16 +241,6 @@ def test_another_arms_measurements_do_not_fit() -> None:
     assert verdict(found, judgement, 1e-3).word == "bad"
 
 
-def test_a_misfit_beyond_the_assumed_noise_is_a_warning() -> None:
-    rng = np.random.default_rng(6)
-    truth = truth_of(ARM, rng)
-    joints = IRB120.chain.random_joints(50, rng)
-    points = ARM.points(joints, truth.values) + 50e-6 * rng.normal(size=(50, 1, 3))
-    data = measured(NAMES, joints, ("p1",), points)
-    assert any("times the assumed noise" in w for w in identify(ARM, data, ARM.nominal(), Noise(sigma_m=5e-6)).warnings)
-    assert not identify(ARM, data, ARM.nominal(), Noise(sigma_m=50e-6)).warnings
-
-
 def test_ellipsoids_are_the_images_of_the_unit_ball() -> None:
     rng = np.random.default_rng(7)
     truth = truth_of(ARM, rng)

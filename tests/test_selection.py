@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from arms import IRB120, data_file, somewhere, table_robot
 
-from lab.calibration import trials
 from lab.calibration.identify import Identification, Noise, Wishes, identify
+from lab.calibration.statistics import trials
 from lab.calibration.statistics.nested import Score
 from lab.calibration.statistics.selection import CANDIDATES, Selection, objection, select
 from lab.calibration.statistics.trials import Large, Task
@@ -28,6 +28,7 @@ from lab.virtual.feasible import random_poses
 from lab.virtual.real import random_perturbation, random_tracker, real_arm, track
 
 SIGMA = 5e-6
+SESSIONS = ("a", "b")
 SIZE = {"compliance": 1e-5, "gear": 2e-4, "backlash": 1e-4, "drift": 1e-4}  # of the others 1e-4
 
 
@@ -36,12 +37,12 @@ def nominal(model: Model) -> Array:
 
 
 def irb120(groups: Sequence[str]) -> Model:
-    return IRB120.arm_with(("p1",), groups)
+    return IRB120.arm_with(("p1",), groups, SESSIONS)
 
 
 def simulated(arm: Model, values: Array, poses: int, rng: np.random.Generator, sigma_m: float = SIGMA) -> Measurements:
     """What Gaussian noise leaves of an arm with effects, with all conditions that any group asks for."""
-    every = IRB120.arm_with(arm.targets, CANDIDATES)
+    every = IRB120.arm_with(arm.targets, CANDIDATES, SESSIONS)
     settings = every.structure_joints(poses, rng)
     columns = {name: settings[:, 6 + i] for i, name in enumerate(every.conditions)}
     asked = [columns[name][:, None] for name in arm.conditions]
@@ -311,7 +312,7 @@ def test_a_thousand_poses_with_three_targets() -> None:
     arm = IRB120.arm_with(targets, ["compliance", "harmonics"])
     data = simulated(arm, values_with(arm, rng), 1000, rng)
     started = time.perf_counter()
-    found = select(lambda g: IRB120.arm_with(targets, g), data, nominal, Noise(None, SIGMA))
+    found = select(lambda g: IRB120.arm_with(targets, g, SESSIONS), data, nominal, Noise(None, SIGMA))
     assert time.perf_counter() - started < 10.0
     assert sorted(found.chosen) == ["compliance", "harmonics"]
 

@@ -204,7 +204,7 @@ def identify(
         warnings=data.warnings,
         further=further,
     )
-    return replace(found, warnings=(*data.warnings, *_warnings(found, estimated if known else None)))
+    return replace(found, warnings=(*data.warnings, *_warnings(found)))
 
 
 def _as_positions(sight: Sighting, seen: Observations) -> Further:
@@ -306,7 +306,7 @@ def _spread(points: Array) -> float:
     return float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def _warnings(found: Identification, misfit: float | None) -> list[str]:
+def _warnings(found: Identification) -> list[str]:
     warnings = []
     if found.status != "converged":
         warnings.append(
@@ -326,10 +326,5 @@ def _warnings(found: Identification, misfit: float | None) -> list[str]:
             "positions near the measured ones are right, single parameters are not: "
             "move every joint through more of its range, set the target further off the last axis, "
             "or weigh tolerances (--prior)"
-        )
-    if misfit is not None and misfit > 1.5:
-        warnings.append(
-            f"the residuals are {misfit:.1f} times the assumed noise: the geometric model does not explain them all, "
-            "and the intervals are too narrow"
         )
     return warnings

@@ -9,6 +9,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S, Effect
 from lab.geometry.serial import SerialArm
+from lab.measurements import SESSION
 
 LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
 
@@ -134,6 +135,8 @@ def _some(condition: str, count: int, rng: np.random.Generator) -> Array:
         return rng.choice([0.0, LARGEST_PAYLOAD_KG], count)
     if condition.startswith("approach_"):
         return rng.choice([-1.0, 1.0], count)
+    if condition.startswith(SESSION):
+        return rng.choice([0.0, 1.0], count)
     return rng.uniform(0.0, HOUR_S, count)
 
 

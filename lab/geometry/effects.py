@@ -4,7 +4,7 @@ An effect is a plain function of readings, conditions and its own parameters, wi
 all its parameters are zero on the drawing. To add one, write such a function and an ``Effect``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +14,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import Chain
 from lab.geometry.loads import Loads
+from lab.measurements import SESSION
 from lab.seeds import stream
 
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
@@ -145,17 +146,36 @@ def drift() -> Effect:
     return Effect("drift", names, offsets, ("time_s",), "frame")
 
 
-GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift")
+def sessions(names: Sequence[str]) -> Effect:
+    """A tracker, or a foot, that was bumped: every session after the first has a frame moved by a little."""
+    parameters = tuple(f"session.{name}.{axis}" for name in names[1:] for axis in ("x", "y", "z", "rx", "ry", "rz"))
+
+    def offsets(_: Array, within: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((len(within), 7, len(parameters)))
+        for k in range(len(names) - 1):
+            derivative[:, :6, 6 * k : 6 * k + 6] = within[:, k, None, None] * np.eye(6)
+        return derivative @ values, derivative
+
+    return Effect("sessions", parameters, offsets, tuple(SESSION + name for name in names[1:]), "frame")
 
 
-def effect(name: str, chain: Chain, loads: Loads | None) -> Effect:
-    """The group of that name for an arm; a LabError where there is none, or no masses for it."""
+GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions")
+
+
+def effect(name: str, chain: Chain, loads: Loads | None, sessions_of: Sequence[str] = ()) -> Effect:
+    """The group of that name for an arm; a LabError where there is none, or no masses or sessions for it."""
     if name not in GROUPS:
         raise LabError(f"--model {name}: no such group; there are {', '.join(GROUPS)}")
     if name in ("compliance", "payload"):
         if loads is None:
             raise LabError(f"--model {name}: robot {chain.name} is a table without masses; give it as MJCF or URDF")
         return compliance(loads, payload=name == "payload")
+    if name == "sessions":
+        if len(sessions_of) < 2:
+            raise LabError(
+                f"--model {name}: all rows are of one session; say in a column session which belong together"
+            )
+        return sessions(sessions_of)
     made: dict[str, Callable[[], Effect]] = {
         "harmonics": lambda: harmonics(chain),
         "harmonics2": lambda: harmonics(chain, 2),

@@ -104,7 +104,7 @@ def _done(result: dict[str, Any]) -> str:
 def _trust(result: dict[str, Any]) -> str:
     """What each group of parameters bought, whether the model is adequate, and which poses are off."""
     parts = [f"Model: {result['model'].replace('+', ' + ')}; {result['adequacy']}."]
-    selected = [group for group in result["groups"] if group["chosen"] and "holdout_mm" in group]
+    selected = [group for group in result["groups"] if group["chosen"] and group["holdout_mm"] is not None]
     if len(selected) > 1:
         steps = " → ".join(f"{group['name']} {_mm(group['holdout_mm'])}" for group in selected)
         parts.append(f"Held-out error, mm, group by group: {steps}.")

@@ -138,10 +138,10 @@ def rigid(outcome: Outcome, values: Array) -> tuple[SerialArm, Array]:
 
 
 def groups(outcome: Outcome) -> list[dict[str, Any]]:
-    """What each group of parameters bought, where the model was selected; else the groups that were asked for."""
+    """What each group of parameters bought; none where geometry alone was asked for."""
     selection = outcome.fit.selection
     if selection is None:
-        return [{"name": name, "chosen": True} for name in outcome.fit.groups]
+        return []
     return [
         {
             "name": group.name,

@@ -54,25 +54,21 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
 
 def _print_groups(console: Console, groups: list[dict[str, Any]]) -> None:
     """What each group of parameters bought."""
-    if not groups or "bic" not in groups[0]:
+    if not groups:
         return
     table = Table(title="what each group of parameters buys")
     for heading in ("group", "parameters", "held-out mm", "F test p", "BIC", ""):
         table.add_column(heading, justify="right")
     for group in groups:
         shown = ["" if group[key] is None else f"{group[key]:{form}}" for key, form in _GROUP_FORMATS.items()]
-        table.add_row(
-            group["name"], str(group["parameters"]), *shown, "chosen" if group["chosen"] else group["why_not"]
-        )
+        table.add_row(group["name"], str(group["parameters"]), *shown, _verdict_on(group))
     console.print(table)
 
 
 def _verdict_on(group: dict[str, Any]) -> str:
-    """Whether a group was chosen, or in short why not."""
-    if group["chosen"]:
-        return "chosen"
-    reason: str = group["why_not"].removeprefix(f"--model {group['name']}: ")
-    return reason.split(":")[0].split(";")[0]
+    """Whether a group was chosen, and in short why not (or, if it was asked for, what speaks against it)."""
+    reason: str = group["why_not"].removeprefix(f"--model {group['name']}: ").split(":")[0].split(";")[0]
+    return ", but ".join(part for part in ("chosen" if group["chosen"] else "", reason) if part)
 
 
 MOST_OUTLIERS = 5  # that are printed

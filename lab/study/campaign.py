@@ -31,7 +31,7 @@ from lab.frames import Array
 from lab.geometry.effects import HOUR_S
 from lab.instruments import instrument
 from lab.measurement_file import read_measurements
-from lab.measurements import Measurements, measured
+from lab.measurements import Measurements
 from lab.seeds import stream
 from lab.study.fitting import Fitted, Fitter
 from lab.study.options import MeasuredCampaign, VirtualCampaign
@@ -40,7 +40,7 @@ from lab.study.virtual_arm import perturbed_arm
 from lab.virtual.effect_draws import random_conditions
 from lab.virtual.effects import true_parameters
 from lab.virtual.feasible import collides, random_poses
-from lab.virtual.real import RealArm, track
+from lab.virtual.real import RealArm, recorded, track
 
 FRESH_POSES = 1000
 
@@ -134,7 +134,7 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
     with _naming(options.file):
         fit = fitter(rows, held)
         if other is not None:
-            judgement = _judged_by_file(robot, fit, other, options)
+            judgement = _judged_by_file(fitter, fit, other, options)
         elif held is not None:
             judgement = judge_rows(fit.identification, held)
         else:
@@ -143,9 +143,11 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
     return _outcome(fitter, fit, judgement, options.gate_mm, time.perf_counter() - started)
 
 
-def _judged_by_file(robot: Robot, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
+def _judged_by_file(fitter: Fitter, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
     with _naming(options.validate):
-        return judge_file(fit.identification, robot.arm_with(other.targets, fit.groups), other, options.refit)
+        return judge_file(
+            fit.identification, fitter.robot.arm_with(other.targets, fit.groups, fitter.sessions), other, options.refit
+        )
 
 
 def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
@@ -184,8 +186,7 @@ def _fresh(real: RealArm, options: VirtualCampaign) -> Measurements:
     poses = random_poses(real.robot, FRESH_POSES, rng)
     chain = real.robot.chain
     conditions = random_conditions(chain, real.effects, len(poses), rng, asked.payload_kg, asked.hours * HOUR_S)
-    exact = measured(chain.joint_names, poses, options.targets, real.points(poses, options.targets, conditions))
-    return replace(exact, conditions=conditions)
+    return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)
 
 
 def _read(robot: Robot, path: Path, options: MeasuredCampaign) -> Measurements:
@@ -260,7 +261,7 @@ def _outcome(
     if fitter.observing.kind == "points" and (blank := int((~data.seen.any(axis=1)).sum())):
         warnings.append(f"{blank} of {len(data)} rows have no measured point and are left out")
     warnings += _outside_limits(robot, data)
-    if fitter.observing.kind in ("points", "pose"):
+    if fitter.observing.kind in ("points", "pose") and "sessions" not in fit.groups:
         warnings += _several_sessions(fit.rows)
     if judgement.errors is not None:
         before, after = (float(np.nanmean(e)) for e in (judgement.errors.before, judgement.errors.after))
@@ -285,7 +286,10 @@ def _several_sessions(rows: Measurements) -> list[str]:
     sessions = list(dict.fromkeys(rows.sessions))
     if len(sessions) < 2:
         return []
-    return [f"sessions {', '.join(sessions)} are fitted with one base and one tool: fit each alone if either was moved"]
+    return [
+        f"sessions {', '.join(sessions)} are fitted with one base and one tool: --model sessions if the tracker or the "
+        "arm was bumped between them; fit each alone if one was set up anew"
+    ]
 
 
 def _outside_limits(robot: Robot, data: Measurements) -> list[str]:

@@ -19,7 +19,7 @@ from lab.calibration.statistics.lag import lagging
 from lab.calibration.statistics.null import Shape, linearized
 from lab.calibration.statistics.outliers import Outliers, find_outliers, would_matter
 from lab.calibration.statistics.readings import by_readings, rounding
-from lab.calibration.statistics.selection import Selection, select
+from lab.calibration.statistics.selection import Selection, follow, select
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import Measurements
@@ -89,8 +89,13 @@ class Fitter:
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""
-        arm = self.robot.arm_with(self.targets, groups)
+        arm = self.robot.arm_with(self.targets, groups, self.sessions)
         return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[0]
+
+    @property
+    def sessions(self) -> tuple[str, ...]:
+        """Of the measurements, in their order."""
+        return tuple(dict.fromkeys(self.data.sessions))
 
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
@@ -138,20 +143,26 @@ class Fitter:
         Args:
             rows, held: some of what is observed; ``held`` are poses held out, by which adequacy can be judged.
         """
-        selection = None
-        if self.options.model == "auto":
-            _, clean = self.identified(rows, ())
-            selection = select(self.model_with, clean, self.nominal, self.noise, self.wishes, seed=self.seed)
-        groups = self.options.groups if selection is None else selection.chosen
-        unshown = () if selection is None else selection.held
+        selection = self._selected(rows)
+        groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
         identification, clean = self.identified(rows, groups, unshown)
         outliers = self._outliers(identification, rows)
         judged = self._adequacy(identification, clean, held)
-        trusted, warnings = self._said_of_noise(identification, clean, outliers)
-        warnings += [judged.words] if judged.adequate is False else []
+        trusted, warnings = self._said_of_noise(identification, clean, outliers, judged)
         warnings += self._said_of_weakness(groups, identification, clean) + self._said_of_joints(identification, clean)
         named = _named(rows, outliers)
         return Fitted(trusted, clean, groups, unshown, named, self.options.robust, judged, selection, tuple(warnings))
+
+    def _selected(self, rows: Measurements) -> Selection | None:
+        """The groups that the rows call for, or that are asked for; None for geometry alone."""
+        if self.options.model == "geometric":
+            return None
+        if self.options.model == "auto":
+            _, clean = self.identified(rows, ())
+            return select(self.model_with, clean, self.nominal, self.noise, self.wishes, seed=self.seed)
+        groups = self.options.groups
+        _, clean = self.identified(rows, groups)
+        return follow(self.model_with, clean, self.nominal, groups, self.noise, self.wishes, seed=self.seed)
 
     @property
     def _shape(self) -> Shape:
@@ -195,17 +206,21 @@ class Fitter:
         )
 
     def _said_of_noise(
-        self, found: Identification, rows: Measurements, outliers: Outliers
+        self, found: Identification, rows: Measurements, outliers: Outliers, judged: Adequacy
     ) -> tuple[Identification, list[str]]:
         """The identification with intervals to be trusted, and what is to be said of outliers and of the noise."""
         seen, known = weighed(sighting_of(found.model), rows, self.noise)
         if len(outliers.rows) and not self.options.robust:
             moved = would_matter(found.model, seen, found.values, outliers.fit.values)
             count = f"{len(outliers.rows)} poses are" if len(outliers.rows) > 1 else "1 pose is"
+            inadequate = [judged.words] if judged.adequate is False else []
             return found, [
+                *inadequate,
                 f"{count} off by more than noise explains, {1e3 * outliers.sizes_m[0]:.3g} mm "
-                f"the worst: --robust would leave them out, and move what is predicted by {1e3 * moved:.2g} mm"
+                f"the worst: --robust would leave them out, and move what is predicted by {1e3 * moved:.2g} mm",
             ]
+        if judged.adequate is False:
+            return found, [judged.words]
         device = self.noise.instrument
         if self.observing.kind != "points" or (device is not None and device.kind == "spherical"):
             return found, []

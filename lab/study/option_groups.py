@@ -38,7 +38,8 @@ class Fitting:
 
     model: str = "geometric"
     """geometric; auto, which adds the groups that the data support; or groups joined by +: compliance, payload
-    (compliance with an unknown mass at the flange), harmonics, harmonics2, gear, coupling, backlash, drift."""
+    (compliance with an unknown mass at the flange), harmonics, harmonics2, gear, coupling, backlash, drift,
+    sessions (a frame that was bumped between the sessions of the file)."""
     robust: Flag = False
     """Leave out poses that are off, found by a test that names one in 1 % of clean campaigns."""
     fix: Names = ()
@@ -93,6 +94,10 @@ class ArmEffects:
     """How fast the tracker creeps, in a random direction."""
     drift_mrad_per_h: float = 0.0
     """How fast it turns."""
+    bump_mm: float = 0.0
+    """How far the tracker is moved in the middle of the campaign: what follows is session 2."""
+    bump_mrad: float = 0.0
+    """How far it is turned then."""
     growth_ppm_per_h: float = 0.0
     """How fast the arm grows with its temperature."""
     hours: float = 1.0

@@ -41,13 +41,15 @@ class Robot:
         """The arm as equations, with these targets."""
         return SerialArm(self.chain, targets)
 
-    def arm_with(self, targets: tuple[str, ...], groups: Sequence[str]) -> SerialArm | AffectedArm:
-        """The arm with groups of effects (``geometry.effects``), by name.
+    def arm_with(
+        self, targets: tuple[str, ...], groups: Sequence[str], sessions: Sequence[str] = ()
+    ) -> SerialArm | AffectedArm:
+        """The arm with groups of effects (``geometry.effects``), by name, for measurements of these sessions.
 
         Raises:
-            LabError: there is no such group, or no masses for it, or two do not go together.
+            LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
-        return affected(self.arm(targets), [effect(name, self.chain, self.loads) for name in groups])
+        return affected(self.arm(targets), [effect(name, self.chain, self.loads, sessions) for name in groups])
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""

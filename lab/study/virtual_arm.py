@@ -42,6 +42,8 @@ def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
         bending_rad_per_nm=asked.bending_mrad_per_knm / 1e6,
         drift_m_per_h=asked.drift_mm_per_h / 1e3,
         drift_rad_per_h=asked.drift_mrad_per_h / 1e3,
+        bump_m=asked.bump_mm / 1e3,
+        bump_rad=asked.bump_mrad / 1e3,
         growth_per_h=asked.growth_ppm_per_h / 1e6,
         bad_share=asked.bad_share,
         bad_range_m=(asked.bad_mm[0] / 1e3, asked.bad_mm[1] / 1e3),

@@ -8,7 +8,7 @@ import numpy as np
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import Chain
-from lab.virtual.effects import Effects
+from lab.virtual.effects import BUMPED, Effects
 
 LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad times this, Nm/rad over its square
 
@@ -27,6 +27,7 @@ class EffectSizes:
         lag: share of the last move that a reading still lacks.
         bending_rad_per_nm: alike for what carries each hinge.
         drift_m_per_h, drift_rad_per_h: the tracker's motion; the directions are drawn.
+        bump_m, bump_rad: how far the tracker is moved in the middle; the directions are drawn.
         growth_per_h: thermal growth of the arm, relative.
         bad_share: how likely a pose's reading is bad.
         bad_range_m: least and largest displacement of a bad reading.
@@ -43,6 +44,8 @@ class EffectSizes:
     bending_rad_per_nm: float = 0.0
     drift_m_per_h: float = 0.0
     drift_rad_per_h: float = 0.0
+    bump_m: float = 0.0
+    bump_rad: float = 0.0
     growth_per_h: float = 0.0
     bad_share: float = 0.0
     bad_range_m: tuple[float, float] = (1e-3, 50e-3)
@@ -59,7 +62,7 @@ def random_effects(chain: Chain, sizes: EffectSizes, rng: np.random.Generator) -
     """
     n, hinge = chain.size, ~np.array(chain.prismatic)
     lever = np.where(hinge, 1.0, LEVER_M)
-    first, second, gear, coupling, backlash, shift, turn = rng.spawn(7)  # a new effect goes to the end
+    first, second, gear, coupling, backlash, shift, turn, push, twist = rng.spawn(9)  # a new effect goes to the end
     phases = [child.uniform(0.0, 2 * np.pi, n) for child in (first, second)]
     waves = [
         (size * wave(phase)) * hinge
@@ -78,6 +81,7 @@ def random_effects(chain: Chain, sizes: EffectSizes, rng: np.random.Generator) -
         lag=sizes.lag,
         bending_rad_per_nm=sizes.bending_rad_per_nm * hinge,
         drift_per_h=np.concatenate(motion),
+        bump=np.concatenate([sizes.bump_m * _direction(push), sizes.bump_rad * _direction(twist)]),
         growth_per_h=sizes.growth_per_h,
         bad_share=sizes.bad_share,
         bad_range_m=sizes.bad_range_m,
@@ -103,6 +107,7 @@ def random_conditions(
     columns = {f"approach_{name}": sides[:, i] for i, name in enumerate(chain.joint_names)}
     if any(payload_kg):
         columns["payload_kg"] = np.array(payload_kg, dtype=np.float64)[loading.integers(len(payload_kg), size=poses)]
+    columns[BUMPED] = np.where(np.arange(poses) < poses / 2, 0.0, 1.0)
     columns["time_s"] = np.linspace(0.0, duration_s, poses)
     return {name: columns[name] for name in effects.columns(chain.joint_names) if name in columns}
 

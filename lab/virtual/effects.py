@@ -15,7 +15,9 @@ from lab import frames
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S
+from lab.measurements import SESSION
 
+BUMPED = SESSION + "2"  # the condition of the rows after a bump
 HARMONICS = ("sin1", "cos1", "sin2", "cos2")
 NOTHING_SET: Mapping[str, Array] = MappingProxyType({})
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -38,6 +40,7 @@ class Effects:
             where that body sits, by this times the moment there of the weight of all that is carried. Zero for a
             slide.
         drift_per_h: ``(6,)`` motion of the tracker in its own frame in an hour, m and rad, steady.
+        bump: ``(6,)`` motion of the tracker in its own frame, m and rad, all at once in the middle of a campaign.
         growth_per_h: how much all lengths of the arm grow about its foot in an hour, relative.
         bad_share: how likely a pose's reading is bad: all of its points displaced alike.
         bad_range_m: least and largest displacement of a bad reading; log-uniform between, in any direction.
@@ -52,6 +55,7 @@ class Effects:
     lag: float
     bending_rad_per_nm: Array
     drift_per_h: Array
+    bump: Array
     growth_per_h: float
     bad_share: float
     bad_range_m: tuple[float, float]
@@ -59,7 +63,12 @@ class Effects:
     def __post_init__(self) -> None:
         n = len(self.gear)
         vectors = ("compliance_rad_per_nm", "gear", "backlash_rad", "repeatability_rad", "bending_rad_per_nm")
-        shapes = dict.fromkeys(vectors, (n,)) | {"harmonics_rad": (n, 4), "coupling": (n, n), "drift_per_h": (6,)}
+        shapes = dict.fromkeys(vectors, (n,)) | {
+            "harmonics_rad": (n, 4),
+            "coupling": (n, n),
+            "drift_per_h": (6,),
+            "bump": (6,),
+        }
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value.shape != shape or not np.isfinite(value).all():
@@ -88,6 +97,7 @@ class Effects:
             lag=0.0,
             bending_rad_per_nm=zero,
             drift_per_h=np.zeros(6),
+            bump=np.zeros(6),
             growth_per_h=0.0,
             bad_share=0.0,
             bad_range_m=(1e-3, 1e-3),
@@ -103,7 +113,7 @@ class Effects:
         load = ("payload_kg",) if self.yielding else ()
         approach = [f"approach_{name}" for name, width in zip(joint_names, self.backlash_rad, strict=True) if width]
         time = ("time_s",) if self.drift_per_h.any() or self.growth_per_h else ()
-        return (*load, *approach, *time)
+        return (*load, *approach, *time, *((BUMPED,) if self.bump.any() else ()))
 
     def driven(self, joints: Array, approach: Array) -> Array:
         """Where the motors put the joints without a load: ``(m, n)`` from readings and approaches ``(m, n)``."""
@@ -130,9 +140,11 @@ class Effects:
         """Points ``(m, k, 3)`` of the tracker's first frame in its frame at times ``(m,)``."""
         if not self.drift_per_h.any():
             return points
-        moved = self.drift_per_h * (time_s / HOUR_S)[:, None]  # (m, 6)
-        Ts_first_now = frames.pose(frames.exp(moved[:, 3:]), moved[:, :3])
-        return frames.transform(frames.inverse(Ts_first_now), points)
+        return _seen_after(points, self.drift_per_h * (time_s / HOUR_S)[:, None])
+
+    def bumped(self, points: Array, after: Array) -> Array:
+        """Points ``(m, k, 3)`` as the tracker sees them, where ``after`` ``(m,)`` is 1 with its new stand."""
+        return _seen_after(points, self.bump * after[:, None]) if self.bump.any() else points
 
     def scatter(self, poses: int, rng: np.random.Generator) -> Array:
         """How far the joints stand off by chance, ``(poses, n)``."""
@@ -147,6 +159,12 @@ class Effects:
         z, radius = 2 * height - 1, 2 * np.sqrt(height * (1 - height))
         direction = np.stack([radius * np.cos(2 * np.pi * turn), radius * np.sin(2 * np.pi * turn), z], axis=1)
         return (bad * np.exp(least + (largest - least) * size))[:, None] * direction, bad
+
+
+def _seen_after(points: Array, moved: Array) -> Array:
+    """Points ``(m, k, 3)`` in a frame that has moved by ``(m, 6)``, m and rad, in itself."""
+    Ts_first_now = frames.pose(frames.exp(moved[:, 3:]), moved[:, :3])
+    return frames.transform(frames.inverse(Ts_first_now), points)
 
 
 def condition(conditions: Mapping[str, Array], name: str, poses: int) -> Array:
@@ -181,4 +199,7 @@ def true_parameters(effects: Effects) -> dict[str, float]:
         truth[f"{joint}.backlash"] = float(effects.backlash_rad[i])
     drift = dict(zip(_AXES, -effects.drift_per_h, strict=True)) | {"scale": 0.0}
     known = _AXES[3:] if effects.growth_per_h else drift
+    turned = frames.exp(effects.bump[3:]).T
+    moved = np.concatenate([-turned @ effects.bump[:3], -effects.bump[3:]])
+    truth |= {f"session.2.{axis}": float(value) for axis, value in zip(_AXES, moved, strict=True)}
     return truth | {f"drift.{axis}": float(drift[axis]) for axis in known}

@@ -15,7 +15,7 @@ from lab.geometry.axes import JointAxes, Truth, parameters_from_axes
 from lab.geometry.serial import SerialArm
 from lab.instruments import Instrument
 from lab.measurements import Measurements, measured
-from lab.virtual.effects import NOTHING_SET, Effects, condition
+from lab.virtual.effects import BUMPED, NOTHING_SET, Effects, condition
 from lab.virtual.flexible import FlexibleArm
 from lab.virtual.placement import place_bodies, place_tracker
 from lab.virtual.robot import RobotModel, joint_axes
@@ -113,8 +113,8 @@ class RealArm:
         All effects that are the same at every visit are in it: motors, then loads, growth, and the tracker's drift.
 
         Args:
-            conditions: ``payload_kg``, ``approach_<joint>`` (+1 or -1) and ``time_s``, ``(m,)`` each; where missing
-                there is no payload, no approach, no time gone by.
+            conditions: ``payload_kg``, ``approach_<joint>`` (+1 or -1), ``time_s`` and ``session 2`` (1 after the
+                bump), ``(m,)`` each; where missing there is no payload, no approach, no time gone by, no bump.
             scatter: ``(m, n)`` rad or m, how far the joints stand off by chance.
         """
         poses, sites = len(joints), [self.model.site(name).id for name in targets]
@@ -125,7 +125,7 @@ class RealArm:
         world = self._stand(driven, sites, condition(conditions, "payload_kg", poses))
         world = self.effects.grown(world, self.robot.T_world_frame0[:3, 3], time_s)
         first = frames.transform(frames.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
-        return self.effects.drifted(first, time_s)
+        return self.effects.bumped(self.effects.drifted(first, time_s), condition(conditions, BUMPED, poses))
 
     def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
@@ -225,8 +225,19 @@ def track_knowing(
     exact = real.points(joints, targets, conditions, effects.scatter(len(joints), scattering))
     displaced, bad = effects.displacements(len(joints), failing)
     points = instrument.sample(exact, rng, readings) + displaced[:, None]
-    data = measured(real.robot.chain.joint_names, effects.shown(joints), targets, points)
-    return replace(data, conditions=dict(conditions)), bad
+    return recorded(real, effects.shown(joints), targets, points, conditions), bad
+
+
+def recorded(
+    real: RealArm, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
+) -> Measurements:
+    """Measurements of points ``(m, k, 3)`` under these conditions; those after a bump are a session of their own."""
+    data = measured(real.robot.chain.joint_names, joints, targets, points)
+    rest = {name: column for name, column in conditions.items() if name != BUMPED}
+    if BUMPED not in conditions:
+        return replace(data, conditions=rest)
+    sessions = tuple("2" if after else "1" for after in conditions[BUMPED])
+    return replace(data, conditions=rest, sessions=sessions)
 
 
 def _before_tracker(robot: RobotModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealArm:

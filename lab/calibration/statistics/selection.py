@@ -12,6 +12,7 @@ import numpy as np
 
 from lab.calibration.assess import ROWS_PER_PARAMETER
 from lab.calibration.identify import Identification, Noise, Wishes
+from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.statistics.nested import Nested, Score
 from lab.calibration.statistics.trials import Drawn, Large, ModelWith, Task
 from lab.geometry.effects import GROUPS
@@ -101,6 +102,39 @@ def select(
     rows |= refused
     chosen = [replace(rows[name], chosen=True) for name in taken]
     return Selection(taken, found, (rows[GEOMETRY], *chosen, *(rows[name] for name in candidates if name not in taken)))
+
+
+def follow(
+    model_with: ModelWith,
+    data: Measurements,
+    nominal: Drawn,
+    groups: Sequence[str],
+    noise: Noise | None = None,
+    wishes: Wishes | None = None,
+    *,
+    seed: int = 0,
+) -> Selection:
+    """Identify with the groups that are asked for, and say of each, in their order, what it buys.
+
+    What speaks against a group is said in ``why_not``, and does not keep it out.
+
+    Args:
+        model_with, nominal, seed: as for ``select``.
+
+    Raises:
+        LabError: a group cannot be built, or has no measurements to fit it by.
+    """
+    task = Task(model_with, nominal, data, noise or Noise(), wishes or Wishes())
+    data.settings(sighting_of(model_with(groups)).model.conditions)
+    found = task.identified(())
+    large = Large.of(task, groups, found, seed)
+    table = large.around(found)
+    rows = [_geometry(table.score(large.fitted(found)))]
+    for count, name in enumerate(groups, start=1):
+        rows.append(replace(_trial(large, table, found, name), chosen=True, held=()))
+        found = task.identified(groups[:count])
+        table = large.around(found)
+    return Selection(tuple(groups), found, tuple(rows))
 
 
 def _grown(task: Task, large: Large, found: Identification) -> tuple[tuple[str, ...], Identification, dict[str, Group]]:
