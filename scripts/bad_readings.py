@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.identify import Noise, identify
+from lab.calibration.identify import identify
 from lab.calibration.solver import Observations
 from lab.calibration.statistics.null import Shape
 from lab.calibration.statistics.outliers import LEVEL, Outliers, find_outliers
+from lab.calibration.weights import Noise
 from lab.frames import Array
 from lab.geometry.serial import SerialArm
 from lab.instruments import instrument

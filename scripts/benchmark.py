@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.identify import Identification, Noise, identify, locate_before, weighed
+from lab.calibration.identify import Identification, identify, locate_before
 from lab.calibration.planning.certificate import certify
 from lab.calibration.sightings.sighted import Observing
 from lab.calibration.sightings.sighting import Points
@@ -22,6 +22,7 @@ from lab.calibration.solver import Observations, fit
 from lab.calibration.statistics.null import Shape
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.statistics.selection import select
+from lab.calibration.weights import Noise, weighed
 from lab.geometry.effects import HOUR_S
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm

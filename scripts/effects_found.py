@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.identify import Noise, identify
+from lab.calibration.identify import identify
 from lab.calibration.planning.design import exchange
 from lab.calibration.planning.observability import criterion
 from lab.calibration.statistics.selection import Selection, select
+from lab.calibration.weights import Noise
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S
 from lab.geometry.gauge import base_set

@@ -3,7 +3,8 @@
 import numpy as np
 
 from lab.calibration.assess import errors_at
-from lab.calibration.identify import Noise, identify
+from lab.calibration.identify import identify
+from lab.calibration.weights import Noise
 from lab.instruments import instrument
 from lab.seeds import stream
 from lab.study.robots import load_robot

@@ -16,10 +16,11 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.assess import compare_with_truth, error_tangent
-from lab.calibration.identify import Noise, identify, weighed
+from lab.calibration.identify import identify
 from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.statistics.adequacy import adequacy, isotropy, sandwich
 from lab.calibration.statistics.null import Shape, linearized
+from lab.calibration.weights import Noise, weighed
 from lab.instruments import Instrument, instrument
 from lab.seeds import stream
 from lab.study.option_groups import ArmEffects, Flag

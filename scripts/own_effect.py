@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from lab.calibration.identify import Noise, identify
+from lab.calibration.identify import identify
+from lab.calibration.weights import Noise
 from lab.geometry.affected import AffectedArm
 from lab.geometry.effects import Effect
 from lab.instruments import instrument

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from arms import IRB120, ROOT
 
-from lab.calibration.identify import Noise, identify
+from lab.calibration.identify import identify
 from lab.calibration.planning.accuracy import predict, smallest_count
 from lab.calibration.planning.certificate import certify
 from lab.calibration.planning.design import ascend, exchange, information
 from lab.calibration.planning.observability import CRITERIA, Scaling, criterion
+from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm

@@ -7,9 +7,10 @@ from scipy import stats
 
 from lab import frames
 from lab.calibration.assess import Judgement, compare_with_truth, errors_at, verdict
-from lab.calibration.identify import Noise, identify
+from lab.calibration.identify import identify
 from lab.calibration.solver import Observations, fit
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
+from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.geometry.axes import Truth
 from lab.geometry.gauge import base_set

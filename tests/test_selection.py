@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from arms import IRB120, data_file, somewhere, table_robot
 
-from lab.calibration.identify import Identification, Noise, Wishes, identify
+from lab.calibration.identify import Identification, Wishes, identify
 from lab.calibration.statistics import trials
 from lab.calibration.statistics.nested import Score
 from lab.calibration.statistics.selection import CANDIDATES, Selection, objection, select
 from lab.calibration.statistics.trials import Large, Task
+from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import AffectedArm, affected

@@ -5,11 +5,12 @@ import pytest
 from arms import IRB120, RX130, data_file, table_robot
 from poses_seen import seen_poses
 
-from lab.calibration.identify import Noise, Wishes, identify, weighed
+from lab.calibration.identify import Wishes, identify
 from lab.calibration.sightings.poses import Poses
 from lab.calibration.sightings.sequential import fit_sequentially, split_of
 from lab.calibration.sightings.sighted import Observing, sighted
 from lab.calibration.solver import Fit, fit
+from lab.calibration.weights import Noise, weighed
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.serial import SerialArm

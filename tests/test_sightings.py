@@ -9,7 +9,7 @@ from poses_seen import off_by, seen_poses
 
 from lab import frames
 from lab.calibration.assess import configurations, errors_of, kept_together, split_by_label
-from lab.calibration.identify import Identification, Noise, Wishes, identify
+from lab.calibration.identify import Identification, Wishes, identify
 from lab.calibration.prior import Tolerance
 from lab.calibration.sightings.places import PLACE, Places
 from lab.calibration.sightings.poses import Poses, balanced
@@ -18,6 +18,7 @@ from lab.calibration.sightings.sighted import Observing, sighted
 from lab.calibration.sightings.sighting import Points, Sighting, sighting_of
 from lab.calibration.sightings.touching import Cable, Planes, Sockets
 from lab.calibration.statistics.readings import rounding
+from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import base_set

@@ -6,9 +6,10 @@ from arms import IRB120, perturbed, somewhere
 from test_identify import truth_of
 
 from lab.calibration.identifiability import condition_of, weak_directions
-from lab.calibration.identify import Noise, Wishes, identify
+from lab.calibration.identify import Wishes, identify
 from lab.calibration.lift import lift
 from lab.calibration.prior import Tolerance, gather, prior_of, standard_deviations
+from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm

@@ -5,6 +5,7 @@ It sees an arm only through ``Model``: joints and parameters in, points and deri
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import t as student
@@ -14,12 +15,12 @@ from lab.calibration.identifiability import poses_needed
 from lab.calibration.locate import columns_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.sightings.sighting import Sighting, sighting_of
-from lab.calibration.solver import Fit, Further, Observations, Status, fit, typical_weight, whitening
+from lab.calibration.solver import Fit, Further, Observations, Status, fit, typical_weight
+from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet, base_set, independent_columns
 from lab.geometry.model import Model
-from lab.instruments import Instrument
 from lab.measurements import Measurements, seen_mask
 from lab.seeds import stream
 
@@ -28,19 +29,6 @@ BARELY_TOLD_APART = 1e3  # a condition above which poses hardly tell the paramet
 MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the drawing in the same poses
-
-
-@dataclass(frozen=True)
-class Noise:
-    """What the identifier assumes of the noise: an instrument's, a given sigma, or nothing.
-
-    A row's own ``sigma_m`` goes before both. With nothing, all readings weigh the same and
-    sigma is estimated from the residuals.
-    """
-
-    instrument: Instrument | None = None
-    sigma_m: float | None = None
-    readings: int = 1
 
 
 @dataclass(frozen=True)
@@ -173,38 +161,40 @@ def identify(
         )
     start = before.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
-    whole = (
-        fit(model, seen, free, start, further=further)
-        if wishes.solve is None
-        else wishes.solve(sight, seen, free, start)
-    )
-    solution = _canonical(model, seen, whole, further)
-    residuals = data.points - model.points(seen.settings, solution.values)
-    squares = float(np.sum(seen.apply(residuals) ** 2))
-    freedom = int(seen_mask(seen.points).sum()) * data.points.shape[2] - len(free)
-    freedom += len(sight.further(before)[0])
-    estimated = np.sqrt(squares / freedom) if freedom > 0 else float("nan")
+    solve = wishes.solve or partial(_all_at_once, further)
+    solution = _canonical(model, seen, solve(sight, seen, free, start), further)
+    freedom, estimated = _residual_sigma(sight, seen, solution)
     if wishes.tolerance is not None:
         prior = prior_of(model, structure, nominal, wishes.tolerance, sight.placed)
         further = _both(further, prior.rows(1.0 if known else estimated))
         solution = _canonical(model, seen, fit(model, seen, structure.kept, start, further=further), further)
-        free, residuals = structure.kept, data.points - model.points(seen.settings, solution.values)
     found = Identification(
         model=model,
         before=before,
         values=solution.values,
         base_set=structure,
         fit=solution,
-        sigma_m=float(_root_mean_square_sigma(seen) if known else estimated),
+        sigma_m=root_mean_square_sigma(seen) if known else estimated,
         sigma_known=known,
         freedom=freedom,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
-        residuals=residuals,
+        residuals=data.points - model.points(seen.settings, solution.values),
         spread=_spread_to_drawing(sight, seen, before, nominal),
         warnings=data.warnings,
         further=further,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found)))
+
+
+def _all_at_once(further: Further, sight: Sighting, seen: Observations, free: Sequence[int], start: Array) -> Fit:
+    return fit(sight.model, seen, free, start, further=further)
+
+
+def _residual_sigma(sight: Sighting, seen: Observations, solution: Fit) -> tuple[int, float]:
+    """Residual degrees of freedom, and the sigma that residuals say; NaN where nothing is left over."""
+    residuals = seen.apply(seen.points - sight.model.points(seen.settings, solution.values))
+    freedom = len(residuals) + len(sight.further(solution.values)[0]) - len(solution.free)
+    return freedom, float(np.sqrt(residuals @ residuals / freedom)) if freedom > 0 else float("nan")
 
 
 def _as_positions(sight: Sighting, seen: Observations) -> Further:
@@ -226,49 +216,6 @@ def _both(first: Further, second: Further) -> Further:
         return np.concatenate([a, b]), np.concatenate([da, db])
 
     return rows
-
-
-def weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
-    """The points with their weights, and whether these stand on a known sigma."""
-    settings, units = data.settings(sight.model.conditions), sight.units
-    given = np.isfinite(data.sigma_m)
-    instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None
-    shape = data.points.shape[:2]
-    if noise.sigma_m is None and instrument is None:
-        if given.any() and not given.all():
-            raise LabError("sigma_mm is empty in some rows; fill it in, or say --noise-mm or --instrument for those")
-        if not given.any():
-            return Observations(settings, data.points, np.broadcast_to(1 / units, shape)), False
-    rows = np.broadcast_to(data.sigma_m[:, None], shape)
-    if instrument is not None and instrument.kind == "spherical":
-        covariance = _instrument_covariance(sight, instrument, data.points, noise.readings)
-        covariance = np.where(given[:, None, None, None], (rows * units)[..., None, None] ** 2 * np.eye(3), covariance)
-        return Observations(settings, data.points, whitening(covariance)), True
-    default = noise.sigma_m
-    if instrument is not None:
-        default = instrument.radial_m / np.sqrt(noise.readings)
-    sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
-    return Observations(settings, data.points, 1 / (sigma * units)), True
-
-
-def _instrument_covariance(sight: Sighting, device: Instrument, points: Array, readings: int) -> Array:
-    """``(n, k, 3, 3)``: of positions the instrument's; of what else is seen, by its unit, from their mean."""
-    if not sight.positions:
-        raise LabError(f"{device.name} measures points, of which none are observed: say --noise-mm in its place")
-    seen = np.nan_to_num(points[:, : sight.positions], nan=1.0)
-    covariance = np.asarray(device.covariance(seen, readings))
-    if sight.positions == len(sight.units):
-        return covariance
-    mean = float(np.trace(covariance, axis1=2, axis2=3).mean()) / 3
-    further = (mean * sight.units[sight.positions :, None, None] ** 2) * np.eye(3)
-    return np.concatenate([covariance, np.broadcast_to(further, (len(points), *further.shape))], axis=1)
-
-
-def _root_mean_square_sigma(seen: Observations) -> float:
-    whiten = seen.whiten[seen_mask(seen.points)]
-    if whiten.ndim == 1:
-        return float(np.sqrt(np.mean(1 / whiten**2)))
-    return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
 
 
 def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet, known: Array) -> tuple[int, ...]:

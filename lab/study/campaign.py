@@ -21,11 +21,12 @@ from lab.calibration.assess import (
     judge_rows,
     verdict,
 )
-from lab.calibration.identify import Identification, Noise
+from lab.calibration.identify import Identification
 from lab.calibration.prior import Tolerance
 from lab.calibration.sightings.sessions import found_sessions, with_sessions
 from lab.calibration.sightings.sighted import Observing
 from lab.calibration.sightings.touching import Cable
+from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S

@@ -7,7 +7,7 @@ import numpy as np
 
 from lab.calibration.assess import kept_together
 from lab.calibration.identifiability import WEAK_CONDITION
-from lab.calibration.identify import Identification, Noise, Wishes, identify, weighed
+from lab.calibration.identify import Identification, Wishes, identify
 from lab.calibration.prior import Tolerance
 from lab.calibration.sightings.poses import Poses, balanced
 from lab.calibration.sightings.sequential import fit_sequentially
@@ -20,6 +20,7 @@ from lab.calibration.statistics.null import Shape, linearized
 from lab.calibration.statistics.outliers import Outliers, find_outliers, would_matter
 from lab.calibration.statistics.readings import by_readings, rounding
 from lab.calibration.statistics.selection import Selection, follow, select
+from lab.calibration.weights import Noise, weighed
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import Measurements

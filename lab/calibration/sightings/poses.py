@@ -12,10 +12,11 @@ from typing import Self
 import numpy as np
 
 from lab import frames
-from lab.calibration.identify import Identification, Noise, Wishes, identify
+from lab.calibration.identify import Identification, Wishes, identify
 from lab.calibration.locate import locate
 from lab.calibration.sightings.sighting import nothing_further
 from lab.calibration.solver import Observations
+from lab.calibration.weights import Noise
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import Measurements, seen_mask

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.assess import ROWS_PER_PARAMETER
-from lab.calibration.identify import Identification, Noise, Wishes
+from lab.calibration.identify import Identification, Wishes
 from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.statistics.nested import Nested, Score
 from lab.calibration.statistics.trials import Drawn, Large, ModelWith, Task
+from lab.calibration.weights import Noise
 from lab.geometry.effects import GROUPS
 from lab.measurements import Measurements
 

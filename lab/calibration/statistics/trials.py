@@ -7,10 +7,11 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from lab.calibration.assess import FOLDS, kept_together
-from lab.calibration.identify import WEAK, Identification, Noise, Wishes, identify, weighed
+from lab.calibration.identify import WEAK, Identification, Wishes, identify
 from lab.calibration.sightings.sighting import Sighting, sighting_of
 from lab.calibration.solver import Observations
 from lab.calibration.statistics.nested import Labels, Nested, linearized
+from lab.calibration.weights import Noise, weighed
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import STRUCTURE_POSES, independent_columns, named

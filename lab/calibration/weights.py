@@ -1,0 +1,69 @@
+"""How measurements are weighed: by an instrument's noise, a given sigma, a row's own, or all alike."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.sightings.sighting import Sighting
+from lab.calibration.solver import Observations, whitening
+from lab.errors import LabError
+from lab.frames import Array
+from lab.instruments import Instrument
+from lab.measurements import Measurements, seen_mask
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the identifier assumes of the noise: an instrument's, a given sigma, or nothing.
+
+    A row's own ``sigma_m`` goes before both. With nothing, all readings weigh the same and
+    sigma is estimated from the residuals.
+    """
+
+    instrument: Instrument | None = None
+    sigma_m: float | None = None
+    readings: int = 1
+
+
+def weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
+    """The points with their weights, and whether these stand on a known sigma."""
+    settings, units = data.settings(sight.model.conditions), sight.units
+    given = np.isfinite(data.sigma_m)
+    instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None
+    shape = data.points.shape[:2]
+    if noise.sigma_m is None and instrument is None:
+        if given.any() and not given.all():
+            raise LabError("sigma_mm is empty in some rows; fill it in, or say --noise-mm or --instrument for those")
+        if not given.any():
+            return Observations(settings, data.points, np.broadcast_to(1 / units, shape)), False
+    rows = np.broadcast_to(data.sigma_m[:, None], shape)
+    if instrument is not None and instrument.kind == "spherical":
+        covariance = _instrument_covariance(sight, instrument, data.points, noise.readings)
+        covariance = np.where(given[:, None, None, None], (rows * units)[..., None, None] ** 2 * np.eye(3), covariance)
+        return Observations(settings, data.points, whitening(covariance)), True
+    default = noise.sigma_m
+    if instrument is not None:
+        default = instrument.radial_m / np.sqrt(noise.readings)
+    sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
+    return Observations(settings, data.points, 1 / (sigma * units)), True
+
+
+def _instrument_covariance(sight: Sighting, device: Instrument, points: Array, readings: int) -> Array:
+    """``(n, k, 3, 3)``: of positions the instrument's; of what else is seen, by its unit, from their mean."""
+    if not sight.positions:
+        raise LabError(f"{device.name} measures points, of which none are observed: say --noise-mm in its place")
+    seen = np.nan_to_num(points[:, : sight.positions], nan=1.0)
+    covariance = np.asarray(device.covariance(seen, readings))
+    if sight.positions == len(sight.units):
+        return covariance
+    mean = float(np.trace(covariance, axis1=2, axis2=3).mean()) / 3
+    further = (mean * sight.units[sight.positions :, None, None] ** 2) * np.eye(3)
+    return np.concatenate([covariance, np.broadcast_to(further, (len(points), *further.shape))], axis=1)
+
+
+def root_mean_square_sigma(seen: Observations) -> float:
+    """Of a number that was seen, as it is weighed."""
+    whiten = seen.whiten[seen_mask(seen.points)]
+    if whiten.ndim == 1:
+        return float(np.sqrt(np.mean(1 / whiten**2)))
+    return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
