@@ -342,6 +342,7 @@ def test_bad_readings_are_named_and_left_out(tmp_path, capsys) -> None:
     assert code == 0 and robust["after_mm"]["mean"] < 0.006 and robust["outliers_left_out"]
     assert robust["poses"] == 60 - len(robust["outliers"]) and robust["adequate"] is True
     assert {each["id"] for each in robust["outliers"]} == {each["id"] for each in plain["outliers"]}
+    assert robust["truth"]["bad_readings"] == robust["truth"]["bad_named"] == len(robust["outliers"])
     sizes = [each["size_mm"] for each in robust["outliers"]]
     assert sizes == sorted(sizes, reverse=True) and all(each["p"] < 0.02 for each in robust["outliers"])
     assert len((tmp_path / "robust" / "measurements.csv").read_text().splitlines()) == 61  # nothing is dropped

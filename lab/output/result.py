@@ -66,6 +66,8 @@ def summary(outcome: Outcome) -> dict[str, Any]:
             "nees_per_parameter": number(comparison.nees_per_parameter),
             "coverage_95": number(comparison.coverage_95),
             "max_abs_error": number(np.abs(comparison.error).max()),
+            "bad_readings": len(outcome.bad),
+            "bad_named": len(outcome.bad & {pose.id for pose in outcome.fit.outliers}),
         }
     return result
 

@@ -38,6 +38,8 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
             f"NEES {truth['nees_per_parameter']:.2f} a parameter, "
             f"{100 * truth['coverage_95']:.0f} % of the 95 % intervals hold"
         )
+    if truth and truth["bad_readings"]:
+        console.print(f"of {truth['bad_readings']} bad readings {truth['bad_named']} are named")
     _print_groups(console, result["groups"])
     for joint, stiffness in result["stiffness_nm_per_rad"].items():
         console.print(f"stiffness of {joint}: {stiffness:,.0f} Nm/rad")

@@ -37,13 +37,10 @@ from lab.seeds import stream
 from lab.study.fitting import Fitted, Fitter
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.robots import Robot, load_robot
-from lab.study.virtual_arm import perturbed_arm
+from lab.study.virtual_arm import fresh_poses, perturbed_arm, poses_to_measure
 from lab.virtual.effect_draws import random_conditions
 from lab.virtual.effects import true_parameters
-from lab.virtual.feasible import collides, random_poses
-from lab.virtual.real import RealArm, recorded, track
-
-FRESH_POSES = 1000
+from lab.virtual.real import RealArm, track_knowing
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class Outcome:
         fit: of those to be fitted.
         nominal: the drawing's parameters, of the model that was fitted.
         tolerance: of manufacture.
-        truth, comparison, real: of a virtual arm only.
+        comparison, real: of a virtual arm only; so are ``bad``, the ids of its bad readings.
         seconds: of the identification and its assessment.
     """
 
@@ -70,6 +67,7 @@ class Outcome:
     warnings: tuple[str, ...]
     real: RealArm | None = None
     comparison: TruthComparison | None = None
+    bad: frozenset[str] = frozenset()
 
     @property
     def identification(self) -> Identification:
@@ -90,11 +88,11 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     robot.refuse_unknown(options.targets)
     device, chain = instrument(options.instrument), robot.chain
     real = perturbed_arm(robot, options)
-    joints, set_there, notes = _plan(robot, options)
+    joints, set_there, notes = poses_to_measure(robot, options)
     hours, loads = options.effects.hours * HOUR_S, options.effects.payload_kg
     conditions = random_conditions(chain, real.effects, len(joints), stream(options.seed, "conditions"), loads, hours)
     noisy = stream(options.seed, "noise")
-    data = track(real, joints, options.targets, device, noisy, options.readings, conditions | set_there)
+    data, bad = track_knowing(real, joints, options.targets, device, noisy, options.readings, conditions | set_there)
     data = replace(data, warnings=notes)
 
     started = time.perf_counter()
@@ -105,11 +103,20 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     with _naming(options.plan or f"--poses {options.poses}"):
         fit = fitter(data)
     identification = fit.identification
-    judgement = Judgement("fresh", errors_of(identification, _fresh(real, options)))
+    judgement = Judgement("fresh", errors_of(identification, fresh_poses(real, options)))
     truth = replace(real.truth(robot.arm(options.targets)), effects=true_parameters(real.effects))
     comparison = compare_with_truth(identification, truth)
     seconds = time.perf_counter() - started
-    return _outcome(fitter, fit, judgement, options.gate_mm, seconds, real=real, comparison=comparison)
+    return _outcome(
+        fitter,
+        fit,
+        judgement,
+        options.gate_mm,
+        seconds,
+        real=real,
+        comparison=comparison,
+        bad=frozenset(np.array(data.ids)[bad].tolist()),
+    )
 
 
 def run_measured(options: MeasuredCampaign) -> Outcome:
@@ -181,15 +188,6 @@ def _with_anchors(fitter: Fitter) -> Fitter:
     return replace(fitter, data=replace(with_sessions(data, starts), warnings=(*data.warnings, said)))
 
 
-def _fresh(real: RealArm, options: VirtualCampaign) -> Measurements:
-    """Where the real arm's targets are at poses that were never measured, with conditions of their own."""
-    rng, asked = stream(options.seed, "fresh"), options.effects
-    poses = random_poses(real.robot, FRESH_POSES, rng)
-    chain = real.robot.chain
-    conditions = random_conditions(chain, real.effects, len(poses), rng, asked.payload_kg, asked.hours * HOUR_S)
-    return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)
-
-
 def _read(robot: Robot, path: Path, options: MeasuredCampaign) -> Measurements:
     return read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
 
@@ -218,34 +216,6 @@ def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:
         )
 
 
-def _plan(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
-    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings."""
-    model = robot.needed_model()
-    if options.plan is None:
-        return random_poses(model, options.poses, stream(options.seed, "poses")), {}, ()
-    plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
-    plan = plan.only("calibrate")
-    if not len(plan):
-        raise LabError(f"{options.plan}: no row has use = calibrate; mark some")
-    joints = plan.joints
-    slack = 1e-9
-    outside = (joints < robot.chain.lower - slack) | (joints > robot.chain.upper + slack)
-    if outside.any():
-        row, joint = np.argwhere(outside)[0]
-        chain, unit = robot.chain, "m" if robot.chain.prismatic[joint] else "rad"
-        raise LabError(
-            f"{options.plan}: line {plan.lines[row]}, joint {chain.joint_names[joint]}: "
-            f"{joints[row, joint]:.4g} {unit} is beyond its limits, "
-            f"{chain.lower[joint]:.4g} to {chain.upper[joint]:.4g}; "
-            "mend the pose, or the column's unit"
-        )
-    hit = collides(model, joints)
-    if hit.any():
-        line = plan.lines[int(np.argmax(hit))]
-        raise LabError(f"{options.plan}: line {line}: the arm collides in this pose; take it out of the plan")
-    return joints, dict(plan.conditions), plan.warnings
-
-
 def _outcome(
     fitter: Fitter,
     fit: Fitted,
@@ -255,6 +225,7 @@ def _outcome(
     *,
     real: RealArm | None = None,
     comparison: TruthComparison | None = None,
+    bad: frozenset[str] = frozenset(),
 ) -> Outcome:
     robot, data, identification = fitter.robot, fitter.data, fit.identification
     word = verdict(identification, judgement, gate_mm / 1e3)
@@ -280,6 +251,7 @@ def _outcome(
         tuple(dict.fromkeys(warnings)),
         real,
         comparison,
+        bad,
     )
 
 

@@ -1,11 +1,18 @@
-"""The virtual arm that a campaign's options describe: perturbed bodies, a tracker somewhere, effects."""
+"""The virtual arm that a campaign's options describe, and the poses that it takes."""
+
+import numpy as np
 
 from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.effects import HOUR_S
+from lab.measurement_file import read_measurements
+from lab.measurements import Measurements
 from lab.seeds import stream
 from lab.study.option_groups import ArmEffects
 from lab.study.options import VirtualCampaign
 from lab.study.robots import Robot
-from lab.virtual.effect_draws import EffectSizes, random_effects
+from lab.virtual.effect_draws import EffectSizes, random_conditions, random_effects
+from lab.virtual.feasible import collides, random_poses
 from lab.virtual.real import (
     RealArm,
     random_perturbation,
@@ -13,7 +20,10 @@ from lab.virtual.real import (
     random_tracker,
     real_arm,
     real_arm_from_table,
+    recorded,
 )
+
+FRESH_POSES = 1000
 
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
@@ -63,3 +73,40 @@ def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
         return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
     off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
     return real_arm(model, off, place)
+
+
+def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
+    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings."""
+    model = robot.needed_model()
+    if options.plan is None:
+        return random_poses(model, options.poses, stream(options.seed, "poses")), {}, ()
+    plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
+    plan = plan.only("calibrate")
+    if not len(plan):
+        raise LabError(f"{options.plan}: no row has use = calibrate; mark some")
+    joints = plan.joints
+    slack = 1e-9
+    outside = (joints < robot.chain.lower - slack) | (joints > robot.chain.upper + slack)
+    if outside.any():
+        row, joint = np.argwhere(outside)[0]
+        chain, unit = robot.chain, "m" if robot.chain.prismatic[joint] else "rad"
+        raise LabError(
+            f"{options.plan}: line {plan.lines[row]}, joint {chain.joint_names[joint]}: "
+            f"{joints[row, joint]:.4g} {unit} is beyond its limits, "
+            f"{chain.lower[joint]:.4g} to {chain.upper[joint]:.4g}; "
+            "mend the pose, or the column's unit"
+        )
+    hit = collides(model, joints)
+    if hit.any():
+        line = plan.lines[int(np.argmax(hit))]
+        raise LabError(f"{options.plan}: line {line}: the arm collides in this pose; take it out of the plan")
+    return joints, dict(plan.conditions), plan.warnings
+
+
+def fresh_poses(real: RealArm, options: VirtualCampaign) -> Measurements:
+    """Where the real arm's targets are at poses that were never measured, with conditions of their own."""
+    rng, asked = stream(options.seed, "fresh"), options.effects
+    poses = random_poses(real.robot, FRESH_POSES, rng)
+    chain = real.robot.chain
+    conditions = random_conditions(chain, real.effects, len(poses), rng, asked.payload_kg, asked.hours * HOUR_S)
+    return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)
