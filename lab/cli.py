@@ -135,6 +135,7 @@ def _parsed(arguments: list[str]) -> Command:
 
 def _configured(arguments: list[str]) -> tuple[list[str], dict[str, Any]]:
     """The arguments without ``--config FILE``, and by its name the command with that file's options."""
+    arguments = [part for given in arguments for part in _apart(given)]
     if not arguments or arguments[0] not in _CONFIGURED or "--config" not in arguments:
         return arguments, {}
     at = arguments.index("--config")
@@ -144,6 +145,12 @@ def _configured(arguments: list[str]) -> tuple[list[str], dict[str, Any]]:
     options: Any = read_options(Path(arguments[at + 1]), name, _CONFIGURED[name])
     made: Any = _COMMANDS[name]
     return [*arguments[:at], *arguments[at + 2 :]], {name: made(campaign=options)}
+
+
+def _apart(argument: str) -> tuple[str, ...]:
+    """``--config=FILE`` as two arguments; any other as it is."""
+    name, _, value = argument.partition("=")
+    return (name, value) if name == "--config" and value else (argument,)
 
 
 def _one_line(panel: str) -> str:

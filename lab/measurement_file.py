@@ -27,6 +27,7 @@ _ORIENTATION = ("qw", "qx", "qy", "qz", "rx_deg", "ry_deg", "rz_deg")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 POINTS_OBSERVED = ("points", "pose")  # kinds of sighting that take the measured points
 _LEAST_SIGMA_M = 1e-12
+_LARGEST_PAYLOAD_KG = 1000.0  # what no arm carries is a slip of the unit
 
 
 def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]) -> None:
@@ -279,12 +280,20 @@ class _Reader(CsvTable):
         for column in list(self.unread):
             if column in _NUMBER_COLUMNS:
                 found[column] = self.numbers(column, empty=True)
+                if column == "payload_kg":
+                    self._refuse_payloads(found[column])
             elif column.startswith("approach_"):
                 name, values = self._approach(column, column.removeprefix("approach_"))
                 if name in found:
                     raise LabError(f"{self.path}: line 1: column {column} says again what {name} says; keep one")
                 found[name] = values
         return found
+
+    def _refuse_payloads(self, payloads: Array) -> None:
+        if (bad := np.flatnonzero((payloads < 0) | (payloads > _LARGEST_PAYLOAD_KG))).size:
+            raise self.fail(
+                int(bad[0]), "payload_kg", f"not from 0 to {_LARGEST_PAYLOAD_KG:,.0f} kg; mend it, or its unit"
+            )
 
     def _approach(self, column: str, joint: str) -> tuple[str, Array]:
         plain = [f"q{j + 1}" for j in range(len(self.joint_names))]

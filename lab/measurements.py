@@ -79,6 +79,10 @@ class Measurements:
             lines=tuple(self.lines[i] for i in pick) if self.lines else (),
         )
 
+    def where(self, row: int) -> str:
+        """Where a row stands, as an error says it: its line in the file, else its id."""
+        return f"line {self.lines[row]}" if self.lines else f"row {self.ids[row]}"
+
     def settings(self, conditions: Sequence[str]) -> Array:
         """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
 
@@ -99,10 +103,13 @@ class Measurements:
                 raise LabError(f"column {name} is missing: the model needs it in every row")
             return np.zeros(len(self))
         if (empty := np.isnan(column)).any():
-            row = int(np.argmax(empty))
-            where = f"line {self.lines[row]}" if self.lines else f"row {self.ids[row]}"
+            where = self.where(int(np.argmax(empty)))
             raise LabError(f"{where}, column {name}: empty, but the model needs it in every row; fill it in")
         return column
+
+    def without(self, ids: Sequence[str]) -> "Measurements":
+        """The rows that are called otherwise."""
+        return self.take([i for i, name in enumerate(self.ids) if name not in set(ids)])
 
     def only(self, *uses: str) -> "Measurements":
         """The rows of these uses."""

@@ -53,12 +53,12 @@ def read_orientations(data: Measurements, target: str, meaning: Meaning | None =
     empty = np.isnan(numbers)
     if (half := np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1))).size:
         column = columns[int(np.argmax(empty[half[0]]))]
-        raise LabError(f"{_where(data, half[0])}, column {column}: empty while others are there; give all or none")
+        raise LabError(f"{data.where(half[0])}, column {column}: empty while others are there; give all or none")
     if quaternion:
         norm = np.linalg.norm(numbers, axis=1)
         if (off := np.flatnonzero(np.abs(norm - 1) > _UNIT)).size:
             raise LabError(
-                f"{_where(data, off[0])}, columns {columns[0]} to {columns[3]}: the quaternion's norm is "
+                f"{data.where(off[0])}, columns {columns[0]} to {columns[3]}: the quaternion's norm is "
                 f"{norm[off[0]]:.6g}, not 1: mend the row, or the columns' order"
             )
         return np.asarray(numbers / norm[:, None])
@@ -90,10 +90,6 @@ def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str
 def _numbers(data: Measurements, column: str) -> Array:
     """A column's cells, which the reader found to be numbers or empty."""
     return np.array([float(text) if text else np.nan for text in data.other[column]])
-
-
-def _where(data: Measurements, row: int) -> str:
-    return f"line {data.lines[row]}" if data.lines else f"row {data.ids[row]}"
 
 
 def _rotation(angles: Array, meaning: Meaning) -> Array:

@@ -148,7 +148,7 @@ def test_noise_that_is_not_isotropic_is_told() -> None:
         p += [isotropy(ARM, *fitted(GAUSSIAN, truth, joints, rng, known=False)).p for _ in range(40)]
         for _ in range(10):
             found = isotropy(ARM, *fitted(TRACKER, truth, joints, rng, known=False))
-            told.append("say --instrument" in found.words)
+            told.append("with --instrument" in found.words)
             assert found.ratio > 1.2
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.046, abs=0.032)  # 3 sigma of 400
     assert np.sum(np.array(p) < 1e-3) <= 4  # 0.4 expected: more than 4 once in 16,000

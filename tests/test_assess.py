@@ -1,5 +1,7 @@
 """The assessment: splits, folds, sessions, and the verdict."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arms import IRB120, perturbed, somewhere
@@ -8,15 +10,18 @@ from lab.calibration.assess import (
     Errors,
     Judgement,
     configurations,
+    folds,
     hold_out,
     judge_file,
     judge_folds,
     judge_rows,
     split_by_label,
-    verdict,
 )
 from lab.calibration.identify import identify
+from lab.calibration.verdict import verdict
 from lab.errors import LabError
+from lab.geometry.affected import affected
+from lab.geometry.effects import backlash
 from lab.geometry.serial import SerialArm
 from lab.measurements import Measurements, measured
 
@@ -87,6 +92,16 @@ def test_folds_need_one_and_a_half_times_the_base_set(poses: int, judged: bool) 
         assert verdict(fitted(data), judgement, 1e-3).word == "not judged"
 
 
+@pytest.mark.parametrize(("labels", "count"), [(60, 5), (5, 5), (3, 3), (1, 1)])
+def test_folds_keep_labels_whole_and_even(labels: int, count: int) -> None:
+    rows = np.resize(np.arange(labels), 3 * labels)
+    found = folds(rows, 0)
+    assert sorted(set(found.tolist())) == list(range(count)) and found.shape == rows.shape
+    sizes = [len(set(rows[found == fold].tolist())) for fold in range(count)]
+    assert sum(sizes) == labels and max(sizes) - min(sizes) <= 1
+    assert np.array_equal(found, folds(rows, 0)) and (labels < 5 or not np.array_equal(found, folds(rows, 1)))
+
+
 def sessions(seed: int) -> tuple[Measurements, Measurements]:
     """A calibration, and two sessions of it in which base and target stand elsewhere."""
     data, true = campaign(60, seed)
@@ -140,6 +155,20 @@ def test_just_enough_equations_do_not_place_a_base() -> None:
         judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": use}), ["base", "tool"])
     one = tuple("reference" if i % 30 < 1 else "test" for i in range(60))
     judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": one}), ["tool"])  # linear: one row does
+
+
+def test_a_condition_that_the_file_lacks_is_named() -> None:
+    arm = affected(ARM, [backlash(IRB120.chain)])
+    rng = np.random.default_rng(13)
+    data, _ = campaign(80, 13)
+    sides = {f"approach_{name}": rng.choice([-1.0, 1.0], 80) for name in NAMES}
+    found = identify(arm, replace(data, conditions=sides), arm.nominal())
+    assert judge_file(found, arm, replace(data, conditions=sides), []).errors is not None
+    with pytest.raises(LabError, match=r"^column approach_q1 is missing: the model needs it in every row"):
+        judge_file(found, arm, data, [])
+    sides["approach_q3"][7] = np.nan
+    with pytest.raises(LabError, match=r"^row 7, column approach_q3: empty"):
+        judge_file(found, arm, replace(data, conditions=sides), [])
 
 
 def test_a_target_that_only_one_fold_saw_is_not_judged() -> None:

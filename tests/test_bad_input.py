@@ -164,6 +164,17 @@ def emptied(*lines: int) -> str:
     return edited(*((line, column, "") for line in lines for column in POINTS))
 
 
+def approached(blank: int = 0) -> str:
+    """The file with sides from which each joint came; no side for the second joint in a line."""
+    table = GOOD
+    for k, joint in enumerate(("q1", "q2", "rail")):
+        sides = {line: "1" if (line >> k) % 2 else "-1" for line in range(2, ROWS + 2)}
+        if joint == "q2":
+            sides.pop(blank, None)
+        table = cells(joined(f"approach_{joint}", sides, table))
+    return csv(table)
+
+
 def plan(*poses: tuple[float, float, float]) -> str:
     return "q1_deg,q2_deg,q3_deg\n" + "".join(",".join(map(str, pose)) + "\n" for pose in poses)
 
@@ -213,13 +224,20 @@ FITTING = [
     Case("model: no masses", f"{GIVEN} --model compliance", ("compliance", "without masses", "MJCF")),
     Case("model: no approach", f"{GIVEN} --model backlash", ("good.csv", "approach_q1", "missing")),
     Case("model: auto to inspect", "inspect arm.toml --model auto", ("--model auto", "name groups")),
-    Case("fix: unknown", f"{GIVEN} --fix link9.d", ("--fix link9.d", "no such parameter", "link1.a")),
+    Case(
+        "fix: unknown",
+        f"{GIVEN} --fix link9.d",
+        ("--fix link9.d", "no such parameter", "nearest are", "link3.d", "groups are base.*, link1.*"),
+    ),
     Case("fix: everything", f"{GIVEN} --fix '*'", ("--fix", "no parameter")),
     Case("free: hidden", f"{GIVEN} --free link1.theta", ("--free link1.theta", "hidden in", "base.rz")),
     Case("free: both", f"{GIVEN} --free link1.a --fix link1.a", ("--fix and --free", "link1.a")),
     Case("prior: no tolerance", f"{GIVEN} --prior --tolerance-mm 0", ("--tolerance-mm 0", "above zero")),
     Case("tool: two numbers", "inspect arm.toml --tool-mm 1,2", ("--tool-mm", "x, y and z")),
     Case("tool: words", "inspect arm.toml --tool-mm a,b,c", ("--tool-mm", "not a number")),
+    Case("tool: not finite", "inspect arm.toml --tool-mm nan,0,0", ("--tool-mm nan", "finite")),
+    Case("tool: beyond all", "inspect arm.toml --tool-mm 0,-1e999,0", ("--tool-mm -inf", "finite")),
+    Case("tool: absurd", "inspect arm.toml --tool-mm 0,0,1e300", ("--tool-mm 1e+300", "at most")),
     Case("observe: no cable", f"{GIVEN} --observe cable", ("good.csv", "cable_mm", "missing")),
     Case("observe: no sockets", f"{GIVEN} --observe socket", ("good.csv", "location", "missing")),
     Case("observe: no orientation", f"{GIVEN} --observe pose", ("good.csv", "orientation")),
@@ -248,6 +266,8 @@ FITTING = [
     configured("unknown option", '{"options": {"pose": 12}}', "'pose'", "poses"),
     configured("wrong kind", '{"options": {"poses": "many"}}', "'many'", "poses"),
     configured("wrong group", '{"options": {"effects": 3}}', "'effects'"),
+    configured("a truth in a list", '{"options": {"effects": {"payload_kg": [true]}}}', "[True]", "'payload_kg'"),
+    configured("a number among names", '{"options": {"targets": ["p1", 1]}}', "'targets'"),
     configured("no file to identify", '{"options": {}}', "missing", command="identify"),
 ]
 
@@ -409,6 +429,15 @@ MEASUREMENTS = [
     measured("temperature a word", joined("temp_C", {3: "warm"}), "line 3", "column temp_C", "'warm'"),
     measured("approach of an unknown joint", joined("approach_q9", "1"), "line 1", "approach_q9", "q1, q2, rail"),
     measured("approach by two", joined("approach_q2", {5: "2"}), "line 5", "column approach_q2", "neither 1 nor -1"),
+    measured("approach NaN", joined("approach_q2", {5: "nan"}), "line 5", "column approach_q2", "not a finite number"),
+    measured("time infinite", joined("time_s", {5: "inf"}), "line 5", "column time_s", "not a finite number"),
+    measured("payload NaN", joined("payload_kg", {5: "NaN"}), "line 5", "column payload_kg", "not a finite number"),
+    measured("payload negative", joined("payload_kg", {5: "-1"}), "line 5", "column payload_kg", "0 to 1,000 kg"),
+    measured("payload in grams", joined("payload_kg", {5: "2500"}), "line 5", "column payload_kg", "its unit"),
+    measured("time empty", joined("time_s", {4: "3"}), "line 2", "column time_s", "fill", options="--model drift"),
+    measured(
+        "approach empty", approached(7), "line 7", "approach_q2", "empty", "fill it in", options="--model backlash"
+    ),
     measured("holdout leaves too few", csv(GOOD[:7]), "at least 5", "measure more", options="--holdout 0.5"),
     measured(
         "one pose measured again and again", csv([GOOD[0], *[GOOD[1]] * 4]), "4 poses", "at least 5", "measure more"
@@ -430,6 +459,18 @@ MEASUREMENTS = [
         "identify good.csv --robot arm.toml --validate v.csv",
         ("v.csv", "target p7", "those are p1", "--refit tool"),
         {"v.csv": renamed(*((name, name.replace("p1", "p7")) for name in POINTS))},
+    ),
+    Case(
+        "validation: a condition missing",
+        "identify m.csv --robot arm.toml --model backlash --validate good.csv",
+        ("lab: good.csv: column approach_q1 is missing", "in every row"),
+        {"m.csv": approached()},
+    ),
+    Case(
+        "validation: a condition empty",
+        "identify m.csv --robot arm.toml --model backlash --validate v.csv",
+        ("lab: v.csv: line 6, column approach_q2: empty", "fill it in"),
+        {"m.csv": approached(), "v.csv": approached(6)},
     ),
     Case(
         "validation: nothing to refit with",
@@ -818,6 +859,17 @@ def test_degrees_in_a_radian_column_are_told(folder: Path, capfd: pytest.Capture
     code, _, warnings = identified(folder, renamed(("q1_deg", "q1_rad")), capfd)
     assert code == 1
     assert "m.csv: joint q1" in warnings and "looks like degrees" in warnings and "_deg" in warnings
+
+
+def test_joints_that_came_from_one_side_show_no_backlash(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    sides = [(line, "approach_q1", "1") for line in range(2, ROWS + 2)]
+    write(folder, {"both.csv": approached(), "one.csv": edited(*sides, table=cells(approached()))})
+    assert run("identify both.csv --robot arm.toml --model backlash --json") == 0
+    capfd.readouterr()
+    assert run("identify one.csv --robot arm.toml --model backlash --json") == 1
+    out, err = capfd.readouterr()
+    assert "do not tell joint1.backlash apart" in json.loads(out)["reason"]
+    assert any("joint1.backlash" in line for line in warnings_of(err))
 
 
 def test_decimal_commas_of_every_numeric_column_are_read_back(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

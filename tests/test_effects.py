@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from arms import IRB120, SCARA, VERSATRAN, assert_derivatives, somewhere, table_robot
 
+from lab import frames
 from lab.calibration.identify import identify
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import AffectedArm
 from lab.geometry.chain import Chain
-from lab.geometry.effects import GROUPS, HOUR_S, Effect, effect
+from lab.geometry.effects import GROUPS, HOUR_S, Course, Effect, effect
 from lab.geometry.gauge import base_set
 from lab.geometry.loads import Loads
 from lab.geometry.serial import SerialArm
@@ -32,7 +33,7 @@ PARAMETERS = {
     "drift": 7,
     "sessions": 12,
 }
-SESSIONS = ("a", "b", "c")
+SESSIONS = Course(("a", "b", "c"))
 SIZES = {"compliance": 1e-5, "payload": 1e-5}  # rad/Nm; of the others 0.2 mrad, per mille, ...
 
 
@@ -222,11 +223,11 @@ def test_sessions_are_rows_of_a_frame_of_their_own() -> None:
     moved = arm.points(data.settings(arm.conditions), values) - arm.arm.points(joints, values[: len(arm.arm.names)])
     np.testing.assert_allclose(moved[:, 0], np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 0], [0, 0, 0]]), atol=1e-15)
     with pytest.raises(LabError, match="all rows are of one session; say in a column session"):
-        IRB120.arm_with(("p1",), ("sessions",), ("a",))
+        IRB120.arm_with(("p1",), ("sessions",), Course(("a",)))
 
 
 def test_unknown_and_doubled_groups() -> None:
-    with pytest.raises(LabError, match="--model sag: no such group; there are compliance, payload"):
+    with pytest.raises(LabError, match="--model sag: no such group; there are geometric, auto, compliance, payload"):
         IRB120.arm_with(("p1",), ("sag",))
     with pytest.raises(LabError, match=r"--model compliance\+payload: both have joint2.compliance; choose one"):
         IRB120.arm_with(("p1",), ("compliance", "payload"))
@@ -261,5 +262,5 @@ def test_drift_is_of_time_alone() -> None:
     values[-7:] = v = 1e-4 * rng.normal(size=7)
     joints = np.append(IRB120.chain.random_joints(1, rng)[0], HOUR_S)[None]
     still = arm.arm.points(joints[:, :6], values[:-7])[0, 0]
-    moved = still + v[:3] + np.cross(v[3:6], still) + v[6] * still
+    moved = (1 + v[6]) * frames.exp(v[3:6]) @ (still + v[:3])
     np.testing.assert_allclose(arm.points(joints, values)[0, 0], moved, atol=1e-15)

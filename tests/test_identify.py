@@ -6,10 +6,11 @@ from arms import IRB120, SCARA, VERSATRAN, chain_of, perturbed, somewhere, table
 from scipy import stats
 
 from lab import frames
-from lab.calibration.assess import Judgement, compare_with_truth, errors_at, verdict
+from lab.calibration.assess import Judgement, compare_with_truth, errors_at
 from lab.calibration.identify import identify
 from lab.calibration.solver import Observations, fit
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
+from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.geometry.axes import Truth

@@ -1,8 +1,12 @@
 """Measurement files: nothing is lost, units come from names."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from arms import IRB120, VERSATRAN, data_file
 
+from lab.errors import LabError
 from lab.measurement_file import read_measurements, write_measurements
 from lab.measurements import Measurements
 
@@ -59,6 +63,29 @@ def test_decimal_commas_read_like_points(tmp_path) -> None:
     np.testing.assert_array_equal(a.joints, b.joints)
     np.testing.assert_array_equal(a.points, b.points)
     assert a.ids == ("first",)
+
+
+def test_where_a_row_stands(tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    head = ",".join(f"q{i}_deg" for i in range(1, 7))
+    path.write_text(f"id,{head},x_mm,y_mm,z_mm\na,0,0,0,0,0,0,1,2,3\n\nb,0,0,0,0,0,0,1,2,3\n")
+    data = read_measurements(path, NAMES, SLIDES)
+    assert [data.where(i) for i in range(2)] == ["line 2", "line 4"]
+    assert data.take([1]).where(0) == "line 4"
+    assert replace(data, lines=()).where(1) == "row b"
+
+
+@pytest.mark.parametrize(("kg", "right"), [("0", True), ("1000", True), ("", True), ("-0.1", False), ("1001", False)])
+def test_a_payload_is_what_an_arm_may_carry(kg: str, right: bool, tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    head = ",".join(f"q{i}_deg" for i in range(1, 7))
+    path.write_text(f"{head},x_mm,y_mm,z_mm,payload_kg\n0,0,0,0,0,0,1,2,3,2\n0,0,0,0,0,0,1,2,3,{kg}\n")
+    if right:
+        payloads = read_measurements(path, NAMES, SLIDES).conditions["payload_kg"]
+        np.testing.assert_array_equal(payloads, [2.0, float(kg or "nan")])
+    else:
+        with pytest.raises(LabError, match=r"line 3, column payload_kg: not from 0 to 1,000 kg"):
+            read_measurements(path, NAMES, SLIDES)
 
 
 def test_ids_sessions_and_uses_are_kept_with_their_rows(tmp_path) -> None:

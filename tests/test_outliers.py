@@ -226,7 +226,9 @@ def lagged(seed: int, fractions):
     points = ARM.points(behind, truth) + SIGMA * rng.normal(size=seen.points.shape)
     late = replace(seen, points=points)
     solution = fit(ARM, late, base_set(ARM, ARM.nominal()).kept, truth)
-    return lagging(ARM, late, solution, seen.settings, ARM.joint_jacobian(seen.settings, solution.values), sessions)
+    moves = np.diff(seen.settings, axis=0, prepend=seen.settings[:1])
+    moves[25] = 0.0
+    return lagging(ARM, late, solution, moves, ARM.joint_jacobian(seen.settings, solution.values), sessions)
 
 
 def test_joints_that_lag_are_told_by_session_and_joint() -> None:
@@ -235,6 +237,6 @@ def test_joints_that_lag_are_told_by_session_and_joint() -> None:
         (lag,) = lagged(seed, [0, 1e-4, 2e-4, 0, 0, 0])
         assert lag.session == "b" and lag.p < 1e-3
         assert lag.significant[1:3].all()
-        np.testing.assert_allclose(lag.fractions, [0, 1e-4, 2e-4, 0, 0, 0], atol=3e-5)
+        np.testing.assert_allclose(lag.fractions, [0, -1e-4, -2e-4, 0, 0, 0], atol=3e-5)  # the arm is behind
     assert all(lagged(seed, np.zeros(6)) == () for seed in range(20))
     assert lagged(0, [0, 2e-4, 0, 0, 0, 0]) == ()

@@ -1,9 +1,12 @@
 """Measured arms: the accuracies of facts.md, section 6, by the commands' own protocols."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arms import data_file
 
+from lab.output.result import summary
 from lab.study.campaign import run_measured
 from lab.study.option_groups import Fitting
 from lab.study.options import MeasuredCampaign
@@ -130,3 +133,6 @@ def test_ur10_as_poses() -> None:
     errors = outcome.judgement.errors
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
+    assert 0.3 < summary(outcome)["noise_mrad"] < 1.5 and outcome.verdict.word == "good"
+    wrong = run_measured(replace(options, orientation="fixed-xyz"))
+    assert wrong.verdict.word == "bad" and "wrong --orientation" in wrong.verdict.reason

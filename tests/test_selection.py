@@ -17,7 +17,7 @@ from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import AffectedArm, affected
-from lab.geometry.effects import Effect
+from lab.geometry.effects import Course, Effect
 from lab.geometry.gauge import base_set
 from lab.geometry.model import Model
 from lab.instruments import instrument
@@ -29,7 +29,7 @@ from lab.virtual.feasible import random_poses
 from lab.virtual.real import random_perturbation, random_tracker, real_arm, track
 
 SIGMA = 5e-6
-SESSIONS = ("a", "b")
+SESSIONS = Course(("a", "b"))
 SIZE = {"compliance": 1e-5, "gear": 2e-4, "backlash": 1e-4, "drift": 1e-4}  # of the others 1e-4
 
 
@@ -80,7 +80,7 @@ def row(selection: Selection, name: str):
 def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None:
     found = select(irb120, example([group]), nominal, Noise(None, SIGMA) if known else None)
     assert found.chosen == (group,) and [g.name for g in found.groups] == [
-        "geometry",
+        "geometric",
         group,
         *(name for name in CANDIDATES if name != group),
     ]

@@ -8,7 +8,7 @@ from arms import IRB120, RX130, assert_derivatives, data_file, table_robot
 from poses_seen import off_by, seen_poses
 
 from lab import frames
-from lab.calibration.assess import configurations, errors_of, kept_together, split_by_label
+from lab.calibration.assess import Errors, Judgement, configurations, errors_of, kept_together, split_by_label
 from lab.calibration.identify import Identification, Wishes, identify
 from lab.calibration.prior import Tolerance
 from lab.calibration.sightings.places import PLACE, Places
@@ -18,6 +18,7 @@ from lab.calibration.sightings.sighted import Observing, sighted
 from lab.calibration.sightings.sighting import Points, Sighting, sighting_of
 from lab.calibration.sightings.touching import Cable, Planes, Sockets
 from lab.calibration.statistics.readings import rounding
+from lab.calibration.verdict import Verdict, rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.frames import Array
@@ -26,6 +27,9 @@ from lab.geometry.serial import SerialArm
 from lab.instruments import INSTRUMENTS
 from lab.measurement_file import read_measurements, write_measurements
 from lab.measurements import Measurements, measured
+from lab.study.campaign import run_measured
+from lab.study.option_groups import Fitting
+from lab.study.options import MeasuredCampaign
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
@@ -500,10 +504,17 @@ REFUSED = {
     "twice": ("p1_x_mm,p1_y_mm,p1_z_mm,qw,p1_qw,qx,qy,qz", "1,2,3,1,1,0,0,0", "pose", None, "qw are the same"),
     "no cable": (POINT, "1,2,3", "cable", None, "column cable_mm is missing"),
     "negative cable": ("cable_mm", "-3", "cable", None, "line 2, column cable_mm: a wire's length is above zero"),
-    "one length": ("cable_mm", "300", "cable", None, "no anchor has 4 rows"),
+    "one length": (
+        "cable_mm",
+        "300",
+        "cable",
+        None,
+        "no anchor has more than 1 row; its own place takes 3 numbers.*at least 4",
+    ),
+    "no length": ("cable_mm,note", ",n", "cable", None, "no anchor has more than 0 rows"),
     "no socket": ("location", "a", "socket", None, "column socket is missing"),
-    "once": ("location,socket", "a,0", "socket", None, "no socket has 2 rows"),
-    "plane": ("location", "a", "plane", None, "no plane has 4 rows"),
+    "once": ("location,socket", "a,0", "socket", None, "no socket has more than 1 row; .*at least 2 poses"),
+    "plane": ("location", "a", "plane", None, "no plane has more than 1 row"),
 }
 
 
@@ -512,6 +523,113 @@ def test_what_cannot_be_observed_is_refused(columns, row, kind, meaning, what, t
     data = read(tmp_path, f"{HEADER},{columns}\n1,2,3,4,5,6,{row}\n", kind)
     with pytest.raises(LabError, match=what):
         sighted(ARM, data, ARM.nominal(), Observing(kind, meaning))
+
+
+BLANKS = {
+    "location of a plane": ("plane", "location", ["a", "", "a", "a", "a"], r"line 3, column location: empty; .*plane"),
+    "session of a plane": ("plane", "session", ["1", "1", "1", "1", ""], r"line 6, column session: empty; .*plane"),
+    "location of a socket": (
+        "socket",
+        "location,socket",
+        ["a,0", "a,1", ",0", "a,0", "a,1"],
+        "line 4, column location",
+    ),
+    "socket": ("socket", "location,socket", ["a,", "a,1", "a,0", "a,0", "a,1"], "line 2, column socket: empty"),
+    "every location": ("socket", "location,socket", [",0"] * 5, "line 2, column location: empty"),
+    "session of a wire": ("cable", "session,cable_mm", ["1,300", ",300", *["1,300"] * 3], "line 3, column session"),
+}
+
+
+@pytest.mark.parametrize(("kind", "columns", "rows", "what"), BLANKS.values(), ids=BLANKS)
+def test_a_row_says_which_place_it_is_of(kind, columns, rows, what, tmp_path) -> None:
+    lines = "".join(f"{i},2,3,4,5,6,{row}\n" for i, row in enumerate(rows))
+    data = read(tmp_path, f"{HEADER},{columns}\n{lines}", kind)
+    with pytest.raises(LabError, match=what):
+        sighted(ARM, data, ARM.nominal(), Observing(kind))
+
+
+ALL_TOLD = {
+    "one plane": ("plane", "note", ["n"] * 5, ("",)),
+    "one plane, with empty columns": ("plane", "session,location", [","] * 5, ("",)),
+    "a row to skip": ("plane", "location,use", [*["a,calibrate"] * 4, ",skip"], ("a",)),
+    "a wire of one session": ("cable", "session,cable_mm", [",300"] * 5, ("",)),
+    "a row without a length": ("cable", "session,cable_mm", [*["a,300"] * 4, ","], ("a",)),
+}
+
+
+@pytest.mark.parametrize(("kind", "columns", "rows", "labels"), ALL_TOLD.values(), ids=ALL_TOLD)
+def test_what_needs_no_place_may_have_none(kind, columns, rows, labels, tmp_path) -> None:
+    lines = "".join(f"{i},2,3,4,5,6,{row}\n" for i, row in enumerate(rows))
+    data = read(tmp_path, f"{HEADER},{columns}\n{lines}", kind)
+    assert sighted(ARM, data, ARM.nominal(), Observing(kind))[0].labels == labels
+
+
+# What no place holds: the result is bad
+
+
+NONSENSE = {
+    "one plane": ("plane", "operator", lambda i: "Ann"),
+    "three planes": ("plane", "location", lambda i: "abc"[i % 3]),
+    "three sockets": ("socket", "location,socket", lambda i: f"a,{i % 3}"),
+    "six sockets": ("socket", "location,socket", lambda i: f"{i % 6 // 2},{i % 2}"),
+    "a wire of one length": ("cable", "cable_mm", lambda i: "500"),
+}
+
+
+@pytest.mark.parametrize(("kind", "columns", "cell"), NONSENSE.values(), ids=NONSENSE)
+def test_random_poses_are_of_no_place(kind, columns, cell, tmp_path) -> None:
+    """Arm and places shrink together until all residuals are zero: that is no calibration."""
+    joints = np.rad2deg(IRB120.chain.random_joints(60, np.random.default_rng(0)))
+    rows = "".join(f"{','.join(map(str, row))},{cell(i)}\n" for i, row in enumerate(joints))
+    path = tmp_path / "m.csv"
+    path.write_text(f"{HEADER},{columns}\n{rows}")
+    words = "what was measured is the same in every pose" if kind == "cable" else "302 mm from the drawing"
+    for prior in (False, True):
+        outcome = run_measured(MeasuredCampaign(path, observe=kind, fitting=Fitting(prior=prior)))
+        assert outcome.verdict.word == "bad" and words in outcome.verdict.reason
+        assert np.nanmax(np.abs(outcome.identification.residuals)) < 1e-3  # it fits, and says nothing
+
+
+FITS = Judgement("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_poses_at_places_are_good(kind) -> None:
+    sight = many(kind, 3)
+    data, true = seen_places(sight, 120, np.random.default_rng(0))
+    found = identify(sight, data, ARM.nominal())
+    assert verdict(found, FITS, 1e-3) == Verdict("good")
+    off = found.values.copy()
+    off[sight.names.index("link4.a")] += 19e-3 - true[sight.names.index("link4.a")]
+    assert verdict(replace(found, values=off), FITS, 1e-3).word == "good"
+    off[sight.names.index("link4.a")] += 2e-3
+    assert "21 mm from the drawing" in verdict(replace(found, values=off), FITS, 1e-3).reason
+
+
+def test_orientations_that_do_not_fit_are_bad() -> None:
+    """A constant quaternion beside good positions, whether the noise is given or not; a poor probe is no such thing."""
+    for sigma_rad, word in ((1e-4, "good"), (30e-3, "good"), (90e-3, "bad")):
+        sight, data, _ = seen_poses(ARM, 60, 0, 1e-4, sigma_rad)
+        found = identify(balanced(sight, data, ARM.nominal()), data, ARM.nominal())
+        assert rotation_noise_rad(found) == pytest.approx(sigma_rad, rel=0.15)
+        assert verdict(found, FITS, 1e-3).word == word
+    same = {name: np.full(60, float(name == "p1_qw")) for name in data.conditions}
+    constant = replace(data, conditions=same)
+    found = identify(balanced(sight, constant, ARM.nominal()), constant, ARM.nominal())
+    given = identify(found.model, constant, ARM.nominal(), Noise(sigma_m=1e-4))
+    for each in (found, given):
+        judged = verdict(each, FITS, 1e-3)
+        assert judged.word == "bad" and "measured orientations do not fit" in judged.reason
+
+
+def test_points_have_no_noise_of_rotations() -> None:
+    _, data, _ = seen_poses(ARM, 40, 0, 1e-4)
+    points = measured(NAMES, data.joints, ("p1",), data.points[:, :1])
+    found = identify(ARM, points, ARM.nominal())
+    assert np.isnan(rotation_noise_rad(found)) and verdict(found, FITS, 1e-3).word == "good"
+    wire = many(Cable, 2)
+    found = identify(wire, seen_places(wire, 80, np.random.default_rng(0))[0], ARM.nominal())
+    assert np.isnan(rotation_noise_rad(found))
 
 
 def test_two_orientations_and_two_targets_are_refused(tmp_path) -> None:

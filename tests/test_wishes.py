@@ -5,7 +5,7 @@ import pytest
 from arms import IRB120, perturbed, somewhere
 from test_identify import truth_of
 
-from lab.calibration.identifiability import condition_of, weak_directions
+from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
 from lab.calibration.identify import Wishes, identify
 from lab.calibration.lift import lift
 from lab.calibration.prior import Tolerance, gather, prior_of, standard_deviations
@@ -14,6 +14,7 @@ from lab.errors import LabError
 from lab.geometry.gauge import base_set
 from lab.geometry.serial import SerialArm
 from lab.measurements import Measurements, measured
+from lab.output.inspection import Question, inspection, print_inspection
 
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)
@@ -69,8 +70,14 @@ def test_patterns_name_parameters() -> None:
     [
         (Wishes(free=("link2.d",)), ("link2.d cannot be told apart", "hidden in link3.d", "fix")),
         (Wishes(free=("link1.theta",)), ("hidden in base.rx, base.ry, base.rz",)),
-        (Wishes(free=("joint2.compliance",)), ("--free joint2.compliance", "no such parameter", "link2.d")),
-        (Wishes(fix=("link7.d",)), ("--fix link7.d", "no such parameter")),
+        (
+            Wishes(free=("joint2.compliance",)),
+            ("--free joint2.compliance", "no such parameter; the groups are base.*, link1.*", "tool.p1.*"),
+        ),
+        (
+            Wishes(fix=("link7.d",)),
+            ("--fix link7.d: no such parameter; the nearest are link6.d,", "the groups are base.*"),
+        ),
         (Wishes(fix=("*",)), ("--fix", "no parameter")),
         (Wishes(fix=("link3.d",), free=("link3.*",)), ("both name link3.d",)),
     ],
@@ -79,6 +86,39 @@ def test_wishes_that_cannot_be_met(wishes: Wishes, says: tuple[str, ...]) -> Non
     with pytest.raises(LabError) as error:
         identified(campaign(3), wishes)
     assert all(part in str(error.value) for part in says)
+
+
+def test_what_inspection_says_is_held() -> None:
+    """With the tool held, the last link can be told apart: nobody asked for it to be held."""
+    seen = inspection(Question(IRB120, ("p1",), fix=("tool.*", "link4.d")))
+    assert seen["held"] == ["link4.d", "tool.p1.x", "tool.p1.y", "tool.p1.z"]
+    assert seen["told_apart"] == ["link6.theta", "link6.d", "link6.a", "link6.alpha"]
+    assert not {*seen["held"], *seen["told_apart"]} & set(seen["aliases"])
+    for name in seen["told_apart"]:
+        freed = inspection(Question(IRB120, ("p1",), fix=("tool.*", "link4.d"), free=(name,)))
+        assert name in freed["identifiable"] and freed["rank"] == seen["rank"] + 1
+    plain = inspection(Question(IRB120, ("p1",)))
+    assert plain["held"] == plain["told_apart"] == []
+
+
+def test_what_is_held_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    print_inspection(Question(IRB120, ("p1",), fix=("tool.*",)))
+    said = capsys.readouterr().out
+    assert "held at nominal by --fix, though they show: tool.p1.x, tool.p1.y, tool.p1.z\n" in said
+    assert "told apart only because others are held; --free would identify any one of them: link6.theta, " in said
+    print_inspection(Question(IRB120, ("p1",), fix=("link4.d",)))
+    said = capsys.readouterr().out
+    assert "though they show: link4.d\n" in said and "told apart only" not in said
+
+
+def test_the_condition_of_columns_of_any_size() -> None:
+    straight = np.diag([1e-3, 1.0, 1e6])
+    assert scaled_condition(straight) == pytest.approx(1.0)
+    leaning = np.array([[1.0, 1.0], [0.0, 0.1]])
+    assert scaled_condition(leaning) == pytest.approx(scaled_condition(leaning * [1.0, 1e5]))
+    assert scaled_condition(leaning) == pytest.approx(20, rel=0.01)  # 2 / angle between two unit columns
+    for short in (straight[:2], straight * [1.0, 0.0, 1.0], np.ones((4, 2))):
+        assert np.isinf(scaled_condition(short))
 
 
 def test_freeing_what_moves_nothing_is_refused() -> None:
@@ -108,7 +148,7 @@ def test_what_is_exported_does_not_depend_on_the_representative() -> None:
     """And predicts the same; the aliased error is shared by the tolerances' squares."""
     data = campaign(4)
     usual, swapped = identified(data), identified(data, SWAPPED)
-    arms = [lift(found, NOMINAL, Tolerance(), PLACED) for found in (usual, swapped)]
+    arms = [lift(found, NOMINAL, Tolerance()) for found in (usual, swapped)]
     np.testing.assert_allclose(arms[0], arms[1], rtol=0, atol=2e-9)
     for found, arm in zip((usual, swapped), arms, strict=True):
         np.testing.assert_allclose(ARM.points(FRESH, arm), ARM.points(FRESH, found.values), rtol=0, atol=1e-13)
@@ -119,20 +159,23 @@ def test_what_is_exported_does_not_depend_on_the_representative() -> None:
 
 def test_a_lift_leaves_an_arm_as_it_was_asked_for() -> None:
     found = identified(campaign(5), Wishes(fix=("link4.d",)))
-    np.testing.assert_array_equal(lift(found, NOMINAL, Tolerance(), PLACED), found.values)
+    np.testing.assert_array_equal(lift(found, NOMINAL, Tolerance()), found.values)
 
 
 def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
     """Draw all parameters by their tolerances and gather them: the covariance is the prior's."""
     values = somewhere(ARM, np.random.default_rng(0))
     structure = base_set(ARM, values)
-    prior = prior_of(ARM, structure, values, Tolerance(), PLACED)
+    prior = prior_of(ARM, structure, values, Tolerance())
     covariance = np.linalg.inv(prior.whiten.T @ prior.whiten)
-    sigma, wide = standard_deviations(ARM, Tolerance(), PLACED), gather(structure, len(ARM.names))
-    expected = (wide * sigma**2) @ wide.T
+    sigma, wide = standard_deviations(ARM, Tolerance()), gather(structure, len(ARM.names))
+    drawn = np.isfinite(sigma)
+    rows = wide[[structure.kept.index(i) for i in prior.of]][:, drawn]
+    expected = (rows * sigma[drawn] ** 2) @ rows.T
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(covariance / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
-    d3 = structure.kept.index(ARM.names.index("link3.d"))
+    assert not any(ARM.names[i].startswith(PLACED) for i in prior.of)
+    d3 = prior.of.index(ARM.names.index("link3.d"))
     assert size[d3] == pytest.approx(np.sqrt(2) * 0.5e-3)  # link2.d goes into it
 
 

@@ -54,14 +54,6 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """``good``, ``bad`` or ``not judged``, with the reason where it is bad."""
-
-    word: Literal["good", "bad", "not judged"]
-    reason: str = ""
-
-
-@dataclass(frozen=True)
 class TruthComparison:
     """How far the estimates are from a virtual arm's truth, in the canonical gauge.
 
@@ -114,6 +106,14 @@ def split_by_label(labels: Rows, share: float, seed: int) -> tuple[Rows, Rows]:
     return np.flatnonzero(~test), np.flatnonzero(test)
 
 
+def folds(labels: Rows, seed: int) -> Rows:
+    """``(n,)`` the fold of each row, five or as many as there are labels: all rows of a label, labels at random."""
+    order = stream(seed, "split").permutation(labels.max() + 1)
+    fold_of = np.empty(len(order), dtype=np.int_)
+    fold_of[order] = np.arange(len(order)) % FOLDS
+    return np.asarray(fold_of[labels])
+
+
 def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements]:
     """The rows to fit, and those to judge by."""
     if not 0 < share < 1:
@@ -132,21 +132,18 @@ def judge_rows(identification: Identification, test: Measurements) -> Judgement:
 def judge_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Judgement:
     """Five-fold cross-validation by configuration or place; by nothing where a fold would leave too little to fit."""
     labels, numbers = kept_together(identification.model, data), data.points.shape[2]
-    order = stream(seed, "split").permutation(labels.max() + 1)
-    folds = min(FOLDS, len(order))
-    fold_of = np.empty(len(order), dtype=np.int_)
-    fold_of[order] = np.arange(len(order)) % folds
-    rows = fold_of[labels]
+    rows = folds(labels, seed)
+    count = int(rows.max()) + 1
     kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
-    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(folds))
-    if folds < LEAST_FOLDS or not enough:
+    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(count))
+    if count < LEAST_FOLDS or not enough:
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
         why = f"too few poses to hold any out: not judged on fresh poses, which takes about {wanted}"
         return Judgement(None, None, (why,))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
-    for fold in range(folds):
+    for fold in range(count):
         test = np.flatnonzero(rows == fold)
         part = identify(data.take(np.flatnonzero(rows != fold)))
         unseen = {part.model.names[i] for i in part.unseen}
@@ -211,26 +208,6 @@ def error_tangent(model: Model, values: Array) -> Array:
     tangent = np.eye(len(model.names))
     tangent[np.ix_(turning, turning)] = frames.left_jacobian(-values[turning])
     return tangent
-
-
-def verdict(identification: Identification, judgement: Judgement, gate_m: float) -> Verdict:
-    """Bad: not converged, rank short of the base set, or a mean error on fresh poses above the gate."""
-    if not identification.plausible:
-        times = f"{identification.spread:.3g} times as far as the robot's do in these poses"
-        return Verdict("bad", f"the measured points spread {times}: wrong unit, or another robot")
-    if identification.status != "converged":
-        return Verdict("bad", "Gauss-Newton did not converge: wrong robot, signs or axes?")
-    if identification.unseen:
-        names = ", ".join(identification.model.names[i] for i in identification.unseen)
-        return Verdict("bad", f"these poses do not tell {names} apart from the others")
-    if judgement.errors is None:
-        return Verdict("not judged")
-    mean = float(np.nanmean(judgement.errors.after))
-    if mean > gate_m:
-        return Verdict(
-            "bad", f"does not fit: {1e3 * mean:.3g} mm on fresh poses, above the gate of {1e3 * gate_m:g} mm"
-        )
-    return Verdict("good")
 
 
 def _refuse_unknown_targets(identification: Identification, model: Model, refit: Sequence[str]) -> None:

@@ -12,6 +12,8 @@ from lab.seeds import stream
 
 ALIAS_FLOOR = 1e-9  # coefficients below this share of their row are rounding
 WEAK_CONDITION = 100.0  # directions with less than this part of the largest singular value are weak
+RANK_FLOOR = 1e-12  # of the largest singular value with unit columns: below, there is none
+TOLD_APART = 1e9  # a condition from which on poses do not show every parameter
 MEMBER = 0.1  # the least share of a direction that names a parameter
 
 
@@ -57,13 +59,18 @@ def weak_directions(names: Sequence[str], jacobian: Array, below: float = WEAK_C
     return tuple(found)
 
 
+def scaled_condition(jacobian: Array) -> float:
+    """Condition of a Jacobian ``(rows, p)`` with unit columns: infinite where it is short of rank."""
+    sizes = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300), compute_uv=False)
+    full = len(sizes) == jacobian.shape[1] and sizes[-1] > RANK_FLOOR * sizes[0]
+    return float(sizes[0] / sizes[-1]) if full else float("inf")
+
+
 def condition_of(model: Model, values: Array, settings: Array) -> float:
     """Condition of the base set's Jacobian with unit columns at these settings: infinite where it is short of rank."""
     structure = base_set(model, values)
     _, jacobian = model.observe(settings, model.structural(values))
-    rows = jacobian.reshape(-1, len(model.names))[:, list(structure.kept)]
-    sizes = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), compute_uv=False)
-    return float(sizes[0] / sizes[-1]) if sizes[-1] > 1e-12 * sizes[0] else float("inf")
+    return scaled_condition(jacobian.reshape(-1, len(model.names))[:, list(structure.kept)])
 
 
 def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:
@@ -103,7 +110,6 @@ def enough_poses(jacobian: Array, measured: Array | None = None) -> int:
     before = np.empty((0, p)) if measured is None else measured.reshape(-1, p)
     for count in range(max(1, -(-(p - len(before)) // rows)), m):
         part = np.concatenate([before, jacobian[:count].reshape(-1, p)])
-        sizes = np.linalg.svd(part / np.maximum(np.linalg.norm(part, axis=0), 1e-300), compute_uv=False)
-        if len(sizes) == p and sizes[-1] > 1e-9 * sizes[0]:
+        if scaled_condition(part) < TOLD_APART:
             return count
     return m

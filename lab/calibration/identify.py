@@ -5,6 +5,7 @@ It sees an arm only through ``Model``: joints and parameters in, points and deri
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import partial
 
 import numpy as np
@@ -15,8 +16,8 @@ from lab.calibration.identifiability import poses_needed
 from lab.calibration.locate import columns_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.sightings.sighting import Sighting, sighting_of
-from lab.calibration.solver import Fit, Further, Observations, Status, fit, typical_weight
-from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.calibration.solver import Fit, Further, Observations, Status, fit
+from lab.calibration.weights import Noise, joined, known_beside, root_mean_square_sigma, weighed
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet, base_set, independent_columns
@@ -45,6 +46,14 @@ class Wishes:
     free: tuple[str, ...] = ()
     tolerance: Tolerance | None = None
     solve: Solve | None = None
+
+    def of(self, names: Sequence[str]) -> "Wishes":
+        """The same without patterns that mean none of these parameters: they are of other groups' models."""
+        fix, free = (
+            tuple(pattern for pattern in patterns if any(fnmatchcase(name, pattern) for name in names))
+            for patterns in (self.fix, self.free)
+        )
+        return replace(self, fix=fix, free=free)
 
 
 @dataclass(frozen=True)
@@ -127,7 +136,7 @@ def locate_before(sight: Sighting, seen: Observations, nominal: Array) -> Array:
     held = [column for i, column in enumerate(placing) if i not in free]
     start[held] = nominal[held]
     return fit(
-        model, seen, [placing[i] for i in free], start, tolerance_m=1e-7, further=_as_positions(sight, seen)
+        model, seen, [placing[i] for i in free], start, tolerance_m=1e-7, further=known_beside(sight, seen)
     ).values
 
 
@@ -150,11 +159,12 @@ def identify(
         raise LabError(
             f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
         )
-    before, further = locate_before(sight, seen, nominal), _as_positions(sight, seen)
+    before, further = locate_before(sight, seen, nominal), known_beside(sight, seen)
     known_rows = sight.further(model.structural(before))[1]
     structure = base_set(model, before, fix=wishes.fix, free=wishes.free, known=known_rows)
     free = _told_apart(model, seen, before, structure, known_rows)
-    if len(free) < len(structure.kept) and len(data) < (needed := poses_needed(model, before, structure)):
+    needed = poses_needed(model, before, structure) if len(free) < len(structure.kept) else 0
+    if len(data) < needed and wishes.tolerance is None:
         raise LabError(
             f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
             f"need at least {needed}: measure more"
@@ -162,19 +172,21 @@ def identify(
     start = before.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
     solve = wishes.solve or partial(_all_at_once, further)
-    solution = _canonical(model, seen, solve(sight, seen, free, start), further)
+    solution = _canonical(model, solve(sight, seen, free, start))
     freedom, estimated = _residual_sigma(sight, seen, solution)
     if wishes.tolerance is not None:
-        prior = prior_of(model, structure, nominal, wishes.tolerance, sight.placed)
-        further = _both(further, prior.rows(1.0 if known else estimated))
-        solution = _canonical(model, seen, fit(model, seen, structure.kept, start, further=further), further)
+        if not (known or np.isfinite(estimated)):
+            raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
+        prior = prior_of(model, structure, nominal, wishes.tolerance)
+        further = joined(further, prior.rows(1.0 if known else estimated))
+        solution = _canonical(model, fit(model, seen, structure.kept, start, further=further))
     found = Identification(
         model=model,
         before=before,
         values=solution.values,
         base_set=structure,
         fit=solution,
-        sigma_m=root_mean_square_sigma(seen) if known else estimated,
+        sigma_m=root_mean_square_sigma(seen, sight.positions) if known else estimated,
         sigma_known=known,
         freedom=freedom,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
@@ -197,27 +209,6 @@ def _residual_sigma(sight: Sighting, seen: Observations, solution: Fit) -> tuple
     return freedom, float(np.sqrt(residuals @ residuals / freedom)) if freedom > 0 else float("nan")
 
 
-def _as_positions(sight: Sighting, seen: Observations) -> Further:
-    """What is known beside the measurements, weighed as these are."""
-    weight = typical_weight(seen)
-
-    def rows(values: Array) -> tuple[Array, Array]:
-        residual, jacobian = sight.further(values)
-        return weight * residual, weight * jacobian
-
-    return rows
-
-
-def _both(first: Further, second: Further) -> Further:
-    """Two sources of further rows as one."""
-
-    def rows(values: Array) -> tuple[Array, Array]:
-        (a, da), (b, db) = first(values), second(values)
-        return np.concatenate([a, b]), np.concatenate([da, db])
-
-    return rows
-
-
 def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet, known: Array) -> tuple[int, ...]:
     """Those of the base set that the measured poses tell apart, at the nominal links."""
     _, jacobian = model.observe(seen.settings, model.structural(before))
@@ -227,14 +218,26 @@ def _told_apart(model: Model, seen: Observations, before: Array, structure: Base
     return tuple(kept[i] for i in independent_columns(rows[:, kept], order))
 
 
-def _canonical(model: Model, seen: Observations, solution: Fit, further: Further) -> Fit:
-    """The same solution with the base's rotation vector of at most half a turn, and the covariance of that."""
+def _canonical(model: Model, solution: Fit) -> Fit:
+    """The same solution with the base's rotation vector of at most half a turn, and the covariance of that.
+
+    Two vectors r and s of one rotation change it alike where J_l(r) dr = J_l(s) ds.
+    """
     turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
     values = solution.values.copy()
     values[turning] = frames.log(frames.exp(values[turning]))
     if np.abs(values - solution.values).max() <= 1.0:
         return replace(solution, values=values)
-    return replace(fit(model, seen, solution.free, values, further=further), cost_trace=solution.cost_trace)
+    if not set(turning) <= set(solution.free):  # held in part: another vector is another rotation
+        return solution
+    at = [solution.free.index(i) for i in turning]
+    old, new = (frames.left_jacobian(v[turning]) for v in (solution.values, values))
+    jacobian = solution.triangle * solution.scale
+    jacobian[:, at] = jacobian[:, at] @ np.linalg.solve(old, new)
+    scale = np.linalg.norm(jacobian, axis=0)
+    triangle = np.asarray(np.linalg.qr(jacobian / scale, mode="r"))
+    sizes = np.linalg.svd(triangle, compute_uv=False)
+    return replace(solution, values=values, triangle=triangle, scale=scale, singular_values=sizes)
 
 
 def _spread_to_drawing(sight: Sighting, seen: Observations, before: Array, nominal: Array) -> float:
@@ -243,8 +246,9 @@ def _spread_to_drawing(sight: Sighting, seen: Observations, before: Array, nomin
     drawing[tool] = nominal[tool]
     compared = seen.points[:, : sight.positions or None]
     drawn = sight.model.points(seen.settings, drawing)[:, : sight.positions or None]
-    drawn, measured = np.where(np.isnan(compared), np.nan, drawn), _spread(compared)
-    return measured / _spread(drawn) if measured > 0 else 1.0
+    if not np.nan_to_num(compared).any():  # places are touched: nothing but zeros is observed
+        return 1.0
+    return _spread(compared) / _spread(np.where(np.isnan(compared), np.nan, drawn))
 
 
 def _spread(points: Array) -> float:
@@ -263,7 +267,7 @@ def _warnings(found: Identification) -> list[str]:
     if unseen := [found.model.names[i] for i in found.unseen]:
         warnings.append(
             f"these poses do not tell {', '.join(unseen)} apart from the others: they stay nominal; "
-            "move every joint through more of its range"
+            "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
         )
     elif found.fit.condition > BARELY_TOLD_APART:
         listed = [*found.weak[:MOST_NAMED], *(["others"] if len(found.weak) > MOST_NAMED else [])]

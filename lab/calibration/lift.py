@@ -8,45 +8,47 @@ spread over each aliased group by their variances. It is the same whichever of a
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.calibration.locate import columns_of
 from lab.calibration.prior import Tolerance, gather, standard_deviations
 from lab.frames import Array
 from lab.geometry.gauge import STRUCTURE_POSES
 from lab.seeds import stream
 
 STEPS = 8
-SETTLED = 1e-12  # of the parameters' standard deviations
+SETTLED = 1e-13  # m or rad
+ANYWHERE = 1e3  # standard deviation of what has no drawing, m or rad
 
 
-def lift(identification: Identification, nominal: Array, tolerance: Tolerance, placed: tuple[str, ...]) -> Array:
+def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
     """Parameters ``(p,)`` of least prior-weighted norm that predict what the identified ones do.
 
     They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the drawing's
     predictions change (``prior.gather``): w is found by Gauss-Newton on the predictions themselves,
-    so that these are equal to rounding, not to first order. With parameters held on request the
-    arm is what was asked for, and stays as it is.
+    so that these are equal to rounding, not to first order. What has no drawing gives way freely; effects
+    stay as they are. With links held on request the arm is what was asked for, and stays as it is.
 
     Args:
         nominal: the drawing's parameters ``(p,)``.
-        placed: groups that have no drawing.
     """
     model, structure = identification.model, identification.base_set
-    if structure.held:
+    links = [i for i, name in enumerate(model.names) if name.startswith("link")]
+    if set(structure.held) & set(links):
         return identification.values
     settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
     wanted = model.points(settings, identification.values)
-    sigma = standard_deviations(model, tolerance, placed)
+    sigma = standard_deviations(model, tolerance)
+    sigma[[i for i in range(len(sigma)) if i not in links and np.isfinite(sigma[i])]] = 0.0
+    sigma[np.isinf(sigma)] = ANYWHERE
     directions = sigma[:, None] ** 2 * gather(structure, len(model.names)).T
-    directions /= np.linalg.norm(directions / sigma[:, None], axis=0)
-    values = nominal.copy()
-    apart = list(columns_of(model, placed))
-    values[apart] = identification.values[apart]
+    directions = directions[:, directions.any(axis=0)]
+    directions /= np.linalg.norm(directions / np.where(sigma > 0, sigma, 1.0)[:, None], axis=0)
+    values = identification.values.copy()
+    values[links] = nominal[links]
     for _ in range(STEPS):
         points, jacobian = model.observe(settings, values)
         rows = jacobian.reshape(-1, len(values)) @ directions
         scale = np.linalg.norm(rows, axis=0)
         step = np.linalg.lstsq(rows / scale, (wanted - points).ravel(), rcond=1e-12)[0] / scale
         values += directions @ step
-        if np.abs(directions @ step / sigma).max() < SETTLED:
+        if np.abs(directions @ step).max() < SETTLED:
             break
     return values

@@ -10,14 +10,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.locate import columns_of
 from lab.calibration.solver import Further
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet
 from lab.geometry.model import Model, unit_of
 
-ANYWHERE = 1e3  # standard deviation, m or rad, of what has no drawing
-EFFECTS = {"rad": 1e-3, "m": 1e-3, "rad/Nm": 1e-4, "m/N": 1e-4, "": 1e-3, "kg": 10.0}
+EFFECT_GROUPS = ("drift", "session", "payload", "cable")  # of parameters that belong to no joint
+EFFECTS = {  # one standard deviation of what is not geometry, by the unit: large, so that it only keeps it in bounds
+    "rad": 1e-3,
+    "m": 1e-2,
+    "rad/Nm": 1e-4,
+    "": 1e-3,
+    "kg": 10.0,
+    "m/h": 1e-2,
+    "rad/h": 1e-2,
+    "1/h": 1e-3,
+}
 
 
 @dataclass(frozen=True)
@@ -30,47 +38,56 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Prior:
-    """Normal, of the base set.
+    """Normal, of what of the base set has a drawing; of the rest nothing is known.
 
     Attributes:
         mean: ``(p,)``.
-        kept: indices ``(f,)`` of the base set.
-        whiten: ``(f, f)`` the inverse of the covariance's Cholesky factor.
+        of: indices ``(m,)`` of the parameters it is of.
+        whiten: ``(m, m)`` the inverse of the covariance's Cholesky factor.
     """
 
     mean: Array
-    kept: tuple[int, ...]
+    of: tuple[int, ...]
     whiten: Array
 
     def rows(self, sigma: float) -> Further:
         """The prior as residuals beside measurements that weigh as one over ``sigma`` of theirs."""
-        jacobian = np.zeros((len(self.kept), len(self.mean)))
-        jacobian[:, list(self.kept)] = self.whiten * sigma
+        jacobian = np.zeros((len(self.of), len(self.mean)))
+        jacobian[:, list(self.of)] = self.whiten * sigma
         return lambda values: (jacobian @ (self.mean - values), jacobian)
 
+    def surprise(self, values: Array) -> Array:
+        """How far each parameter of ``of`` is from the drawing ``(m,)``, in its own standard deviations."""
+        covariance = np.linalg.inv(self.whiten.T @ self.whiten)
+        off: Array = (values - self.mean)[list(self.of)] / np.sqrt(np.diag(covariance))
+        return off
 
-def standard_deviations(model: Model, tolerance: Tolerance, placed: tuple[str, ...]) -> Array:
-    """One standard deviation ``(p,)`` of each parameter: tolerances of links, effects' sizes, else anywhere."""
-    anywhere = set(columns_of(model, placed))
-    sigma = np.empty(len(model.names))
+
+def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
+    """One standard deviation ``(p,)`` of each parameter: tolerances of links, sizes of effects, else infinite."""
+    sigma = np.full(len(model.names), np.inf)
     for i, name in enumerate(model.names):
         unit = unit_of(name)
-        if i in anywhere:
-            sigma[i] = ANYWHERE
-        elif name.startswith("link"):
+        if name.startswith("link"):
             sigma[i] = tolerance.angle_rad if unit == "rad" else tolerance.length_m
-        else:
-            sigma[i] = EFFECTS.get(unit, ANYWHERE)
+        elif name.split(".")[0] in EFFECT_GROUPS or name.startswith("joint"):
+            sigma[i] = EFFECTS[unit]
     return sigma
 
 
-def prior_of(model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance, placed: tuple[str, ...]) -> Prior:
-    """The prior of the base set that the tolerances of all parameters make."""
-    sigma, wide = standard_deviations(model, tolerance, placed), gather(structure, len(model.names))
-    covariance = (wide * sigma**2) @ wide.T
+def prior_of(model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance) -> Prior:
+    """The prior of the base set that the tolerances of all parameters make.
+
+    What has no drawing (base, tool, places) has no prior; an error of a link that goes into it alone tells nothing.
+    """
+    sigma = standard_deviations(model, tolerance)
+    of = tuple(i for i in structure.kept if np.isfinite(sigma[i]))
+    drawn = np.isfinite(sigma)
+    wide = gather(structure, len(model.names))[[structure.kept.index(i) for i in of]][:, drawn]
+    covariance = (wide * sigma[drawn] ** 2) @ wide.T
     size = np.sqrt(np.diag(covariance))
     factor = np.linalg.cholesky(covariance / np.outer(size, size))
-    return Prior(nominal, structure.kept, np.linalg.inv(factor) / size)
+    return Prior(nominal, of, np.linalg.inv(factor) / size)
 
 
 def gather(structure: BaseSet, count: int) -> Array:

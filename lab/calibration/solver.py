@@ -16,7 +16,7 @@ from lab.measurements import Measurements, seen_mask
 
 Status = Literal["converged", "not converged"]
 Further = Callable[[Array], tuple[Array, Array]]  # parameters to further whitened residuals, and their Jacobian
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 300
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
 PROBE = 0.1  # of a step, at which its curvature is looked for
 MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
@@ -147,9 +147,9 @@ def fit(
             break
         values[index] += step / scale
         there = at(values)
-        if there.cost >= here.cost:
+        if not there.cost < here.cost:
             there, damping = _damped(at, here, index, scale, decomposed.S, decomposed.Vh, damping)
-        if there.cost >= here.cost:  # nothing lowers it: rounding, if what is left to move is
+        if not there.cost < here.cost:  # nothing lowers it: rounding, if what is left to move is
             values = here.values
             status = "converged" if moved < 1e3 * tolerance_m else "not converged"
             break

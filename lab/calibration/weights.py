@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.sightings.sighting import Sighting
-from lab.calibration.solver import Observations, whitening
+from lab.calibration.solver import Further, Observations, typical_weight, whitening
 from lab.errors import LabError
 from lab.frames import Array
 from lab.instruments import Instrument
@@ -61,9 +61,31 @@ def _instrument_covariance(sight: Sighting, device: Instrument, points: Array, r
     return np.concatenate([covariance, np.broadcast_to(further, (len(points), *further.shape))], axis=1)
 
 
-def root_mean_square_sigma(seen: Observations) -> float:
-    """Of a number that was seen, as it is weighed."""
-    whiten = seen.whiten[seen_mask(seen.points)]
+def root_mean_square_sigma(seen: Observations, positions: int) -> float:
+    """Of a number that was seen, as it is weighed: of the first ``positions`` things, of all where there are none."""
+    things = positions or seen.points.shape[1]
+    whiten = seen.whiten[:, :things][seen_mask(seen.points[:, :things])]
     if whiten.ndim == 1:
         return float(np.sqrt(np.mean(1 / whiten**2)))
     return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
+
+
+def known_beside(sight: Sighting, seen: Observations) -> Further:
+    """What is known beside the measurements, weighed as these are."""
+    weight = typical_weight(seen)
+
+    def rows(values: Array) -> tuple[Array, Array]:
+        residual, jacobian = sight.further(values)
+        return weight * residual, weight * jacobian
+
+    return rows
+
+
+def joined(first: Further, second: Further) -> Further:
+    """Two sources of further rows as one."""
+
+    def rows(values: Array) -> tuple[Array, Array]:
+        (a, da), (b, db) = first(values), second(values)
+        return np.concatenate([a, b]), np.concatenate([da, db])
+
+    return rows

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lab import frames
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S, Effect
@@ -59,7 +60,7 @@ class AffectedArm:
         jacobian[..., first:] = self.arm.by_joints(rigid) @ by_joint[:, None]
         if self._frame_moves:
             jacobian = _seen_from(jacobian.swapaxes(2, 3), frame, shifted=False).swapaxes(2, 3)
-            jacobian[..., first:] += _by_frame(points) @ by_frame[:, None]
+            jacobian[..., first:] += _by_frame(points, frame) @ by_frame[:, None]
             points = _seen_from(points, frame)
         return points, jacobian
 
@@ -114,18 +115,21 @@ class AffectedArm:
 
 def _seen_from(vectors: Array, frame: Array, *, shifted: bool = True) -> Array:
     """Points (or, not shifted, differences of points) ``(n, k, ..., 3)`` in a frame that moved by ``(n, 7)``."""
-    v, r, s = (part.reshape(len(frame), *[1] * (vectors.ndim - 2), -1) for part in np.split(frame, [3, 6], axis=1))
-    seen: Array = vectors + np.cross(r, vectors) + s * vectors + (v if shifted else 0.0)
+    axes = [1] * (vectors.ndim - 2)
+    turn = frames.exp(frame[:, 3:6]).reshape(len(frame), *axes, 3, 3)
+    stretch, shift = (part.reshape(len(frame), *axes, -1) for part in (1 + frame[:, 6:], frame[:, :3]))
+    before = vectors + shift if shifted else vectors
+    seen: Array = stretch * (turn @ before[..., None])[..., 0]
     return seen
 
 
-def _by_frame(points: Array) -> Array:
-    """Derivatives of points ``(n, k, 3)`` by the frame's seven numbers, ``(n, k, 3, 7)``."""
-    out = np.zeros((*points.shape, 7), dtype=points.dtype)
-    out[..., :3] = np.eye(3)
-    for axis in range(3):
-        out[..., 3 + axis] = np.cross(np.eye(3)[axis], points)
-    out[..., 6] = points
+def _by_frame(points: Array, frame: Array) -> Array:
+    """Derivatives of points ``(n, k, 3)``, as they are before, by the frame's seven numbers, ``(n, k, 3, 7)``."""
+    seen, stretch = _seen_from(points, frame), 1 + frame[:, None, 6:]
+    out = np.zeros((*points.shape, 7), dtype=seen.dtype)
+    out[..., :3] = stretch[..., None] * frames.exp(frame[:, 3:6])[:, None]
+    out[..., 3:6] = -frames.skew(seen) @ frames.left_jacobian(frame[:, 3:6])[:, None]
+    out[..., 6] = seen / stretch
     return out
 
 

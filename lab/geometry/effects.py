@@ -24,6 +24,14 @@ TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
 
 
 @dataclass(frozen=True)
+class Course:
+    """How a campaign went: its sessions in their order, and when its clock was started (s)."""
+
+    sessions: tuple[str, ...] = ()
+    start_s: float = 0.0
+
+
+@dataclass(frozen=True)
 class Effect:
     """A group of parameters.
 
@@ -33,7 +41,7 @@ class Effect:
         offsets: readings ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
             joints stand from their readings ``(n, joints)`` (rad, m of a slide), and the derivatives
             ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
-            the measured points p are shifted v, turned r and stretched s, as p + v + r x p + s p.
+            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v).
         conditions: columns of ``Measurements.conditions`` that it asks for.
         moves: the joints, or the frame in which points are measured.
         typical: values at which the rank is decided, where the drawing's zeros would hide a parameter.
@@ -135,12 +143,12 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
     return Effect("compliance", names, offsets, ("payload_kg",))
 
 
-def drift() -> Effect:
-    """A tracker that creeps, or a frame that grows: what is measured moves in proportion to time."""
+def drift(start_s: float = 0.0) -> Effect:
+    """A tracker that creeps, or a frame that grows: what is measured moves in proportion to the time from a start."""
     names = tuple(f"drift.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz", "scale"))
 
     def offsets(_: Array, time_s: Array, values: Array) -> tuple[Array, Array]:
-        hours = time_s / HOUR_S  # (n, 1)
+        hours = (time_s - start_s) / HOUR_S  # (n, 1)
         return hours * values, hours[:, :, None] * np.eye(7)
 
     return Effect("drift", names, offsets, ("time_s",), "frame")
@@ -162,27 +170,27 @@ def sessions(names: Sequence[str]) -> Effect:
 GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions")
 
 
-def effect(name: str, chain: Chain, loads: Loads | None, sessions_of: Sequence[str] = ()) -> Effect:
+def effect(name: str, chain: Chain, loads: Loads | None, course: Course = Course()) -> Effect:
     """The group of that name for an arm; a LabError where there is none, or no masses or sessions for it."""
     if name not in GROUPS:
-        raise LabError(f"--model {name}: no such group; there are {', '.join(GROUPS)}")
+        raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}")
     if name in ("compliance", "payload"):
         if loads is None:
             raise LabError(f"--model {name}: robot {chain.name} is a table without masses; give it as MJCF or URDF")
         return compliance(loads, payload=name == "payload")
     if name == "sessions":
-        if len(sessions_of) < 2:
+        if len(course.sessions) < 2:
             raise LabError(
                 f"--model {name}: all rows are of one session; say in a column session which belong together"
             )
-        return sessions(sessions_of)
+        return sessions(course.sessions)
     made: dict[str, Callable[[], Effect]] = {
         "harmonics": lambda: harmonics(chain),
         "harmonics2": lambda: harmonics(chain, 2),
         "gear": lambda: gear(chain),
         "coupling": lambda: coupling(chain),
         "backlash": lambda: backlash(chain),
-        "drift": drift,
+        "drift": lambda: drift(course.start_s),
     }
     return made[name]()
 

@@ -6,6 +6,7 @@ something that those before it do not. Every parameter left out is an alias of k
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -29,7 +30,8 @@ class BaseSet:
         fixed: indices of the others, ascending.
         alias: ``(kept, fixed)``: an error of 1 in a fixed parameter looks exactly like errors of
             its column in the kept ones (units: those of kept per fixed, in SI).
-        held: those of the fixed that could be identified, and are not on request: hidden in nothing.
+        held: those of the fixed that could be identified, hidden in nothing: held on request, or told apart only
+            because others are.
     """
 
     kept: tuple[int, ...]
@@ -68,18 +70,26 @@ def base_set(
         flat = np.concatenate([flat, known])
     if not (fix or free):
         return base_set_of(flat, order)
-    return _as_wished(model, base_set_of(flat, order), flat, named(model, "--fix", fix), named(model, "--free", free))
+    fixed, freed = named(model.names, "--fix", fix), named(model.names, "--free", free)
+    return _as_wished(model, base_set_of(flat, order), flat, fixed, freed)
 
 
-def named(model: Model, option: str, patterns: Sequence[str]) -> tuple[int, ...]:
+def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[int, ...]:
     """Indices of the parameters that some names or patterns mean, in the order of the model."""
     found: set[int] = set()
     for pattern in patterns:
-        hits = [i for i, name in enumerate(model.names) if fnmatchcase(name, pattern)]
+        hits = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
         if not hits:
-            raise LabError(f"{option} {pattern}: no such parameter; there are {', '.join(model.names)}")
+            raise LabError(f"{option} {pattern}: no such parameter; {_there_are(pattern, names)}")
         found.update(hits)
     return tuple(sorted(found))
+
+
+def _there_are(pattern: str, names: Sequence[str]) -> str:
+    """The names nearest to one that is none, and the groups of all."""
+    near = get_close_matches(pattern, names)
+    groups = ", ".join(dict.fromkeys(f"{name.rsplit('.', 1)[0]}.*" for name in names))
+    return f"the nearest are {', '.join(near)}; the groups are {groups}" if near else f"the groups are {groups}"
 
 
 def _as_wished(model: Model, usual: BaseSet, jacobian: Array, fix: Sequence[int], free: Sequence[int]) -> BaseSet:

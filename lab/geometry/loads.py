@@ -7,7 +7,8 @@ import numpy as np
 from lab.frames import Array
 from lab.geometry.chain import Chain
 
-BEARS = 0.1  # of the largest root mean square torque: joints above bear the arm's weight
+BEARS = 0.1  # of the largest root mean square torque (force of slides): joints above bear the arm's weight
+LEAST_FORCE = 1e-9  # Nm or N: rounding
 _POSES = 200
 
 
@@ -63,10 +64,12 @@ class Loads:
         return force, rate
 
     def bearing(self, rng: np.random.Generator) -> tuple[int, ...]:
-        """The joints (from 0) that bear the arm's weight, anywhere within its limits."""
+        """The joints (from 0) that bear the arm's weight anywhere within its limits: hinges and slides apart."""
         force, _ = self.forces(self.chain.random_joints(_POSES, rng), np.zeros(_POSES))
         size = np.sqrt((force**2).mean(axis=0))
-        return tuple(int(j) for j in np.flatnonzero(size > BEARS * max(size.max(), 1e-12)))
+        slides = np.array(self.chain.prismatic)
+        largest = np.where(slides, size.max(where=slides, initial=0.0), size.max(where=~slides, initial=0.0))
+        return tuple(int(j) for j in np.flatnonzero(size > np.maximum(BEARS * largest, LEAST_FORCE)))
 
     def _walk(self, joints: Array) -> tuple[Array, Array, Array, Array]:
         """Axes, anchors and the masses' centres ``(n, joints, 3)``, and the last origin ``(n, 3)``, in frame 0."""

@@ -10,8 +10,8 @@ _UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset"), "m")
 _UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta"), "rad")
 
 
-def unit_of(parameter: str) -> str:
-    """The SI unit of a parameter, by its name: m, rad, or that of an effect's parameter."""
+def unit_of(parameter: str, slide: bool = False) -> str:
+    """The SI unit of a parameter, by its name: m, rad, or that of an effect's parameter (of a slide's)."""
     group, _, last = parameter.rpartition(".")
     unit = _UNITS.get(last)
     if group == "drift":
@@ -19,6 +19,8 @@ def unit_of(parameter: str) -> str:
     if unit is not None:
         return unit
     kind = last.rstrip("0123456789")
+    if slide and kind in ("compliance", "backlash"):
+        return {"compliance": "m/N", "backlash": "m"}[kind]
     return {"compliance": "rad/Nm", "sin": "rad", "cos": "rad", "backlash": "rad", "mass": "kg"}.get(kind, "")
 
 

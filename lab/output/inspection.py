@@ -7,14 +7,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.calibration.identifiability import WEAK_CONDITION, aliases, poses_needed, weak_directions
+from lab.calibration.identifiability import WEAK_CONDITION, aliases, poses_needed, scaled_condition, weak_directions
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import COLUMNS
-from lab.geometry.gauge import base_set
+from lab.geometry.gauge import base_set, named
 from lab.output.result import column_scale, direction_as_values, human_unit, number
 from lab.seeds import stream
 from lab.study.advice import changes
+from lab.study.option_groups import LARGEST
 from lab.study.robots import Robot
 
 POSES = 200
@@ -41,7 +42,8 @@ def inspection(question: Question) -> dict[str, Any]:
     settings = arm.structure_joints(POSES, stream(0, "structure"))
     jacobian = arm.observe(settings, arm.structural(nominal))[1].reshape(-1, len(arm.names))[:, list(structure.kept)]
     names = [arm.names[i] for i in structure.kept]
-    condition, usual = _condition(jacobian), not (question.fix or question.free)
+    condition, usual = scaled_condition(jacobian), not (question.fix or question.free)
+    asked = named(arm.names, "--fix", question.fix)
     held = [arm.names[i] for i in structure.held]
     return {
         "robot": robot.name,
@@ -51,7 +53,8 @@ def inspection(question: Question) -> dict[str, Any]:
         "parameters": len(arm.names),
         "rank": len(structure.kept),
         "identifiable": names,
-        "held": held,
+        "held": [arm.names[i] for i in structure.held if i in asked],
+        "told_apart": [arm.names[i] for i in structure.held if i not in asked],
         "aliases": {alias.name: dict(alias.into) for alias in hidden if alias.name not in held},
         "condition": number(condition),
         "weak_directions": [direction_as_values(each) for each in weak_directions(names, jacobian)],
@@ -74,13 +77,10 @@ def _nominal(question: Question) -> Array:
     if question.place_mm:
         if len(question.place_mm) != 3:
             raise LabError("--tool-mm: give x, y and z of the first target in the last frame, e.g. 0,0,0")
+        if far := [number for number in question.place_mm if not abs(number) <= LARGEST]:
+            raise LabError(f"--tool-mm {far[0]:g}: give finite numbers in mm, at most {LARGEST:g}")
         tool[question.targets[0]] = np.array(question.place_mm) / 1e3
     return robot.arm_with(question.targets, question.groups).nominal(tool)
-
-
-def _condition(jacobian: Array) -> float:
-    sizes = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300), compute_uv=False)
-    return float(sizes[0] / sizes[-1]) if sizes[-1] > 0 else float("inf")
 
 
 def _joints(robot: Robot) -> list[dict[str, Any]]:
@@ -133,7 +133,12 @@ def print_inspection(question: Question) -> None:
         members = [name.rsplit(".", 1)[1] for name in seen["identifiable"] if name.rsplit(".", 1)[0] == group]
         console.print(f"  {group}: {' '.join(members)}")
     if seen["held"]:
-        console.print(f"held at nominal by request, though they show: {', '.join(seen['held'])}", soft_wrap=True)
+        console.print(f"held at nominal by --fix, though they show: {', '.join(seen['held'])}", soft_wrap=True)
+    if seen["told_apart"]:
+        others = ", ".join(seen["told_apart"])
+        console.print(
+            f"told apart only because others are held; --free would identify any one of them: {others}", soft_wrap=True
+        )
     console.print("fixed at nominal, because an error of it looks like errors of others:")
     for name, into in seen["aliases"].items():
         parts = [_coefficient(name, other, value) for other, value in into.items()]

@@ -47,7 +47,7 @@ def parameter_table(outcome: Outcome) -> str:
         "|:--|:--|--:|--:|--:|--:|:--|",
     ]
     for row, moved in zip(parameters(outcome), _changes(outcome.identification), strict=True):
-        scale, unit, digits = human_unit(row["name"])
+        scale, unit, digits = human_unit(row["name"], row["unit"])
         cells = [f"{scale * row['nominal']:.{digits}f}", "", "", "", _held(row)]
         if row["status"] == "identified":
             std = "" if row["std"] is None else f"{scale * row['std']:#.2g}"

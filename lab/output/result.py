@@ -9,6 +9,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.lift import lift
 from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.uncertainty import position_covariance
+from lab.calibration.verdict import rotation_noise_rad
 from lab.frames import Array
 from lab.geometry.model import Model, unit_of
 from lab.geometry.serial import SerialArm
@@ -20,6 +21,7 @@ _HUMAN_UNITS = {
     "m": (1e3, "mm", 4),
     "rad/Nm": (1e6, "µrad/Nm", 3),
     "": (1e6, "ppm", 2),
+    "m/N": (1e6, "µm/N", 3),
     "kg": (1.0, "kg", 3),
     "m/h": (1e3, "mm/h", 4),
     "rad/h": (1e3, "mrad/h", 4),
@@ -47,13 +49,15 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "before_mm": None if errors is None else statistics(errors.before),
         "after_mm": None if errors is None else statistics(errors.after),
         "noise_mm": number(1e3 * identification.sigma_m),
+        "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
         "noise_known": identification.sigma_known,
         "predicted_mm": number(1e3 * predicted_rms(identification)),
         "model": "+".join(("geometric", *outcome.fit.groups)),
         "groups": groups(outcome),
         "adequate": outcome.fit.adequacy.adequate,
         "adequacy": outcome.fit.adequacy.words,
-        "stiffness_nm_per_rad": stiffness(outcome),
+        "stiffness_nm_per_rad": {joint: found["stiffness"] for joint, found in stiffness(outcome).items()},
+        "stiffness_std_nm_per_rad": {joint: number(found["std"]) for joint, found in stiffness(outcome).items()},
         "correlated": correlated(identification),
         "weak_directions": weak(outcome),
         "outliers": outliers(outcome),
@@ -88,7 +92,7 @@ def parameters(outcome: Outcome) -> list[dict[str, Any]]:
         rows.append(
             {
                 "name": name,
-                "unit": unit_of(name),
+                "unit": unit_of(name, _is_slide(outcome, name)),
                 "nominal": float(identification.before[i]),
                 "estimate": estimate,
                 "exported": float(exported[i]),
@@ -101,9 +105,9 @@ def parameters(outcome: Outcome) -> list[dict[str, Any]]:
     return rows
 
 
-def human_unit(name: str) -> tuple[float, str, int]:
+def human_unit(name: str, unit: str | None = None) -> tuple[float, str, int]:
     """In what a person reads a parameter: the factor from SI, the unit, and how many digits after the point."""
-    unit = unit_of(name)
+    unit = unit or unit_of(name)
     if unit == "rad":
         return (1e3, "mrad", 4) if name.startswith("joint") else (180 / np.pi, "°", 5)
     return _HUMAN_UNITS[unit]
@@ -117,18 +121,24 @@ def column_scale(model: Model, values: Array) -> Array:
     return scale
 
 
+def _is_slide(outcome: Outcome, name: str) -> bool:
+    """Whether a parameter is of a joint that slides."""
+    joint = name.split(".")[0].removeprefix("joint")
+    return joint.isdigit() and outcome.robot.chain.prismatic[int(joint) - 1]
+
+
 def _status(identification: Identification, parameter: int) -> str:
     if parameter in identification.fit.free:
         return "identified"
     if parameter in identification.base_set.held:
-        return "fixed on request"
+        return "held"
     return "not seen" if parameter in identification.unseen else "fixed"
 
 
 def likely(outcome: Outcome) -> Array:
     """The parameters that are exported: of the most likely arm among those that predict the same (``lift``)."""
     identification = outcome.identification
-    return lift(identification, outcome.nominal, outcome.tolerance, sighting_of(identification.model).placed)
+    return lift(identification, outcome.nominal, outcome.tolerance)
 
 
 def rigid(outcome: Outcome, values: Array) -> tuple[SerialArm, Array]:
@@ -158,14 +168,18 @@ def groups(outcome: Outcome) -> list[dict[str, Any]]:
     ]
 
 
-def stiffness(outcome: Outcome) -> dict[str, float]:
-    """Stiffness of the joints (Nm/rad) whose compliance was fitted and is above zero."""
-    identification, names = outcome.identification, outcome.robot.chain.joint_names
+def stiffness(outcome: Outcome) -> dict[str, dict[str, float]]:
+    """Stiffness of the hinges (Nm/rad) whose compliance was fitted and is above zero, with its standard deviation."""
+    identification, chain = outcome.identification, outcome.robot.chain
     found = {}
-    for i in identification.fit.free:
+    for i, std in zip(identification.fit.free, identification.std, strict=True):
         joint, _, kind = identification.model.names[i].partition(".")
-        if kind == "compliance" and identification.values[i] > 0:
-            found[names[int(joint.removeprefix("joint")) - 1]] = 1 / float(identification.values[i])
+        if kind != "compliance" or identification.values[i] <= 0:
+            continue
+        number_of = int(joint.removeprefix("joint")) - 1
+        if not chain.prismatic[number_of]:
+            compliance = float(identification.values[i])
+            found[chain.joint_names[number_of]] = {"stiffness": 1 / compliance, "std": float(std) / compliance**2}
     return found
 
 
@@ -209,10 +223,11 @@ def predicted_rms(identification: Identification) -> float:
 
 def outliers(outcome: Outcome) -> list[dict[str, Any]]:
     """Poses that are off by a test, the largest first."""
-    return [
-        {"id": pose.id, **({} if pose.line is None else {"line": pose.line}), "size_mm": 1e3 * pose.size_m, "p": pose.p}
-        for pose in outcome.fit.outliers
-    ]
+    found = []
+    for pose in outcome.fit.outliers:
+        where = {} if pose.line is None else {"line": pose.line}
+        found.append({"id": pose.id, **where, "size_mm": 1e3 * pose.size_m, "p": pose.p, "held_out": pose.held_out})
+    return found
 
 
 def statistics(errors: Array) -> dict[str, float | int]:

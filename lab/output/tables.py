@@ -29,8 +29,10 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
             table.add_row(name, *numbers, str(errors["count"]))
         console.print(table)
     if result["noise_mm"] is not None:
+        turned = "" if result["noise_mrad"] is None else f" and {result['noise_mrad']:.3g} mrad"
         console.print(
-            f"noise {1e3 * result['noise_mm']:,.4g} µm per axis, {'given' if result['noise_known'] else 'estimated'}"
+            f"noise {1e3 * result['noise_mm']:,.4g} µm{turned} per axis, "
+            f"{'given' if result['noise_known'] else 'estimated'}"
         )
     if (truth := result.get("truth")) and truth["max_abs_z"] is not None:
         console.print(
@@ -42,15 +44,19 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
         console.print(f"of {truth['bad_readings']} bad readings {truth['bad_named']} are named")
     _print_groups(console, result["groups"])
     for joint, stiffness in result["stiffness_nm_per_rad"].items():
-        console.print(f"stiffness of {joint}: {stiffness:,.0f} Nm/rad")
+        unsure = result["stiffness_std_nm_per_rad"][joint]
+        give = "" if unsure is None else f" ± {unsure:,.0f}"
+        console.print(f"stiffness of {joint}: {stiffness:,.0f}{give} Nm/rad")
     console.print(result["adequacy"])
     for outlier in result["outliers"][:MOST_OUTLIERS]:
         line = f" (line {outlier['line']})" if "line" in outlier else ""
         did = "left out" if result["outliers_left_out"] else "fitted all the same"
+        did = "held out, and judged by" if outlier["held_out"] else did
         console.print(f"outlier: pose {outlier['id']}{line} is off by {outlier['size_mm']:.3f} mm, {did}")
     if (more := len(result["outliers"]) - MOST_OUTLIERS) > 0:
         console.print(f"and {more} more outliers, in result.json")
-    console.print(f"verdict: {result['verdict']}" + (f" ({result['reason']})" if result["reason"] else ""))
+    doubt = ", but the model is not adequate (above)" if result["adequate"] is False else ""
+    console.print(f"verdict: {result['verdict']}" + (f" ({result['reason']})" if result["reason"] else "") + doubt)
     console.print(f"run: {folder}", soft_wrap=True)
 
 
@@ -59,7 +65,7 @@ def _print_groups(console: Console, groups: list[dict[str, Any]]) -> None:
     if not groups:
         return
     table = Table(title="what each group of parameters buys")
-    for heading in ("group", "parameters", "held-out mm", "F test p", "BIC", ""):
+    for heading in ("group", "parameters", "held-out mm", "p", "BIC", ""):
         table.add_column(heading, justify="right")
     for group in groups:
         shown = ["" if group[key] is None else f"{group[key]:{form}}" for key, form in _GROUP_FORMATS.items()]

@@ -12,24 +12,22 @@ import numpy as np
 from lab.calibration.assess import (
     Judgement,
     TruthComparison,
-    Verdict,
     compare_with_truth,
     errors_of,
     hold_out,
     judge_file,
     judge_folds,
     judge_rows,
-    verdict,
 )
 from lab.calibration.identify import Identification
 from lab.calibration.prior import Tolerance
 from lab.calibration.sightings.sessions import found_sessions, with_sessions
 from lab.calibration.sightings.sighted import Observing
 from lab.calibration.sightings.touching import Cable
+from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.effects import HOUR_S
 from lab.instruments import instrument
 from lab.measurement_file import read_measurements
 from lab.measurements import Measurements
@@ -37,8 +35,7 @@ from lab.seeds import stream
 from lab.study.fitting import Fitted, Fitter
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.robots import Robot, load_robot
-from lab.study.virtual_arm import fresh_poses, perturbed_arm, poses_to_measure
-from lab.virtual.effect_draws import random_conditions
+from lab.study.virtual_arm import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
 from lab.virtual.effects import true_parameters
 from lab.virtual.real import RealArm, track_knowing
 
@@ -86,13 +83,13 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     robot = load_robot(options.robot)
     robot.needed_model()
     robot.refuse_unknown(options.targets)
-    device, chain = instrument(options.instrument), robot.chain
+    device = instrument(options.instrument)
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
-    hours, loads = options.effects.hours * HOUR_S, options.effects.payload_kg
-    conditions = random_conditions(chain, real.effects, len(joints), stream(options.seed, "conditions"), loads, hours)
+    asked = asked_conditions(robot, options)
+    conditions = drawn_conditions(real, options, len(joints), stream(options.seed, "conditions"), asked) | set_there
     noisy = stream(options.seed, "noise")
-    data, bad = track_knowing(real, joints, options.targets, device, noisy, options.readings, conditions | set_there)
+    data, bad = track_knowing(real, joints, options.targets, device, noisy, options.readings, conditions)
     data = replace(data, warnings=notes)
 
     started = time.perf_counter()
@@ -103,7 +100,7 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     with _naming(options.plan or f"--poses {options.poses}"):
         fit = fitter(data)
     identification = fit.identification
-    judgement = Judgement("fresh", errors_of(identification, fresh_poses(real, options)))
+    judgement = Judgement("fresh", errors_of(identification, fresh_poses(real, options, asked)))
     truth = replace(real.truth(robot.arm(options.targets)), effects=true_parameters(real.effects))
     comparison = compare_with_truth(identification, truth)
     seconds = time.perf_counter() - started
@@ -141,21 +138,36 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
         rows, held = hold_out(fitter.model_with(()), rows, options.holdout, options.seed)
     with _naming(options.file):
         fit = fitter(rows, held)
-        if other is not None:
-            judgement = _judged_by_file(fitter, fit, other, options)
-        elif held is not None:
-            judgement = judge_rows(fit.identification, held)
-        else:
-            again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
-            judgement = judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
+    if other is not None:
+        judgement = _judged_by_file(fitter, fit, other, options)
+    else:
+        judgement = _judged_by_rows(fitter, fit, held, options)
     return _outcome(fitter, fit, judgement, options.gate_mm, time.perf_counter() - started)
 
 
+def _judged_by_rows(fitter: Fitter, fit: Fitted, held: Measurements | None, options: MeasuredCampaign) -> Judgement:
+    """By the rows held out, else by folds with the same groups of parameters."""
+    if held is not None:
+        judged = held.without([pose.id for pose in fit.outliers if pose.held_out]) if fit.left_out else held
+        return judge_rows(fit.identification, judged)
+    with _naming(options.file):
+        again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
+        return judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
+
+
 def _judged_by_file(fitter: Fitter, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
+    lasting = [group for group in fit.groups if group not in ("sessions", "drift")]  # these are of that campaign alone
+    model = fitter.robot.arm_with(other.targets, lasting)
     with _naming(options.validate):
-        return judge_file(
-            fit.identification, fitter.robot.arm_with(other.targets, fit.groups, fitter.sessions), other, options.refit
-        )
+        judgement = judge_file(fit.identification, model, other, options.refit)
+    if (
+        "payload_kg" in model.conditions
+        and "payload_kg" in fit.rows.conditions
+        and "payload_kg" not in other.conditions
+    ):
+        said = f"{options.validate}: no column payload_kg: nothing is taken to hang at the flange in any pose"
+        return replace(judgement, warnings=(*judgement.warnings, said))
+    return judgement
 
 
 def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:

@@ -62,7 +62,8 @@ def _value(path: Path, name: str, hint: Any, value: Any) -> Any:
             return Path(value)
         if origin is tuple and isinstance(value, list):
             part = typing.get_args(kind)[0]
-            if all(isinstance(each, (int, float) if part is float else part) for each in value):
+            plain = (int, float) if part is float else part
+            if all(isinstance(each, plain) and not isinstance(each, bool) for each in value):
                 return tuple(part(each) for each in value)
         if origin is typing.Literal and value in typing.get_args(kind):
             return value

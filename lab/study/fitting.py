@@ -1,33 +1,37 @@
 """What a set of measurements says: the model asked for or found, the poses that are off, and how far to trust it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lab.calibration.assess import kept_together
-from lab.calibration.identifiability import WEAK_CONDITION
+from lab.calibration.assess import configurations
 from lab.calibration.identify import Identification, Wishes, identify
 from lab.calibration.prior import Tolerance
+from lab.calibration.sightings.places import PLACE
 from lab.calibration.sightings.poses import Poses, balanced
 from lab.calibration.sightings.sequential import fit_sequentially
 from lab.calibration.sightings.sighted import Observing, sighted
-from lab.calibration.sightings.sighting import Sighting, sighting_of
-from lab.calibration.solver import Fit, Observations
+from lab.calibration.sightings.sighting import sighting_of
+from lab.calibration.solver import Observations
 from lab.calibration.statistics.adequacy import Adequacy, adequacy, isotropy, sandwich
-from lab.calibration.statistics.lag import lagging
 from lab.calibration.statistics.null import Shape, linearized
-from lab.calibration.statistics.outliers import Outliers, find_outliers, would_matter
-from lab.calibration.statistics.readings import by_readings, rounding
-from lab.calibration.statistics.selection import Selection, follow, select
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.statistics.selection import CANDIDATES, Selection, follow, select
+from lab.calibration.statistics.trials import Task
 from lab.calibration.weights import Noise, weighed
 from lab.frames import Array
+from lab.geometry.effects import Course
 from lab.geometry.model import Model
 from lab.measurements import Measurements
 from lab.seeds import stream
-from lab.study.advice import changes
 from lab.study.option_groups import Fitting
+from lab.study.remarks import of_export, of_groups, of_joints, of_outliers, of_prior, of_weakness
 from lab.study.robots import Robot
+
+CLEANINGS = 5  # of the poses and what they are judged by
+BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,14 @@ class Named:
         id, line: of its row; no line where there is no file.
         size_m: how far its farthest target is from where the other poses say it is.
         p: the chance that noise alone makes any pose of a campaign stand out as far.
+        held_out: whether it was not fitted, but is judged by.
     """
 
     id: str
     line: int | None
     size_m: float
     p: float
+    held_out: bool
 
 
 @dataclass(frozen=True)
@@ -90,13 +96,14 @@ class Fitter:
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""
-        arm = self.robot.arm_with(self.targets, groups, self.sessions)
+        arm = self.robot.arm_with(self.targets, groups, self.course)
         return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[0]
 
     @property
-    def sessions(self) -> tuple[str, ...]:
-        """Of the measurements, in their order."""
-        return tuple(dict.fromkeys(self.data.sessions))
+    def course(self) -> Course:
+        """Of the measurements."""
+        time_s = self.data.conditions.get("time_s", np.zeros(1))
+        return Course(tuple(dict.fromkeys(self.data.sessions)), float(time_s[0]))
 
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
@@ -114,7 +121,7 @@ class Fitter:
         """What is asked of the identification."""
         chosen = self.options
         tolerance = self.tolerance if chosen.prior else None
-        return Wishes(chosen.fix, chosen.free, tolerance, _sequentially if self.sequential else None)
+        return Wishes(chosen.fix, chosen.free, tolerance, fit_sequentially if self.sequential else None)
 
     @property
     def tolerance(self) -> Tolerance:
@@ -123,20 +130,23 @@ class Fitter:
 
     def identified(
         self, rows: Measurements, groups: Sequence[str], held: Sequence[str] = ()
-    ) -> tuple[Identification, Measurements]:
-        """One identification of the arm with these groups, and the rows that it comes from.
+    ) -> tuple[Identification, Measurements, Outliers | None]:
+        """One identification of the arm with these groups, the rows that it comes from, and what was left out.
 
         Args:
             held: parameters of the groups that the selection found these poses not to show.
         """
         model = self.model_with(groups)
-        wishes = replace(self.wishes, fix=(*self.wishes.fix, *held))
-        found = self._identify(model, rows, wishes)
-        if not self.options.robust:
-            return found, rows
-        off = self._outliers(found, rows).rows
-        clean = rows.take(np.setdiff1d(np.arange(len(rows)), off))
-        return self._identify(model, clean, wishes), clean
+        wishes = self.wishes if self.options.model == "geometric" else self.wishes.of(model.names)
+        wishes = replace(wishes, fix=(*wishes.fix, *held))
+        found, clean, outliers = self._identify(model, rows, wishes), rows, None
+        for _ in range(CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
+            before, outliers = outliers, self._outliers(found, rows)
+            if before is not None and set(before.rows) == set(outliers.rows):
+                break
+            clean = rows.take(np.setdiff1d(np.arange(len(rows)), outliers.rows))
+            found = self._identify(model, clean, wishes)
+        return found, clean, outliers
 
     def __call__(self, rows: Measurements, held: Measurements | None = None) -> Fitted:
         """Everything that the rows say.
@@ -146,24 +156,68 @@ class Fitter:
         """
         selection = self._selected(rows)
         groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
-        identification, clean = self.identified(rows, groups, unshown)
-        outliers = self._outliers(identification, rows)
-        judged = self._adequacy(identification, clean, held)
-        trusted, warnings = self._said_of_noise(identification, clean, outliers, judged)
-        warnings += self._said_of_weakness(groups, identification, clean) + self._said_of_joints(identification, clean)
-        named = _named(rows, outliers)
-        return Fitted(trusted, clean, groups, unshown, named, self.options.robust, judged, selection, tuple(warnings))
+        found, clean, outliers = self.identified(rows, groups, unshown)
+        sight, robust = sighting_of(found.model), self.options.robust
+        seen, known = weighed(sight, clean, self.noise)
+        outliers = outliers or self._outliers(found, rows)
+        off = _named(rows, outliers)
+        if held is not None and sight.positions:
+            off += _named(held, self._off_held_out(found, clean, held), held_out=True)
+        judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
+        judged = self._adequacy(found, clean, judged_by)
+        warnings = [judged.words] if judged.adequate is False else []
+        warnings += [] if robust else of_outliers(found, seen, outliers)
+        trusted = found
+        if not warnings and self.observing.kind == "points":
+            trusted, warnings = self._trusted(found, seen, known)
+        if count := sum(pose.held_out for pose in off):
+            warnings.append(f"{count} poses held out are off: the error is {'without' if robust else 'with'} them")
+        warnings += of_groups(groups, selection, self.data)
+        if self.options.prior:
+            warnings += of_prior(found, self.nominal(found.model), self.tolerance)
+        if self.observing.kind == "points":
+            warnings += of_weakness(self.robot, self.targets, groups, found, seen.settings)
+        warnings += of_joints(found, seen, clean, self._moves(clean))
+        warnings += of_export(self.robot, found, groups, seen.settings)
+        return Fitted(trusted, clean, groups, unshown, off, robust, judged, selection, tuple(warnings))
 
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""
         if self.options.model == "geometric":
             return None
-        if self.options.model == "auto":
-            _, clean = self.identified(rows, ())
-            return select(self.model_with, clean, self.nominal, self.noise, self.wishes, seed=self.seed)
         groups = self.options.groups
-        _, clean = self.identified(rows, groups)
-        return follow(self.model_with, clean, self.nominal, groups, self.noise, self.wishes, seed=self.seed)
+        task = Task(self.model_with, self.nominal, rows, self.noise, self.wishes)
+        task.refuse_unknown_wishes(CANDIDATES if self.options.model == "auto" else groups)
+        found, clean, outliers = self.identified(rows, groups)
+        if self.options.model != "auto":
+            model_with = self._balanced_as(found).model_with
+            return follow(model_with, clean, self.nominal, groups, self.noise, self.wishes, seed=self.seed)
+        selection = self._chosen(found, clean)
+        if outliers is None or not len(outliers.rows):
+            return selection
+        other = self._chosen(found, rows)  # a few poses that alone show an effect look like outliers without it
+        if set(other.chosen) == set(selection.chosen):
+            return selection
+        named_by = [len(rows) - len(self.identified(rows, s.chosen, s.held)[1]) for s in (selection, other)]
+        return other if named_by[1] < named_by[0] else selection
+
+    def _chosen(self, found: Identification, rows: Measurements) -> Selection:
+        """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them."""
+        selection = None
+        for _ in range(BALANCINGS):
+            before, model_with = selection, self._balanced_as(found).model_with
+            selection = select(model_with, rows, self.nominal, self.noise, self.wishes, seed=self.seed)
+            if not isinstance(found.model, Poses) or (before and before.chosen == selection.chosen):
+                break
+            found, _, _ = self.identified(rows, selection.chosen, selection.held)
+        assert selection is not None
+        return selection
+
+    def _balanced_as(self, found: Identification) -> "Fitter":
+        """The same with the ratio of a pose's two noises that an identification found."""
+        if not isinstance(found.model, Poses):
+            return self
+        return replace(self, observing=replace(self.observing, ratio=found.model.ratio))
 
     @property
     def _shape(self) -> Shape:
@@ -192,6 +246,20 @@ class Fitter:
             things=sight.positions or None,
         )
 
+    def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements) -> HeldOut:
+        sight = sighting_of(found.model)
+        parts = [weighed(sight, part, self.noise) for part in (rows, held)]
+        both = Observations(*(np.concatenate(pair) for pair in zip(*(astuple(seen) for seen, _ in parts), strict=True)))
+        return off_held_out(
+            found.model,
+            both,
+            len(rows),
+            found.fit,
+            known=parts[0][1],
+            further=found.further,
+            things=sight.positions,
+        )
+
     def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> Adequacy:
         sight = sighting_of(found.model)
         seen, known = weighed(sight, rows, self.noise)
@@ -201,79 +269,49 @@ class Fitter:
             found.fit,
             known=known,
             shape=self._shape,
-            labels=kept_together(found.model, rows),
+            labels=_repeats(rows),
             held=weighed(sight, held, self.noise)[0] if held is not None and sight.positions else None,
             further=found.further,
         )
 
-    def _said_of_noise(
-        self, found: Identification, rows: Measurements, outliers: Outliers, judged: Adequacy
-    ) -> tuple[Identification, list[str]]:
-        """The identification with intervals to be trusted, and what is to be said of outliers and of the noise."""
-        seen, known = weighed(sighting_of(found.model), rows, self.noise)
-        if len(outliers.rows) and not self.options.robust:
-            moved = would_matter(found.model, seen, found.values, outliers.fit.values)
-            count = f"{len(outliers.rows)} poses are" if len(outliers.rows) > 1 else "1 pose is"
-            inadequate = [judged.words] if judged.adequate is False else []
-            return found, [
-                *inadequate,
-                f"{count} off by more than noise explains, {1e3 * outliers.sizes_m[0]:.3g} mm "
-                f"the worst: --robust would leave them out, and move what is predicted by {1e3 * moved:.2g} mm",
-            ]
-        if judged.adequate is False:
-            return found, [judged.words]
+    def _trusted(self, found: Identification, seen: Observations, known: bool) -> tuple[Identification, list[str]]:
+        """The identification with the poses' own intervals, and what is to be said, where noise is not isotropic."""
         device = self.noise.instrument
-        if self.observing.kind != "points" or (device is not None and device.kind == "spherical"):
+        if (device is not None and device.kind == "spherical") or found.sigma_m < LEAST_SIGMA_M:
             return found, []
         words = isotropy(found.model, seen, found.fit).words
-        if not words or known or found.freedom < 1:
-            return found, [words] if words else []
+        if not words:
+            return found, []
+        if known or self.options.prior or len(seen.settings) <= len(found.fit.free):
+            return found, [words]
         own = sandwich(linearized(found.model, seen, found.values, found.fit.free))
         trusted = replace(found, covariance=own.covariance, freedom_each=own.freedom)
         return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
 
-    def _said_of_weakness(self, groups: tuple[str, ...], found: Identification, rows: Measurements) -> list[str]:
-        """What would show what is barely seen."""
-        if self.observing.kind != "points" or found.fit.condition <= WEAK_CONDITION or found.unseen:
-            return []
-        settings = rows.settings(found.model.conditions)
-        wanted = changes(self.robot, self.targets, groups, found.values, settings)[0]
-        return [
-            f"some parameters are nearly unidentifiable (weak_directions in result.json): with {wanted.words} the "
-            f"same poses would have a condition of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"
-        ]
-
-    def _said_of_joints(self, found: Identification, rows: Measurements) -> list[str]:
-        """Readings that are rounded, or that do not follow the arm."""
-        model, said = found.model, []
-        sight = sighting_of(model)
-        seen, _ = weighed(sight, rows, self.noise)
-        if (coarse := rounding(model, rows, found.values, sight.positions or None)) is not None:
-            said.append(
-                f"joint readings are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes "
-                f"{1e3 * coarse.rms_m:.3g} mm (root mean square) of what is observed"
-            )
-        derivative = by_readings(model, seen.settings, found.values, self.robot.chain.size)
-        for lag in lagging(model, seen, found.fit, rows.joints, derivative, rows.sessions):
-            shares = [
-                f"{name} {share:.2g}"
-                for name, share, sure in zip(rows.joint_names, lag.fractions, lag.significant, strict=True)
-                if sure
-            ]
-            where = f"session {lag.session}: " if lag.session else ""
-            said.append(
-                f"{where}the joint values do not follow the arm: residuals lag behind the moves by a share of "
-                f"{', '.join(shares)} (F test, p = {lag.p:.1g}); read the joints when the arm has settled"
-            )
-        return said
+    def _moves(self, rows: Measurements) -> Array:
+        """``(n, joints)`` from the pose that was measured before each row in its session; none to the first."""
+        last: dict[str, Array] = {}
+        moves = {}
+        for name, session, joints in zip(self.data.ids, self.data.sessions, self.data.joints, strict=True):
+            moves[name] = joints - last.get(session, joints)
+            last[session] = joints
+        return np.array([moves[name] for name in rows.ids])
 
 
-def _sequentially(sight: Sighting, seen: Observations, free: Sequence[int], start: Array) -> Fit:
-    assert isinstance(sight, Poses)  # the options see to it
-    return fit_sequentially(sight, seen, free, start)
+def _repeats(rows: Measurements) -> NDArray[np.int_]:
+    """``(n,)`` labels: rows that share one are repeats of the same, whose scatter is noise alone.
+
+    They agree in joints, payload, approach, session and place; the time is passed over, or nothing would repeat.
+    """
+    told = [column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", PLACE))]
+    columns = [rows.sessions, *(rows.other.get(name, rows.sessions) for name in ("location", "socket"))]
+    texts = list(zip(*columns, strict=True))
+    kinds = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
+    group = np.array([kinds[text] for text in texts])
+    return configurations(np.column_stack([rows.joints, *(np.nan_to_num(column) for column in told), group]))
 
 
-def _named(rows: Measurements, found: Outliers) -> tuple[Named, ...]:
+def _named(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:
     lines = [rows.lines[i] if rows.lines else None for i in found.rows]
     parts = zip(found.rows, lines, found.sizes_m, found.p_values, strict=True)
-    return tuple(Named(rows.ids[i], line, float(size), float(p)) for i, line, size, p in parts)
+    return tuple(Named(rows.ids[i], line, float(size), float(p), held_out) for i, line, size, p in parts)

@@ -63,7 +63,7 @@ class Fitting:
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups asked for by name; none for geometric and auto."""
-        return () if self.model in ("geometric", "auto") else tuple(self.model.split("+"))
+        return () if self.model in ("geometric", "auto") else tuple(self.model.removeprefix("geometric+").split("+"))
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,8 @@ class ArmEffects:
     """How far it is turned then."""
     growth_ppm_per_h: float = 0.0
     """How fast the arm grows with its temperature."""
-    hours: float = 1.0
-    """How long the campaign takes."""
+    hours: float | None = None
+    """How long the campaign takes: an hour, if drift or growth need to know."""
     bad_share: float = 0.0
     """Share of the poses whose reading is bad."""
     bad_mm: Numbers = (1.0, 50.0)
@@ -116,11 +116,14 @@ class ArmEffects:
                     raise LabError(f"{flag} {number:g}: give a number from 0 to {LARGEST:g}")
         if self.stiffness_nm_per_rad is not None:
             positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
-        positive("--hours", self.hours)
+        if self.hours is not None:
+            positive("--hours", self.hours)
         if not self.lag < 1 or not self.bad_share <= 1:
             raise LabError("--lag is to be below 1 and --bad-share at most 1")
         if len(self.bad_mm) != 2 or not 0 < self.bad_mm[0] <= self.bad_mm[1]:
             raise LabError("--bad-mm: give the least and the largest displacement, e.g. 1,50")
+        if self.bad_mm != ArmEffects.bad_mm and not self.bad_share:
+            raise LabError("--bad-mm says how large bad readings are; give --bad-share too")
         if not self.payload_kg:
             raise LabError("--payload-kg: give at least one payload, e.g. 0,3")
 

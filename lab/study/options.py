@@ -89,7 +89,7 @@ class MeasuredCampaign:
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None
     """What the angles rx, ry, rz of a measured pose mean."""
     noise_mrad: float | None = None
-    """Weigh measured orientations by this noise; without it it is estimated."""
+    """Weigh measured orientations by this noise, beside --noise-mm; without both the ratio is estimated."""
     method: Literal["global", "sequential"] = "global"
     """Fit everything at once; or of poses the angles first, then the lengths."""
     socket_distance_mm: float | None = None
@@ -116,6 +116,10 @@ class MeasuredCampaign:
         ):
             if given is not None and self.observe != kind:
                 raise LabError(f"{flag} is of --observe {kind}; give that too, or leave it out")
+        if self.noise_mrad is not None and self.noise_mm is None:
+            raise LabError("--noise-mrad says what orientations weigh beside positions; give --noise-mm too")
+        if self.method == "sequential" and self.fitting.prior:
+            raise LabError("--prior is of --method global: the sequential method takes none; leave one out")
         for flag, number in (("--noise-mrad", self.noise_mrad), ("--socket-distance-mm", self.socket_distance_mm)):
             if number is not None:
                 positive(flag, number)

@@ -10,7 +10,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import AffectedArm, affected
 from lab.geometry.chain import Chain
-from lab.geometry.effects import effect
+from lab.geometry.effects import Course, effect
 from lab.geometry.loads import Loads
 from lab.geometry.serial import DEFAULT_TOOL, SerialArm
 from lab.geometry.table import read_table
@@ -42,14 +42,17 @@ class Robot:
         return SerialArm(self.chain, targets)
 
     def arm_with(
-        self, targets: tuple[str, ...], groups: Sequence[str], sessions: Sequence[str] = ()
+        self,
+        targets: tuple[str, ...],
+        groups: Sequence[str],
+        course: Course = Course(),  # noqa: B008
     ) -> SerialArm | AffectedArm:
-        """The arm with groups of effects (``geometry.effects``), by name, for measurements of these sessions.
+        """The arm with groups of effects (``geometry.effects``), by name, for measurements of such a course.
 
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
-        return affected(self.arm(targets), [effect(name, self.chain, self.loads, sessions) for name in groups])
+        return affected(self.arm(targets), [effect(name, self.chain, self.loads, course) for name in groups])
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""

@@ -1,10 +1,13 @@
 """The virtual arm that a campaign's options describe, and the poses that it takes."""
 
+from collections.abc import Sequence
+from contextlib import suppress
+
 import numpy as np
 
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.effects import HOUR_S
+from lab.geometry.effects import GROUPS, HOUR_S
 from lab.measurement_file import read_measurements
 from lab.measurements import Measurements
 from lab.seeds import stream
@@ -24,6 +27,7 @@ from lab.virtual.real import (
 )
 
 FRESH_POSES = 1000
+USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
@@ -100,13 +104,37 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
     if hit.any():
         line = plan.lines[int(np.argmax(hit))]
         raise LabError(f"{options.plan}: line {line}: the arm collides in this pose; take it out of the plan")
+    if "payload_kg" in plan.conditions and any(options.effects.payload_kg):
+        raise LabError(f"{options.plan}: has a column payload_kg, and --payload-kg is given too; keep one")
     return joints, dict(plan.conditions), plan.warnings
 
 
-def fresh_poses(real: RealArm, options: VirtualCampaign) -> Measurements:
+def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
+    """What is to be written down at each pose: what the model may ask for, and what options set."""
+    groups = GROUPS if options.fitting.model == "auto" else options.fitting.groups
+    asked: dict[str, None] = {}
+    for group in groups:
+        with suppress(LabError):  # what cannot be built says so when it is to be fitted
+            asked |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
+    if any(options.effects.payload_kg):
+        asked["payload_kg"] = None
+    if options.effects.hours is not None:
+        asked["time_s"] = None
+    return tuple(asked)
+
+
+def drawn_conditions(
+    real: RealArm, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
+) -> dict[str, Array]:
+    """What is set at each of so many poses of a campaign."""
+    hours = USUAL_HOURS if options.effects.hours is None else options.effects.hours
+    chain, loads = real.robot.chain, options.effects.payload_kg
+    return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, asked)
+
+
+def fresh_poses(real: RealArm, options: VirtualCampaign, asked: Sequence[str]) -> Measurements:
     """Where the real arm's targets are at poses that were never measured, with conditions of their own."""
-    rng, asked = stream(options.seed, "fresh"), options.effects
+    rng = stream(options.seed, "fresh")
     poses = random_poses(real.robot, FRESH_POSES, rng)
-    chain = real.robot.chain
-    conditions = random_conditions(chain, real.effects, len(poses), rng, asked.payload_kg, asked.hours * HOUR_S)
+    conditions = drawn_conditions(real, options, len(poses), rng, asked)
     return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)

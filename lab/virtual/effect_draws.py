@@ -95,8 +95,9 @@ def random_conditions(
     rng: np.random.Generator,
     payload_kg: Sequence[float] = (0.0,),
     duration_s: float = 0.0,
+    asked: Sequence[str] = (),
 ) -> dict[str, Array]:
-    """What is set at each pose of a campaign, ``(poses,)`` a column; only what matters to the effects.
+    """What is set at each pose of a campaign, ``(poses,)`` a column: what matters to the effects or is asked for.
 
     A payload is one of ``payload_kg``, each as likely; a joint is approached from either side, as likely; the poses
     are evenly spaced in time, the last at ``duration_s``. Payloads and approaches are drawn from children of ``rng``
@@ -105,11 +106,12 @@ def random_conditions(
     loading, approaching = rng.spawn(2)
     sides = np.where(approaching.random((poses, chain.size)) < 0.5, -1.0, 1.0)
     columns = {f"approach_{name}": sides[:, i] for i, name in enumerate(chain.joint_names)}
-    if any(payload_kg):
+    if any(payload_kg) or "payload_kg" in asked:
         columns["payload_kg"] = np.array(payload_kg, dtype=np.float64)[loading.integers(len(payload_kg), size=poses)]
     columns[BUMPED] = np.where(np.arange(poses) < poses / 2, 0.0, 1.0)
     columns["time_s"] = np.linspace(0.0, duration_s, poses)
-    return {name: columns[name] for name in effects.columns(chain.joint_names) if name in columns}
+    wanted = dict.fromkeys([*effects.columns(chain.joint_names), *asked])
+    return {name: columns[name] for name in wanted if name in columns}
 
 
 def _compliance(chain: Chain, stiffness: Mapping[int, float]) -> Array:

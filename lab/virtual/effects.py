@@ -185,7 +185,7 @@ def true_parameters(effects: Effects) -> dict[str, float]:
     """What an identifier should find, by its parameters' names; joints count from 1.
 
     A joint's compliance has its carrier's bending in it, which about the joint's axis is the same to first order.
-    ``drift.*`` is how what is measured moves in an hour, ``p' = p + v t + (w t) x p``: the tracker's motion
+    ``drift.*`` is how what is measured moves in an hour, ``p' = exp(w t) (p + v t)``: the tracker's motion
     reversed. Growth about the foot shifts and stretches it as well, so while it is on only the turns are in.
     """
     truth: dict[str, float] = {}
@@ -199,7 +199,5 @@ def true_parameters(effects: Effects) -> dict[str, float]:
         truth[f"{joint}.backlash"] = float(effects.backlash_rad[i])
     drift = dict(zip(_AXES, -effects.drift_per_h, strict=True)) | {"scale": 0.0}
     known = _AXES[3:] if effects.growth_per_h else drift
-    turned = frames.exp(effects.bump[3:]).T
-    moved = np.concatenate([-turned @ effects.bump[:3], -effects.bump[3:]])
-    truth |= {f"session.2.{axis}": float(value) for axis, value in zip(_AXES, moved, strict=True)}
+    truth |= {f"session.2.{axis}": float(value) for axis, value in zip(_AXES, -effects.bump, strict=True)}
     return truth | {f"drift.{axis}": float(drift[axis]) for axis in known}

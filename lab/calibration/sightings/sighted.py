@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.sightings.consistency import disagreement
 from lab.calibration.sightings.places import PLACE, Places
@@ -17,7 +18,6 @@ from lab.measurements import Measurements
 from lab.orientations import Meaning, oriented_target, read_orientations
 
 Observed = Literal["points", "pose", "cable", "socket", "plane"]
-OBSERVED: tuple[Observed, ...] = get_args(Observed)
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,22 @@ def sighted(arm: Model, data: Measurements, nominal: Array, observing: Observing
             raise LabError("column cable_mm is missing: --observe cable needs the wire's length")
         lengths = data.conditions["cable_mm"] / 1e3
         if (bad := np.flatnonzero(lengths <= 0)).size:
-            where = f"line {data.lines[bad[0]]}" if data.lines else f"row {data.ids[bad[0]]}"
-            raise LabError(f"{where}, column cable_mm: a wire's length is above zero; mend it, or leave the cell empty")
+            where = f"{data.where(bad[0])}, column cable_mm"
+            raise LabError(f"{where}: a wire's length is above zero; mend it, or leave the cell empty")
+        if any(data.sessions):
+            _refuse_blank(Cable, data, "session", data.sessions, np.isfinite(lengths))
         data = replace(data, warnings=(*data.warnings, *_contradictions(arm, data, nominal)))
         return _placed(Cable, arm, nominal, data, data.sessions, lengths[:, None, None])
     if observing.kind == "plane":
+        column = "location" if "location" in data.other else "session"
         names = data.other.get("location", data.sessions)
+        if any(names):
+            _refuse_blank(Planes, data, column, names)
         return _placed(Planes, arm, nominal, data, names, np.zeros((len(data), 1, 1)))
     for column in ("location", "socket"):
         if column not in data.other:
             raise LabError(f"column {column} is missing: --observe socket needs location and socket in every row")
+        _refuse_blank(Sockets, data, column, data.other[column])
     pairs = zip(data.other["location"], data.other["socket"], strict=True)
     names = tuple(f"{place}.{socket}" for place, socket in pairs)
     model, seen = _placed(Sockets, arm, nominal, data, names, np.zeros((len(data), 1, 3)))
@@ -103,8 +109,11 @@ def _placed(
     counts = np.array([int((seen & (number == i)).sum()) for i in range(len(labels))])
     few = [i for i in range(len(labels)) if counts[i] < kind.least_rows]
     if len(few) == len(labels):
+        most = int(counts.max(initial=0))
+        rows_of = "1 row" if most == 1 else f"{most} rows"
         raise LabError(
-            f"no {kind.group} has {kind.least_rows} rows, of which its place alone takes all: measure each more often"
+            f"no {kind.group} has more than {rows_of}; its own place takes {len(kind.axes)} numbers: "
+            f"measure each from at least {kind.least_rows} poses"
         )
     told = tuple(
         f"{kind.group} {labels[i] or 'of the file'} has {counts[i]} of the {kind.least_rows} rows "
@@ -122,6 +131,21 @@ def _placed(
         warnings=(*data.warnings, *told),
     )
     return model, full.take(rows)
+
+
+def _refuse_blank(
+    kind: type[Places], data: Measurements, column: str, names: Sequence[str], rows: NDArray[np.bool_] | None = None
+) -> None:
+    """Rows to be used say which place they are of.
+
+    Args:
+        rows: ``(n,)`` those with something observed; all, if not given.
+    """
+    for row, name in enumerate(names):
+        if not name and data.use[row] != "skip" and (rows is None or rows[row]):
+            raise LabError(
+                f"{data.where(row)}, column {column}: empty; say which {kind.group} the row is of, or use = skip"
+            )
 
 
 def _contradictions(arm: Model, data: Measurements, nominal: Array) -> list[str]:

@@ -197,8 +197,11 @@ def isotropy(model: Model, seen: Observations, fit: Fit) -> Isotropy:
     ratio = float(np.sqrt(square))
     if p >= STRICT:
         return Isotropy(ratio, p, "")
-    words = f"residuals across the line of sight are {ratio:.2g} times those along it (F test, p = {p:.1g}): "
-    return Isotropy(ratio, p, words + "the noise is not isotropic, so the intervals are not right; say --instrument")
+    words = (
+        f"residuals across the line of sight are {ratio:.2g} times those along it (F test, p = {p:.1g}): the noise is "
+        "not isotropic, so neither intervals nor the level of the outliers' test are right; say whose with --instrument"
+    )
+    return Isotropy(ratio, p, words)
 
 
 @dataclass(frozen=True)

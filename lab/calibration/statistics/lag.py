@@ -1,7 +1,7 @@
 """Joint values that do not follow the arm: residuals that look like a part of the last move.
 
-A controller that reports where its joints are to be, or a reading taken before the arm has settled, leaves the
-arm behind its readings by a share of the move from the pose before.
+Joints read back before they have followed lag behind the arm by a share of the move from the pose before; where a
+controller reports where the joints are to be, the arm lags behind them, and the share is negative.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class Lag:
     Attributes:
         session: its name.
         p: the chance, over all sessions, that noise follows the moves as well.
-        fractions: ``(joints,)`` of the move before that the arm still lacks where a pose is measured.
+        fractions: ``(joints,)`` of the last move that the readings still lack; negative where the arm lacks it.
         significant: ``(joints,)``, whether a joint's own fraction is more than noise would make it.
     """
 
@@ -39,15 +39,15 @@ class Lag:
 
 
 def lagging(
-    model: Model, seen: Observations, fit: Fit, readings: Array, reading_jacobian: Array, sessions: Sequence[str]
+    model: Model, seen: Observations, fit: Fit, moves: Array, reading_jacobian: Array, sessions: Sequence[str]
 ) -> tuple[Lag, ...]:
-    """The sessions where several joints lag; rows are in the order of measurement.
+    """The sessions where several joints lag.
 
-    Residuals are regressed on -J_q (reading - reading before), after what the fit takes up of it (Frisch & Waugh
+    Residuals are regressed on J_q (reading - reading before), after what the fit takes up of it (Frisch & Waugh
     1933): F for all joints together, Student's t for each, both with sigma from what is then left.
 
     Args:
-        readings: ``(n, joints)``.
+        moves: ``(n, joints)``, reading less the reading before, which need not be among the rows.
         reading_jacobian: ``(n, k, d, joints)``, of the prediction by the readings.
         sessions: ``(n,)`` names.
     """
@@ -57,11 +57,11 @@ def lagging(
     found = []
     for name in names:
         rows = [i for i, session in enumerate(sessions) if session == name]
-        moves = np.zeros_like(readings)
-        moves[rows[1:]] = np.diff(readings[rows], axis=0)
+        here = np.zeros_like(moves)
+        here[rows] = moves[rows]
         mask = seen_mask(seen.points)
         columns = np.zeros(reading_jacobian.shape)
-        columns[mask] = seen.apply(-reading_jacobian * moves[:, None, None, :]).reshape(columns[mask].shape)
+        columns[mask] = seen.apply(reading_jacobian * here[:, None, None, :]).reshape(columns[mask].shape)
         lag = _regressed(name, linear, within, columns.reshape(*linear.seen.shape, -1), len(names))
         if lag.p < LEVEL and lag.significant.sum() >= SEVERAL:
             found.append(lag)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.sightings.sighting import Sighting
-from lab.calibration.solver import RANK_TOLERANCE, Observations, typical_weight
+from lab.calibration.solver import RANK_TOLERANCE, Further, Observations
 from lab.frames import Array
 from lab.measurements import seen_mask
 
@@ -115,7 +115,7 @@ class Nested:
         return weights, triangle @ weights
 
 
-def linearized(
+def nested_at(
     sight: Sighting,
     seen: Observations,
     values: Array,
@@ -123,6 +123,7 @@ def linearized(
     drawn: Array,
     folds: Labels,
     clusters: Labels,
+    further: Further,
     floor: float,
 ) -> Nested:
     """The large model near ``values`` ``(p,)``.
@@ -131,6 +132,7 @@ def linearized(
         columns: the parameters that some nested model fits.
         drawn: ``(c,)`` what they are where they are not fitted.
         folds, clusters: ``(n,)`` labels: a row's fold, from 0 on, and what it is held out together with.
+        further: what is known beside the measurements, weighed as they are.
     """
     index, count = list(columns), int(folds.max()) + 1
     predicted, jacobian = sight.model.observe(seen.settings, values)
@@ -138,7 +140,7 @@ def linearized(
     rows, mask = seen.apply(both), seen_mask(seen.points)
     scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
     scale[scale == 0] = 1.0
-    residual, slopes = (typical_weight(seen) * known for known in sight.further(values))
+    residual, slopes = further(values)
     beside = np.column_stack([slopes[:, index], residual]) / scale
     fold = np.repeat(folds[np.nonzero(mask)[0]], seen.points.shape[2])
     parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]

@@ -20,7 +20,7 @@ from lab.measurements import seen_mask
 
 LEVEL = 0.01  # of a campaign
 MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise
-LEAST_SIGMA_M = 1e-9  # an estimated sigma below is rounding
+LEAST_SIGMA_M = 1e-6  # an estimated sigma below is no instrument's, but what models leave of each other
 _DRAWS = 999  # (draws + 1) x level is a whole number: the test of Monte Carlo draws is then exact (Barnard 1963)
 _TUKEY_TAIL = 2 * stats.norm.sf(4.685)  # weight zero where noise is as rare as at Tukey's 4.685 sigma of one number
 _ROUNDS = 30
@@ -95,6 +95,47 @@ def find_outliers(
     return Outliers(
         rows, sizes[rows], test.campaign(p[rows]), solution, weights[: linear.poses], believed, level, needed
     )
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Poses that were not fitted, and are off; as ``Outliers`` has them."""
+
+    rows: NDArray[np.int_]
+    sizes_m: Array
+    p_values: Array
+
+
+def off_held_out(
+    model: Model,
+    seen: Observations,
+    fitted: int,
+    solution: Fit,
+    *,
+    known: bool,
+    level: float = LEVEL,
+    further: Further | None = None,
+    things: int | None = None,
+) -> HeldOut:
+    """Which poses that were not fitted are no predictions of those that were: F or chi squared, Bonferroni over them.
+
+    Args:
+        seen: the fitted poses, then those held out.
+        fitted: how many of them were.
+        known: whether the weights stand on a known sigma; where most residuals are beyond it, it is estimated.
+        level, further, things: as for ``find_outliers``.
+    """
+    linear = linearized(model, seen, solution.values, solution.free, further)
+    inside = np.ones(len(linear.seen), dtype=bool)
+    inside[fitted : linear.poses] = False
+    within = linear.within(inside)
+    distance, total = within.squares(within.residuals(linear.residual))
+    believed = known and float(total) <= MISFIT**2 * max(within.freedom, 1)
+    p = within.p_values(distance, total, believed, 0.0 if known else LEAST_SIGMA_M)
+    campaign = np.minimum(1.0, p * max(linear.poses - fitted, 1))
+    rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, seen, solution.values, things)
+    rows = rows[np.argsort(-sizes[rows], kind="stable")]
+    return HeldOut(rows - fitted, sizes[rows], campaign[rows])
 
 
 def leave_out(seen: Observations, rows: NDArray[np.int_]) -> Observations:

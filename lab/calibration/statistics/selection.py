@@ -20,7 +20,7 @@ from lab.geometry.effects import GROUPS
 from lab.measurements import Measurements
 
 CANDIDATES = tuple(name for name in GROUPS if name != "payload")  # a mass and a stiffness, both unknown, hardly differ
-GEOMETRY = "geometry"
+GEOMETRY = "geometric"
 LEVEL = 0.01  # of the tests of all groups together
 BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
 
@@ -96,6 +96,7 @@ def select(
         LabError: geometry alone cannot be identified.
     """
     task = Task(model_with, nominal, data, noise or Noise(), wishes or Wishes())
+    task.refuse_unknown_wishes(candidates)
     alone = task.identified(())
     refused = {name: _refused(name, why) for name in candidates if (why := task.refusal(name))}
     large = Large.of(task, [name for name in candidates if name not in refused], alone, seed)
@@ -127,6 +128,7 @@ def follow(
     """
     task = Task(model_with, nominal, data, noise or Noise(), wishes or Wishes())
     data.settings(sighting_of(model_with(groups)).model.conditions)
+    task.refuse_unknown_wishes(groups)
     found = task.identified(())
     large = Large.of(task, groups, found, seed)
     table = large.around(found)

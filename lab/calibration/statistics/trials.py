@@ -1,20 +1,21 @@
 """One set of measurements, and every model that groups of parameters make for it: what can be tried at all."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 
-from lab.calibration.assess import FOLDS, kept_together
+from lab.calibration.assess import folds, kept_together
 from lab.calibration.identify import WEAK, Identification, Wishes, identify
+from lab.calibration.prior import prior_of
 from lab.calibration.sightings.sighting import Sighting, sighting_of
-from lab.calibration.solver import Observations
-from lab.calibration.statistics.nested import Labels, Nested, linearized
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.solver import Further, Observations
+from lab.calibration.statistics.nested import Labels, Nested, nested_at
+from lab.calibration.weights import Noise, joined, known_beside, weighed
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.gauge import STRUCTURE_POSES, independent_columns, named
+from lab.geometry.gauge import STRUCTURE_POSES, base_set, independent_columns, named
 from lab.geometry.model import Model, unit_of
 from lab.measurements import Measurements, seen_mask
 from lab.seeds import stream
@@ -44,13 +45,9 @@ class Task:
     def identified(self, groups: Sequence[str], held: Sequence[str] = ()) -> Identification:
         """With these groups less the parameters held; wishes that are of other groups' are left out."""
         model = self.model_with(groups)
-        names = sighting_of(model).within(self.data).model.names
-        fix, free = (
-            tuple(p for p in patterns if any(fnmatchcase(name, p) for name in names))
-            for patterns in (self.wishes.fix, self.wishes.free)
-        )
-        wishes = replace(self.wishes, fix=(*fix, *held), free=free)
-        return identify(model, self.data, self.drawn(model), self.noise, wishes)
+        wishes = self.wishes.of(sighting_of(model).within(self.data).model.names)
+        held_too = replace(wishes, fix=(*wishes.fix, *held))
+        return identify(model, self.data, self.drawn(model), self.noise, held_too)
 
     def refusal(self, group: str) -> str:
         """Why a group cannot be tried; empty if it can."""
@@ -59,6 +56,15 @@ class Task:
         except LabError as error:
             return str(error)
         return ""
+
+    def refuse_unknown_wishes(self, groups: Sequence[str]) -> None:
+        """A LabError for patterns that mean no parameter of geometry or of any of the groups that can be built."""
+        names: dict[str, None] = {}
+        for group in ([], *([name] for name in groups)):
+            with suppress(LabError):
+                names |= dict.fromkeys(sighting_of(self.model_with(group)).within(self.data).model.names)
+        for option, patterns in (("--fix", self.wishes.fix), ("--free", self.wishes.free)):
+            named(tuple(names), option, patterns)
 
     def parameters(self, group: str) -> set[str]:
         """Names of those that a group adds."""
@@ -76,6 +82,7 @@ class Large:
         groups: indices of each one's parameters, less those to be held on request.
         structure, measured: triangles of its Jacobian at the drawing, over all its limits and at the measured poses.
         folds, clusters: ``(n,)`` labels: rows of a fold, and rows that are held out as one.
+        further: what is known beside the measurements, a prior too.
         floor: the least standard deviation of a whitened residual.
     """
 
@@ -87,6 +94,7 @@ class Large:
     measured: Array
     folds: Labels
     clusters: Labels
+    further: Further
     floor: float
 
     @classmethod
@@ -100,7 +108,7 @@ class Large:
         anywhere = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
         structure, measured = (model.observe(settings, at)[1] for settings in (anywhere, seen.settings))
         further = sight.further(at)[1]
-        held = named(model, "--fix", task.wishes.fix)
+        held = named(model.names, "--fix", task.wishes.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
         clusters = kept_together(made, task.data)
         return cls(
@@ -113,8 +121,9 @@ class Large:
             },
             structure=_triangle(structure.reshape(-1, len(model.names)), further),
             measured=_triangle(measured[seen_mask(seen.points)].reshape(-1, len(model.names)), further),
-            folds=_folds(clusters, seed),
+            folds=folds(clusters, seed),
             clusters=clusters,
+            further=_known(task, sight, seen, start, at, alone.sigma_m if not known else 1.0),
             floor=1.0 if known else FLOOR_M,
         )
 
@@ -130,7 +139,8 @@ class Large:
         effects = [i for group in self.groups.values() for i in group]
         columns = sorted({*self.fitted(found), *effects})
         drawn = np.array([self.start[i] if i in effects else values[i] for i in columns])
-        return linearized(self.sight, self.seen, values, columns, drawn, self.folds, self.clusters, self.floor)
+        kinds = self.folds, self.clusters
+        return nested_at(self.sight, self.seen, values, columns, drawn, *kinds, self.further, self.floor)
 
     def fitted(self, found: Identification) -> tuple[int, ...]:
         """What an identification fitted, as indices of this model."""
@@ -165,6 +175,15 @@ class Large:
         return tuple(i for i in wanted if i in kept)
 
 
+def _known(task: Task, sight: Sighting, seen: Observations, start: Array, at: Array, sigma: float) -> Further:
+    """What is known beside the measurements: of the sighting, and the prior of the whole model if one is wished."""
+    beside = known_beside(sight, seen)
+    if task.wishes.tolerance is None:
+        return beside
+    structure = base_set(sight.model, at, known=sight.further(at)[1])
+    return joined(beside, prior_of(sight.model, structure, start, task.wishes.tolerance).rows(sigma))
+
+
 def _triangle(jacobian: Array, further: Array) -> Array:
     """As few rows with the same inner products."""
     return np.asarray(np.linalg.qr(np.concatenate([jacobian, further]), mode="r"))
@@ -174,11 +193,3 @@ def _filled(start: Array, model: Model, source: Model, values: Array) -> Array:
     """``start`` with the values that another model has for the same names."""
     known = dict(zip(source.names, values, strict=True))
     return np.array([known.get(name, value) for name, value in zip(model.names, start, strict=True)])
-
-
-def _folds(clusters: Labels, seed: int) -> Labels:
-    """``(n,)``: each row's fold, whole clusters at random, as ``assess.judge_folds`` takes them."""
-    order = stream(seed, "split").permutation(clusters.max() + 1)
-    fold_of = np.empty(len(order), dtype=np.int_)
-    fold_of[order] = np.arange(len(order)) % FOLDS
-    return fold_of[clusters]
