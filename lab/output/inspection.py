@@ -104,27 +104,7 @@ def print_inspection(question: Question) -> None:
     console, seen, robot = Console(), inspection(question), question.robot
     order = "Rz(θ) Tz(d) Tx(a) Rx(α)" if seen["convention"] == "distal" else "Rx(α) Tx(a) Rz(θ) Tz(d)"
     console.print(f"{robot.name}: Denavit-Hartenberg, {seen['convention']}, {order}; mm and °")
-    table = Table()
-    for heading in ("i", "θ", "d", "a", "α", "limits", "speed per s"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for i, joint in enumerate(seen["joints"]):
-        unit = "mm" if joint["type"] == "prismatic" else "deg"
-        reading = ("" if joint["sign"] > 0 else "−") + joint["name"]
-        theta, d = _number(joint["theta_deg"]), _number(joint["d_mm"])
-        moved = _with_reading(reading, joint["d_mm" if unit == "mm" else "theta_deg"])
-        theta, d = (theta, moved) if unit == "mm" else (moved, d)
-        speed = joint[f"speed_{unit}_per_s"]
-        limits = f"{_number(joint[f'lower_{unit}'])} … {_number(joint[f'upper_{unit}'])}"
-        table.add_row(
-            str(i + 1),
-            theta,
-            d,
-            _number(joint["a_mm"]),
-            _number(joint["alpha_deg"]),
-            limits,
-            "–" if speed is None else _number(speed),
-        )
-    console.print(table)
+    console.print(_drawn_table(seen["joints"]))
     console.print(
         f"{seen['rank']} of {seen['parameters']} parameters can be identified from positions of "
         f"{', '.join(seen['targets'])}, from {seen['poses_needed']} poses or more:"
@@ -153,6 +133,31 @@ def print_inspection(question: Question) -> None:
         )
     for words, condition in seen["changes"].items():
         console.print(f"  with {words} the condition would be {condition:.1f}")
+
+
+def _drawn_table(joints: list[dict[str, Any]]) -> Table:
+    """The Denavit-Hartenberg table with limits, as the literature prints it."""
+    table = Table()
+    for heading in ("i", "θ", "d", "a", "α", "limits", "speed per s"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for i, joint in enumerate(joints):
+        unit = "mm" if joint["type"] == "prismatic" else "deg"
+        reading = ("" if joint["sign"] > 0 else "−") + joint["name"]
+        theta, d = _number(joint["theta_deg"]), _number(joint["d_mm"])
+        moved = _with_reading(reading, joint["d_mm" if unit == "mm" else "theta_deg"])
+        theta, d = (theta, moved) if unit == "mm" else (moved, d)
+        speed = joint[f"speed_{unit}_per_s"]
+        limits = f"{_number(joint[f'lower_{unit}'])} … {_number(joint[f'upper_{unit}'])}"
+        table.add_row(
+            str(i + 1),
+            theta,
+            d,
+            _number(joint["a_mm"]),
+            _number(joint["alpha_deg"]),
+            limits,
+            "–" if speed is None else _number(speed),
+        )
+    return table
 
 
 def _group_order(group: str) -> tuple[bool, str]:

@@ -18,16 +18,7 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
         f"{result['rank']} of {result['parameters']} parameters identified in {result['iterations']} steps, "
         f"condition {result['condition']:.1f}"
     )
-    if result["after_mm"] is not None:
-        console.print(f"position error in mm, judged by {_JUDGED[result['judged_by']]}:")
-        table = Table()
-        for heading in ("", "mean", "rms", "95 %", "max", "points"):
-            table.add_column(heading, justify="right")
-        for name in ("before", "after"):
-            errors = result[f"{name}_mm"]
-            numbers = [f"{errors[key]:.4f}" for key in ("mean", "rms", "p95", "max")]
-            table.add_row(name, *numbers, str(errors["count"]))
-        console.print(table)
+    _print_errors(console, result)
     if result["noise_mm"] is not None:
         turned = "" if result["noise_mrad"] is None else f" and {result['noise_mrad']:.3g} mrad"
         console.print(
@@ -48,6 +39,28 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
         give = "" if unsure is None else f" ± {unsure:,.0f}"
         console.print(f"stiffness of {joint}: {stiffness:,.0f}{give} Nm/rad")
     console.print(result["adequacy"])
+    _print_outliers(console, result)
+    doubt = ", but the model is not adequate (above)" if result["adequate"] is False else ""
+    console.print(f"verdict: {result['verdict']}" + (f" ({result['reason']})" if result["reason"] else "") + doubt)
+    console.print(f"run: {folder}", soft_wrap=True)
+
+
+def _print_errors(console: Console, result: dict[str, Any]) -> None:
+    """Before and after."""
+    if result["after_mm"] is not None:
+        console.print(f"position error in mm, judged by {_JUDGED[result['judged_by']]}:")
+        table = Table()
+        for heading in ("", "mean", "rms", "95 %", "max", "points"):
+            table.add_column(heading, justify="right")
+        for name in ("before", "after"):
+            errors = result[f"{name}_mm"]
+            numbers = [f"{errors[key]:.4f}" for key in ("mean", "rms", "p95", "max")]
+            table.add_row(name, *numbers, str(errors["count"]))
+        console.print(table)
+
+
+def _print_outliers(console: Console, result: dict[str, Any]) -> None:
+    """Poses that are off, the largest first."""
     for outlier in result["outliers"][:MOST_OUTLIERS]:
         line = f" (line {outlier['line']})" if "line" in outlier else ""
         did = "left out" if result["outliers_left_out"] else "fitted all the same"
@@ -55,9 +68,6 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
         console.print(f"outlier: pose {outlier['id']}{line} is off by {outlier['size_mm']:.3f} mm, {did}")
     if (more := len(result["outliers"]) - MOST_OUTLIERS) > 0:
         console.print(f"and {more} more outliers, in result.json")
-    doubt = ", but the model is not adequate (above)" if result["adequate"] is False else ""
-    console.print(f"verdict: {result['verdict']}" + (f" ({result['reason']})" if result["reason"] else "") + doubt)
-    console.print(f"run: {folder}", soft_wrap=True)
 
 
 def _print_groups(console: Console, groups: list[dict[str, Any]]) -> None:

@@ -32,7 +32,8 @@ from lab.instruments import instrument
 from lab.measurement_file import read_measurements
 from lab.measurements import Measurements
 from lab.seeds import stream
-from lab.study.fitting import Fitted, Fitter
+from lab.study.fitted import Fitted
+from lab.study.fitting import Fitter
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.robots import Robot, load_robot
 from lab.study.virtual_arm import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure

@@ -4,12 +4,9 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lab.calibration.assess import configurations
 from lab.calibration.identify import Identification, Wishes, identify
 from lab.calibration.prior import Tolerance
-from lab.calibration.sightings.places import PLACE
 from lab.calibration.sightings.poses import Poses, balanced
 from lab.calibration.sightings.sequential import fit_sequentially
 from lab.calibration.sightings.sighted import Observing, sighted
@@ -18,6 +15,7 @@ from lab.calibration.solver import Observations
 from lab.calibration.statistics.adequacy import Adequacy, adequacy, isotropy, sandwich
 from lab.calibration.statistics.null import Shape, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.statistics.repeats import repeats
 from lab.calibration.statistics.selection import CANDIDATES, Selection, follow, select
 from lab.calibration.statistics.trials import Task
 from lab.calibration.weights import Noise, weighed
@@ -26,54 +24,13 @@ from lab.geometry.effects import Course
 from lab.geometry.model import Model
 from lab.measurements import Measurements
 from lab.seeds import stream
+from lab.study.fitted import Fitted, named_poses
 from lab.study.option_groups import Fitting
 from lab.study.remarks import of_export, of_groups, of_joints, of_outliers, of_prior, of_weakness
 from lab.study.robots import Robot
 
 CLEANINGS = 5  # of the poses and what they are judged by
 BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
-
-
-@dataclass(frozen=True)
-class Named:
-    """A pose that the test of outliers names.
-
-    Attributes:
-        id, line: of its row; no line where there is no file.
-        size_m: how far its farthest target is from where the other poses say it is.
-        p: the chance that noise alone makes any pose of a campaign stand out as far.
-        held_out: whether it was not fitted, but is judged by.
-    """
-
-    id: str
-    line: int | None
-    size_m: float
-    p: float
-    held_out: bool
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """What a set of measurements says.
-
-    Attributes:
-        rows: those that the parameters come from.
-        groups: of the model.
-        unshown: parameters of these that the selection found the poses not to show: held at zero.
-        outliers: poses that are off: left out if asked for, else fitted all the same.
-        left_out: whether they were.
-        selection: of the model's groups, where that was asked for.
-    """
-
-    identification: Identification
-    rows: Measurements
-    groups: tuple[str, ...]
-    unshown: tuple[str, ...]
-    outliers: tuple[Named, ...]
-    left_out: bool
-    adequacy: Adequacy
-    selection: Selection | None
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -160,9 +117,9 @@ class Fitter:
         sight, robust = sighting_of(found.model), self.options.robust
         seen, known = weighed(sight, clean, self.noise)
         outliers = outliers or self._outliers(found, rows)
-        off = _named(rows, outliers)
+        off = named_poses(rows, outliers)
         if held is not None and sight.positions:
-            off += _named(held, self._off_held_out(found, clean, held), held_out=True)
+            off += named_poses(held, self._off_held_out(found, clean, held), held_out=True)
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = self._adequacy(found, clean, judged_by)
         warnings = [judged.words] if judged.adequate is False else []
@@ -269,7 +226,7 @@ class Fitter:
             found.fit,
             known=known,
             shape=self._shape,
-            labels=_repeats(rows),
+            labels=repeats(rows),
             held=weighed(sight, held, self.noise)[0] if held is not None and sight.positions else None,
             further=found.further,
         )
@@ -296,22 +253,3 @@ class Fitter:
             moves[name] = joints - last.get(session, joints)
             last[session] = joints
         return np.array([moves[name] for name in rows.ids])
-
-
-def _repeats(rows: Measurements) -> NDArray[np.int_]:
-    """``(n,)`` labels: rows that share one are repeats of the same, whose scatter is noise alone.
-
-    They agree in joints, payload, approach, session and place; the time is passed over, or nothing would repeat.
-    """
-    told = [column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", PLACE))]
-    columns = [rows.sessions, *(rows.other.get(name, rows.sessions) for name in ("location", "socket"))]
-    texts = list(zip(*columns, strict=True))
-    kinds = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
-    group = np.array([kinds[text] for text in texts])
-    return configurations(np.column_stack([rows.joints, *(np.nan_to_num(column) for column in told), group]))
-
-
-def _named(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:
-    lines = [rows.lines[i] if rows.lines else None for i in found.rows]
-    parts = zip(found.rows, lines, found.sizes_m, found.p_values, strict=True)
-    return tuple(Named(rows.ids[i], line, float(size), float(p), held_out) for i, line, size, p in parts)
