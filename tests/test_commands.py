@@ -401,3 +401,27 @@ def test_a_bumped_tracker_is_found_by_its_sessions(tmp_path, capsys) -> None:
     assert [w.split(":")[0] for w in result["warnings"]] == ["calibrated.xml holds geometry alone"]
     table = (tmp_path / "run" / "measurements.csv").read_text().splitlines()
     assert table[0].startswith("session,") and {line.split(",")[0] for line in table[1:]} == {"1", "2"}
+
+
+def test_what_a_model_asks_for_is_written_down_on_any_arm(tmp_path, capsys) -> None:
+    """A null experiment: groups that the arm does not have can be fitted, and are zero."""
+    asked = ("calibrate", "--poses", "60", "--model", "backlash+drift", "--out", tmp_path / "run")
+    code, result = run(capsys, *asked)
+    assert code == 0 and 0.4 < result["truth"]["nees_per_parameter"] < 1.8
+    header = (tmp_path / "run" / "measurements.csv").read_text().splitlines()[0]
+    assert "approach_q1" in header and "time_s" in header and "payload_kg" not in header
+    run(capsys, "calibrate", "--poses", "30", "--payload-kg", "0,2", "--hours", "2", "--out", tmp_path / "set")
+    header = (tmp_path / "set" / "measurements.csv").read_text().splitlines()[0]
+    assert "payload_kg" in header and "time_s" in header
+
+
+def test_a_bump_is_of_its_campaign_alone(tmp_path, capsys) -> None:
+    """Another file's session that happens to have the same name was not bumped."""
+    run(capsys, "calibrate", "--bump-mm", "1", "--poses", "60", "--out", tmp_path / "run")
+    run(capsys, "calibrate", "--poses", "20", "--out", tmp_path / "other")
+    rows = (tmp_path / "other" / "measurements.csv").read_text().splitlines()
+    other = tmp_path / "other.csv"
+    other.write_text("\n".join([f"session,{rows[0]}", *(f"2,{row}" for row in rows[1:])]) + "\n")
+    file = tmp_path / "run" / "measurements.csv"
+    _, result = run(capsys, "identify", file, "--model", "sessions", "--validate", other, "--out", tmp_path / "id")
+    assert result["after_mm"]["mean"] < 0.02

@@ -254,6 +254,16 @@ def test_no_payload_column_is_no_payload() -> None:
     np.testing.assert_allclose(found.values[-2:], truth[-2:], atol=1e-11)
 
 
+def test_slides_and_hinges_bear_weight_apart() -> None:
+    """Newtons of a slide say nothing of the Newton metres of hinges."""
+    rng = np.random.default_rng(0)
+    loads = Loads(VERSATRAN, np.full(6, 2.0), np.tile([0.05, 0.0, 0.02], (6, 1)), np.array([0.0, 0.0, -9.81]))
+    bearing = loads.bearing(rng)
+    hinges = [j for j in bearing if not VERSATRAN.prismatic[j]]
+    assert 1 in bearing and hinges  # the vertical slide, and the wrist
+    assert 0 not in bearing  # the vertical axis
+
+
 def test_drift_is_of_time_alone() -> None:
     """After an hour points are shifted, turned and stretched by the parameters themselves."""
     arm = IRB120.arm_with(("p1",), ("drift",))

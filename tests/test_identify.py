@@ -7,7 +7,7 @@ from scipy import stats
 
 from lab import frames
 from lab.calibration.assess import Judgement, compare_with_truth, errors_at
-from lab.calibration.identify import identify
+from lab.calibration.identify import _canonical, identify
 from lab.calibration.solver import Observations, fit
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.calibration.verdict import verdict
@@ -278,3 +278,24 @@ def test_the_covariance_is_that_of_the_errors() -> None:
     spread = np.std([f.values[free] for f in found], axis=0)
     np.testing.assert_allclose(spread / found[0].std, 1, atol=0.15)  # 300 draws: sd 0.04 each
     assert np.mean(spread / found[0].std) == pytest.approx(1, abs=0.03)
+
+
+def test_another_rotation_vector_has_the_covariance_of_a_fit_from_there() -> None:
+    """The long way round, by more than half a turn, and the short one are one rotation."""
+    rng = np.random.default_rng(11)
+    truth = truth_of(ARM, rng)
+    short, long = truth.values.copy(), truth.values.copy()
+    short[3:6] = -(np.pi - 0.4) * np.array([0.6, 0.0, 0.8])
+    long[3:6] = (np.pi + 0.4) * np.array([0.6, 0.0, 0.8])
+    joints = IRB120.chain.random_joints(40, rng)
+    np.testing.assert_allclose(ARM.points(joints, short), ARM.points(joints, long), atol=1e-13)
+    seen = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, short)))
+    there, here = (fit(ARM, seen, truth.base_set.kept, values) for values in (long, short))
+    assert np.linalg.norm(there.values[3:6]) > np.pi
+    canonical = _canonical(ARM, there)
+    np.testing.assert_allclose(canonical.values, here.values, atol=1e-9)
+    expected = here.unit_covariance()
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        canonical.unit_covariance() / np.outer(size, size), expected / np.outer(size, size), atol=1e-8
+    )

@@ -134,5 +134,7 @@ def test_ur10_as_poses() -> None:
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
     assert 0.3 < summary(outcome)["noise_mrad"] < 1.5 and outcome.verdict.word == "good"
+    stated = summary(run_measured(replace(options, noise_mm=0.3, noise_mrad=0.6)))
+    assert stated["noise_mm"] == pytest.approx(0.3) and stated["noise_mrad"] == pytest.approx(0.6)
     wrong = run_measured(replace(options, orientation="fixed-xyz"))
     assert wrong.verdict.word == "bad" and "wrong --orientation" in wrong.verdict.reason

@@ -5,6 +5,7 @@ import pytest
 from arms import IRB120, perturbed, somewhere
 from test_identify import truth_of
 
+from lab.calibration import lift as lift_module
 from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
 from lab.calibration.identify import Wishes, identify
 from lab.calibration.lift import lift
@@ -228,3 +229,46 @@ def test_a_target_on_the_last_axis_leaves_two_directions() -> None:
     away = values.copy()
     away[-3] += 0.05
     assert condition_of(ARM, values, settings) > 600 and condition_of(ARM, away, settings) < 30
+
+
+def test_a_posterior_is_where_measurements_and_prior_balance() -> None:
+    """The gradient of both sums of squares is zero, with the prior's residual pulling towards the drawing."""
+    data = campaign(8, 14, 2e-4)
+    noise = Noise(sigma_m=2e-4)
+    found = identify(ARM, data, NOMINAL, noise, Wishes(tolerance=Tolerance()))
+    assert found.status == "converged"
+    _, jacobian = ARM.observe(data.joints, found.values)
+    by_points = np.einsum("nkdp,nkd->p", jacobian, found.residuals) / 2e-4**2
+    prior = prior_of(ARM, found.base_set, NOMINAL, Tolerance())
+    off = (NOMINAL - found.values)[list(prior.of)]
+    by_prior = np.zeros(len(ARM.names))
+    by_prior[list(prior.of)] = prior.whiten.T @ prior.whiten @ off
+    kept = list(found.base_set.kept)
+    size = np.linalg.norm(jacobian.reshape(-1, len(ARM.names)), axis=0)[kept] / 2e-4
+    np.testing.assert_allclose((by_points + by_prior)[kept] / size, 0, atol=1e-6)
+    assert np.abs(by_prior[kept] / size).max() > 0.1  # and the prior does pull
+
+
+def test_a_prior_serves_where_poses_are_too_few() -> None:
+    """9 poses leave no residual, 6 not even that many equations: with a known noise both work, without neither."""
+    for poses in (9, 6):
+        data = campaign(9, poses)
+        with pytest.raises(LabError, match="--prior: the measurements leave no residuals"):
+            identify(ARM, data, NOMINAL, None, Wishes(tolerance=Tolerance()))
+        found = identified(data, Wishes(tolerance=Tolerance()))
+        assert found.status == "converged" and len(found.fit.free) == 27 and np.isfinite(found.std).all()
+
+
+def test_an_aliased_error_is_shared_by_variances(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A link with three times the tolerance of its neighbour takes nine tenths of what both may have."""
+    found = identified(campaign(10))
+    a, b = ARM.names.index("link2.d"), ARM.names.index("link3.d")
+
+    def uneven(*_) -> np.ndarray:
+        sigma = standard_deviations(ARM, Tolerance())
+        sigma[a] *= 3
+        return sigma
+
+    monkeypatch.setattr(lift_module, "standard_deviations", uneven)
+    values = lift(found, NOMINAL, Tolerance())
+    assert (values - NOMINAL)[a] == pytest.approx(9 * (values - NOMINAL)[b], rel=1e-2)
