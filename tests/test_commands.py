@@ -425,3 +425,55 @@ def test_a_bump_is_of_its_campaign_alone(tmp_path, capsys) -> None:
     file = tmp_path / "run" / "measurements.csv"
     _, result = run(capsys, "identify", file, "--model", "sessions", "--validate", other, "--out", tmp_path / "id")
     assert result["after_mm"]["mean"] < 0.02
+
+
+def marked(path, extra: str, rows: dict) -> None:
+    """A measurement file with one more column."""
+    lines = path.read_text().splitlines()
+    cells = [rows.get(i, "calibrate") for i in range(len(lines) - 1)]
+    path.write_text(
+        "\n".join([f"{extra},{lines[0]}", *(f"{c},{line}" for c, line in zip(cells, lines[1:], strict=True))])
+    )
+
+
+def test_rows_that_are_not_fitted_decide_nothing(tmp_path, capsys) -> None:
+    """A skipped first row without a time, or of a session of its own, is neither the clock's start nor a session."""
+    run(capsys, "calibrate", "--poses", "60", "--drift-mm-per-h", "1", "--out", tmp_path / "run")
+    file = tmp_path / "run" / "measurements.csv"
+    lines = file.read_text().splitlines()
+    column = lines[0].split(",").index("time_s")
+    first = lines[1].split(",")
+    first[column] = ""
+    file.write_text("\n".join([lines[0], ",".join(first), *lines[2:]]) + "\n")
+    marked(file, "use", {0: "skip"})
+    marked(file, "session", {i: "0" if i == 0 else "1" if i < 30 else "2" for i in range(60)})
+    for model in ("drift", "auto", "sessions"):
+        code, result = run(capsys, "identify", file, "--model", model, "--instrument", "uniform-8um", "--out",
+                           tmp_path / "id")  # fmt: skip
+        assert code == 0 and result["status"] == "converged", model
+
+
+def test_what_cannot_be_judged_by_is_not_chosen(tmp_path, capsys) -> None:
+    """auto leaves out a group whose condition the rows to judge by lack, and says so."""
+    run(capsys, "calibrate", "--poses", "60", "--backlash-mrad", "0.3", "--out", tmp_path / "run")
+    run(capsys, "calibrate", "--poses", "20", "--out", tmp_path / "other")
+    file, other = (tmp_path / name / "measurements.csv" for name in ("run", "other"))
+    code, result = run(capsys, "identify", file, "--model", "auto", "--validate", other, "--refit", "base,tool",
+                       "--out", tmp_path / "id")  # fmt: skip
+    assert "backlash" not in result["model"] and any("backlash is not tried" in w for w in result["warnings"])
+    code, result = run(capsys, "identify", file, "--model", "auto", "--out", tmp_path / "id")
+    assert code == 0 and result["model"] == "geometric+backlash"
+
+
+def test_a_plan_starts_the_virtual_arms_clock(tmp_path, capsys) -> None:
+    run(capsys, "calibrate", "--poses", "60", "--hours", "1", "--out", tmp_path / "run")
+    lines = (tmp_path / "run" / "measurements.csv").read_text().splitlines()
+    column = lines[0].split(",").index("time_s")
+    late = [line.split(",") for line in lines[1:]]
+    for cells in late:
+        cells[column] = str(float(cells[column]) + 1.7e9)
+    plan = tmp_path / "plan.csv"
+    plan.write_text("\n".join([lines[0], *(",".join(cells) for cells in late)]) + "\n")
+    code, result = run(capsys, "calibrate", "--plan", plan, "--drift-mm-per-h", "0.5", "--drift-mrad-per-h", "0.5",
+                       "--model", "drift", "--out", tmp_path / "drifts")  # fmt: skip
+    assert code == 0 and 0.4 < result["truth"]["nees_per_parameter"] < 1.8 and result["after_mm"]["mean"] < 0.01

@@ -64,7 +64,8 @@ def _print_outliers(console: Console, result: dict[str, Any]) -> None:
     for outlier in result["outliers"][:MOST_OUTLIERS]:
         line = f" (line {outlier['line']})" if "line" in outlier else ""
         did = "left out" if result["outliers_left_out"] else "fitted all the same"
-        did = "held out, and judged by" if outlier["held_out"] else did
+        if outlier["held_out"]:
+            did = "held out, and not judged by" if result["outliers_left_out"] else "held out, and judged by"
         console.print(f"outlier: pose {outlier['id']}{line} is off by {outlier['size_mm']:.3f} mm, {did}")
     if (more := len(result["outliers"]) - MOST_OUTLIERS) > 0:
         console.print(f"and {more} more outliers, in result.json")

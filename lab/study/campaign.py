@@ -40,6 +40,8 @@ from lab.study.virtual_arm import asked_conditions, drawn_conditions, fresh_pose
 from lab.virtual.effects import true_parameters
 from lab.virtual.real import RealArm, track_knowing
 
+OF_ITS_CAMPAIGN = ("sessions", "drift")  # groups that say nothing of another day
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -126,6 +128,9 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
     with _naming(options.file):
         fitter = _fitter(robot, read, options)
         data, observed = fitter.data, fitter.observed()
+    judging: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
+    judging += [] if other is None else [(other, OF_ITS_CAMPAIGN)]
+    fitter = replace(fitter, judged_by=tuple(judging))
     rows, test = _seen(observed.only("calibrate")), _seen(observed.only("test"))
     if not len(rows):
         raise LabError(f"{options.file}: no row with use = calibrate has a measured point; mark or measure some")
@@ -150,17 +155,23 @@ def _judged_by_rows(fitter: Fitter, fit: Fitted, held: Measurements | None, opti
     """By the rows held out, else by folds with the same groups of parameters."""
     if held is not None:
         judged = held.without([pose.id for pose in fit.outliers if pose.held_out]) if fit.left_out else held
-        return judge_rows(fit.identification, judged)
+        strange = set(judged.sessions) - set(fitter.course.sessions) if "sessions" in fit.groups else set()
+        known = judged.take([i for i, session in enumerate(judged.sessions) if session not in strange])
+        judgement = judge_rows(fit.identification, known)
+        said = [f"session {name} was not fitted, so where its frame is nobody knows: not judged by" for name in strange]
+        return replace(judgement, warnings=(*judgement.warnings, *sorted(said)))
     with _naming(options.file):
         again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
         return judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
 
 
 def _judged_by_file(fitter: Fitter, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
-    lasting = [group for group in fit.groups if group not in ("sessions", "drift")]  # these are of that campaign alone
-    model = fitter.robot.arm_with(other.targets, lasting)
+    model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in OF_ITS_CAMPAIGN])
     with _naming(options.validate):
         judgement = judge_file(fit.identification, model, other, options.refit)
+    if set(OF_ITS_CAMPAIGN) & set(fit.groups) and "base" not in options.refit:
+        said = f"{options.validate}: judged in the frame as it was at the start; --refit base if it has moved since"
+        judgement = replace(judgement, warnings=(*judgement.warnings, said))
     if (
         "payload_kg" in model.conditions
         and "payload_kg" in fit.rows.conditions

@@ -1,6 +1,7 @@
 """What a set of measurements says: the model asked for or found, the poses that are off, and how far to trust it."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from lab.calibration.statistics.repeats import repeats
 from lab.calibration.statistics.selection import CANDIDATES, Selection, follow, select
 from lab.calibration.statistics.trials import Task
 from lab.calibration.weights import Noise, weighed
+from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import Course
 from lab.geometry.model import Model
@@ -40,6 +42,7 @@ class Fitter:
     Attributes:
         targets: of the arm, measured or (of a cable, a socket, a plane) the one that is tied.
         data: all measurements, by which what is observed is known.
+        judged_by: further rows that the model must be able to answer, with the groups that it does without there.
     """
 
     robot: Robot
@@ -50,6 +53,7 @@ class Fitter:
     options: Fitting
     sequential: bool
     seed: int
+    judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""
@@ -58,9 +62,13 @@ class Fitter:
 
     @property
     def course(self) -> Course:
-        """Of the measurements."""
-        time_s = self.data.conditions.get("time_s", np.zeros(1))
-        return Course(tuple(dict.fromkeys(self.data.sessions)), float(time_s[0]))
+        """Of the measurements that are to be fitted."""
+        rows = self.data.only("calibrate")
+        if self.observing.kind in ("points", "pose"):
+            rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
+        time_s = rows.conditions.get("time_s", np.zeros(1))
+        told = time_s[np.isfinite(time_s)]
+        return Course(tuple(dict.fromkeys(rows.sessions)), float(told[0]) if len(told) else 0.0)
 
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
@@ -130,6 +138,9 @@ class Fitter:
         if count := sum(pose.held_out for pose in off):
             warnings.append(f"{count} poses held out are off: the error is {'without' if robust else 'with'} them")
         warnings += of_groups(groups, selection, self.data)
+        if self.options.model == "auto":
+            lacking = {name: self.unanswerable(name) for name in CANDIDATES}
+            warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in lacking.items() if why]
         if self.options.prior:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         if self.observing.kind == "points":
@@ -163,12 +174,26 @@ class Fitter:
         selection = None
         for _ in range(BALANCINGS):
             before, model_with = selection, self._balanced_as(found).model_with
-            selection = select(model_with, rows, self.nominal, self.noise, self.wishes, seed=self.seed)
+            tried = [name for name in CANDIDATES if not self.unanswerable(name)]
+            asked = (self.noise, self.wishes)
+            selection = select(model_with, rows, self.nominal, *asked, candidates=tried, seed=self.seed)
             if not isinstance(found.model, Poses) or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.held)
         assert selection is not None
         return selection
+
+    def unanswerable(self, group: str) -> str:
+        """What is missing for a group in the rows that are to be judged by; empty if nothing is."""
+        for rows, without in self.judged_by:
+            if group not in without:
+                with suppress(LabError):  # a group that cannot be built says so elsewhere
+                    conditions = self.robot.arm_with(self.targets, [group], self.course).conditions
+                    try:
+                        rows.settings(conditions)
+                    except LabError as error:
+                        return str(error)
+        return ""
 
     def _balanced_as(self, found: Identification) -> "Fitter":
         """The same with the ratio of a pose's two noises that an identification found."""

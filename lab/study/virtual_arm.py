@@ -106,7 +106,16 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
         raise LabError(f"{options.plan}: line {line}: the arm collides in this pose; take it out of the plan")
     if "payload_kg" in plan.conditions and any(options.effects.payload_kg):
         raise LabError(f"{options.plan}: has a column payload_kg, and --payload-kg is given too; keep one")
-    return joints, dict(plan.conditions), plan.warnings
+    set_there, notes = {}, list(plan.warnings)
+    for name, column in plan.conditions.items():
+        if (empty := np.isnan(column)).any():
+            raise LabError(f"{options.plan}: {plan.where(int(np.argmax(empty)))}, column {name}: empty; fill it in")
+        set_there[name] = (
+            column - column[0] if name == "time_s" else column
+        )  # the virtual arm starts when its plan does
+    if any(plan.sessions):
+        notes.append(f"{options.plan}: the column session is passed over: only a bump makes sessions of a virtual arm")
+    return joints, set_there, tuple(notes)
 
 
 def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:

@@ -156,13 +156,15 @@ def flange_turns(arm: Model, settings: Array, values: Array, jacobian: Array) ->
         jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
     """
     tool = [i for i, name in enumerate(arm.names) if name.startswith("tool.")][:3]
-    rotation = jacobian[:, 0][..., tool]
+    stretched = jacobian[:, 0][..., tool]
+    size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
+    rotation = stretched / size
     turns = np.zeros((len(settings), 3, len(values)), dtype=jacobian.dtype)
     for axis, column in enumerate(tool):
         moved = values.copy()
         moved[column] += 1.0
         change = arm.observe(settings, moved)[1][:, 0] - jacobian[:, 0]
-        turns += 0.5 * frames.skew(rotation[..., axis]) @ change
+        turns += 0.5 * frames.skew(rotation[..., axis]) @ (change / size[:, :, axis, None])
     return rotation, turns
 
 
