@@ -265,6 +265,7 @@ BAD = {
     "a number and an accuracy": (f"{SMALL} --accuracy-mm 0.1", ("--poses", "--accuracy-mm", "give one")),
     "accuracy of nothing": (f"{FEW} --accuracy-mm 0", ("--accuracy-mm 0", "above zero")),
     "nothing to extend": (f"{SMALL} --extend none.csv", ("none.csv", "cannot be read")),
+    "another robot's file": (f"{SMALL} --extend far.csv", ("far.csv", "line 2", "beyond its limits", "--robot")),
     "unknown scaling": (f"{SMALL} --scaling metric", ("--scaling", "whitened")),
     "unknown target": (f"{SMALL} --targets p9", ("p9", "p1, p2, p3")),
     "unknown robot": (f"{SMALL} --robot kuka", ("kuka", "irb120")),
@@ -278,6 +279,7 @@ def test_bad_input_is_told_in_one_line(
     monkeypatch.chdir(tmp_path)
     for name, text in (("arm", ARM_XML), ("inside", INSIDE), ("walled", WALLED)):
         (tmp_path / f"{name}.xml").write_text(text)
+    (tmp_path / "far.csv").write_text("q1_rad,q2_rad,q3_rad\n0,9,0\n")
     before = contents(tmp_path)
     assert run(f"{argv} --out run") == 2
     out, err = capfd.readouterr()

@@ -17,10 +17,11 @@ from lab import frames
 from lab.calibration.identify import identify
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.geometry.serial import SerialArm
-from lab.output.narrative import parameter_table, times
+from lab.output.narrative import parameter_table, times, wording
 from lab.output.recording import record
 from lab.output.scene import MOST_POSES, chain_corners, drawn_rows, magnification, scene
 from lab.study.campaign import MeasuredCampaign, VirtualCampaign, run_measured, run_virtual
+from lab.study.option_groups import ArmEffects, Fitting
 from lab.virtual.appearance import body_poses, shells
 from lab.virtual.robot import FLANGE, load_model
 
@@ -360,3 +361,20 @@ def test_shells_enclose_their_geoms(tmp_path):
         assert (np.einsum("fi,fi->f", normal, shell.normals[shell.faces].mean(axis=1)) > -1e-6).all(), body
         np.testing.assert_allclose(np.linalg.norm(shell.normals, axis=1), 1, atol=1e-6)
     assert not found
+
+
+def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
+    """What is left out is drawn where it was measured; the others stand at their rows of the file."""
+    effects = ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))
+    outcome = run_virtual(VirtualCampaign(seed=2, effects=effects, fitting=Fitting(robust=True)))
+    assert len(outcome.fit.outliers) >= 2 and {pose.id for pose in outcome.fit.outliers} == set(outcome.bad)
+    path = tmp_path / "off.rrd"
+    record(path, outcome)
+    assert rrd(home, "verify", path).returncode == 0
+    index, _ = column(path, "/world/targets/measured", "Points3D:positions")
+    assert index == [int(name) for name in outcome.fitted.ids] and len(index) == 50 - len(outcome.bad)
+    shown = scene(outcome)
+    for pose, named in zip(shown.off, outcome.fit.outliers, strict=True):
+        assert np.linalg.norm(pose.measured - pose.expected) == pytest.approx(named.size_m, rel=1e-3)
+        assert pose.words.startswith(f"{named.id}: ")
+    assert "magenta" in wording(outcome, shown) and "left out: " in wording(outcome, shown)

@@ -12,6 +12,7 @@ from lab.output.scene import Scene
 from lab.study.campaign import Outcome
 
 MEASURED, BEFORE, AFTER = (250, 215, 70), (235, 50, 90), (60, 205, 130)
+OFF = (235, 80, 245)
 MAPPING, UNCERTAINTY = (95, 155, 255), (190, 130, 255)
 SUMMARY, PARAMETERS = "summary", "parameters"
 SINGULAR_VALUES, CONVERGENCE = "singular_values", "convergence"

@@ -133,6 +133,8 @@ def _legend(outcome: Outcome, shown: Scene) -> str:
     if shown.uncertainty is not None:
         factor = times(shown.uncertainty.factor)
         lines.append(f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, {factor}")
+    if shown.off:
+        lines.append("- **magenta**: poses that are off, joined to where they should be")
     if len(shown.rows) < len(outcome.fitted):
         drawn = f"{len(shown.rows)} of {len(outcome.fitted)} poses"
         lines.append(f"- {drawn} are drawn, evenly spaced; the plots have them all")

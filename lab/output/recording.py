@@ -1,6 +1,6 @@
 """A campaign as a rerun recording: what it measured, what it found, and how sure, pose by pose.
 
-What moves is on the timeline ``pose``, the 0-based row of the fitted measurements;
+What moves is on the timeline ``pose``, the 0-based row among all that were measured;
 ``convergence/rms`` is on the timeline ``iteration``. Positions are float32 there: the numbers to
 compute with are in the run's other files.
 """
@@ -19,6 +19,7 @@ from lab.output.blueprint import (
     CONVERGENCE,
     MAPPING,
     MEASURED,
+    OFF,
     PARAMETERS,
     SINGULAR_VALUES,
     SUMMARY,
@@ -47,11 +48,12 @@ def record(path: Path, outcome: Outcome) -> None:
     shown = scene(outcome)
     with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
         recording.send_blueprint(blueprint(outcome, shown))
-        draw_shells(recording, _poses(shown.rows), shown.shells, shown.bodies)
+        draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
         if not shown.shells:
             _chain(recording, shown)
         _instrument(recording, outcome, shown)
         _points(recording, shown)
+        _off_poses(recording, shown)
         _arrows(recording, shown)
         _ellipsoids(recording, shown)
         _numbers(recording, outcome, shown)
@@ -78,12 +80,12 @@ def _chain(recording: rr.RecordingStream, shown: Scene) -> None:
         strips += [corners, *(np.stack([hand, target]) for target in targets)]
     each = 1 + shown.after.shape[1]
     links = rr.LineStrips3D.columns(strips=strips).partition([each] * len(shown.rows))
-    recording.send_columns("world/arm/links", _poses(shown.rows), links)
+    recording.send_columns("world/arm/links", _poses(shown.at), links)
     style = rr.LineStrips3D.from_fields(colors=_STEEL, radii=0.018 * shown.reach_m)
     recording.log("world/arm/links", style, static=True)
     count, each = shown.origins.shape[:2]
     joints = rr.Points3D.columns(positions=shown.origins.reshape(-1, 3)).partition([each] * count)
-    recording.send_columns("world/arm/joints", _poses(shown.rows), joints)
+    recording.send_columns("world/arm/joints", _poses(shown.at), joints)
     recording.log("world/arm/joints", rr.Points3D.from_fields(colors=_JOINT, radii=0.03 * shown.reach_m), static=True)
 
 
@@ -92,7 +94,7 @@ def _instrument(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -
     name = "tracker" if outcome.real is not None else "instrument's frame"
     draw_instrument(recording, name, shown.T_world_instrument)
     if outcome.real is not None:
-        draw_beams(recording, _poses(shown.rows), shown.T_world_instrument[:3, 3], shown.measured)
+        draw_beams(recording, _poses(shown.at), shown.T_world_instrument[:3, 3], shown.measured)
 
 
 def _points(recording: rr.RecordingStream, shown: Scene) -> None:
@@ -107,9 +109,25 @@ def _points(recording: rr.RecordingStream, shown: Scene) -> None:
     ):
         seen = np.isfinite(points).all(axis=2)
         columns = rr.Points3D.columns(positions=points[seen]).partition(seen.sum(axis=1))
-        recording.send_columns(f"world/targets/{name}", _poses(shown.rows), columns)
+        recording.send_columns(f"world/targets/{name}", _poses(shown.at), columns)
         style = rr.Points3D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
         recording.log(f"world/targets/{name}", style, static=True)
+
+
+def _off_poses(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Poses that are off, whether they were fitted or not: marked, named, and joined to where they should be."""
+    if not shown.off:
+        return
+    strips = [np.stack([pose.measured, pose.expected]) for pose in shown.off]
+    marks = rr.Points3D(
+        [pose.measured for pose in shown.off],
+        colors=OFF,
+        radii=0.018 * shown.reach_m,
+        labels=[pose.words for pose in shown.off],
+    )
+    recording.log("world/targets/off", marks, static=True)
+    lines = rr.LineStrips3D(strips, colors=OFF, radii=0.005 * shown.reach_m)
+    recording.log("world/targets/off/to_expected", lines, static=True)
 
 
 def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
@@ -127,32 +145,41 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
     ):
         vectors = factor * (shown.measured - points)[seen]
         columns = rr.Arrows3D.columns(origins=points[seen], vectors=vectors).partition(lengths)
-        recording.send_columns(f"world/errors/{name}", _poses(shown.rows), columns)
+        recording.send_columns(f"world/errors/{name}", _poses(shown.at), columns)
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
         recording.log(f"world/errors/{name}", style, static=True)
         text = f"{name} {times(factor)}"
-        draw_tag(recording, f"world/errors/{name}/factor", _poses(shown.rows), shown.after[:, 0] + offset, text, colour)
+        draw_tag(
+            recording,
+            f"world/errors/{name}/factor",
+            _poses(shown.at),
+            shown.after[:, 0] + offset,
+            text,
+            colour,
+        )
 
 
 def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
-    recording.send_columns("world/focus", _poses(shown.rows), focus)
-    draw_ellipsoid(recording, "mapping", _poses(shown.rows), shown.mapping, MAPPING)
+    recording.send_columns("world/focus", _poses(shown.at), focus)
+    draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, MAPPING)
     if shown.uncertainty is not None:
-        draw_ellipsoid(recording, "uncertainty", _poses(shown.rows), shown.uncertainty, UNCERTAINTY)
+        draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, UNCERTAINTY)
 
 
 def _numbers(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
     """Errors of every fitted pose, singular values, and how the fit converged."""
     for name, errors, colour in (("before", shown.error_before, BEFORE), ("after", shown.error_after, AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
-        recording.send_columns(f"error_mm/{name}", _poses(used), rr.Scalars.columns(scalars=1e3 * errors[used]))
+        recording.send_columns(
+            f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=1e3 * errors[used])
+        )
         line = rr.SeriesLines(colors=colour, names=f"{name}, mm", widths=2)
         recording.log(f"error_mm/{name}", line, static=True)
-    sizes = outcome.identification.fit.singular_values
+    values = outcome.identification.fit.singular_values
     recording.log(
-        SINGULAR_VALUES, rr.BarChart(sizes, abscissa=np.arange(1, len(sizes) + 1), color=MAPPING), static=True
+        SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=MAPPING), static=True
     )
     rms = convergence(outcome)
     steps = np.arange(len(rms))

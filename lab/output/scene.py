@@ -13,12 +13,14 @@ from lab.calibration.identify import Identification
 from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
 from lab.frames import Array
+from lab.geometry.affected import AffectedArm
 from lab.geometry.serial import SerialArm
 from lab.measurements import seen_mask
 from lab.output.result import rigid
 from lab.study.campaign import Outcome
 from lab.virtual.appearance import Shell, body_poses, instrument_body, shells
 
+MOST_OFF = 30  # poses that are off, marked
 MOST_POSES = 300  # whose bodies, points and ellipsoids are drawn
 ARROW = 0.15  # of the arm's reach: how long the mean error arrow is to be drawn
 HALF_AXIS_M = 0.11  # the same for the longest half-axis of an ellipsoid, in the median over the poses
@@ -43,11 +45,22 @@ class Drawn:
 
 
 @dataclass(frozen=True)
+class OffPose:
+    """A pose that is off: where its farthest target was measured and where it should be, in the world ``(3,)``."""
+
+    words: str
+    measured: Array
+    expected: Array
+
+
+@dataclass(frozen=True)
 class Scene:
     """A campaign's fitted poses in the world (m).
 
     Attributes:
         rows: ``(m,)`` which of the fitted poses are drawn.
+        numbers: ``(n,)`` each fitted pose's row among all that were measured.
+        off: poses that are off, the farthest first.
         reach_m: the largest distance of a measured point from frame 0; sizes of marks follow it.
         T_world_instrument: ``(4, 4)``, identified.
         measured, before, after: ``(m, k, 3)`` points as seen (NaN where not), and as predicted.
@@ -62,6 +75,8 @@ class Scene:
     """
 
     rows: NDArray[np.int_]
+    numbers: NDArray[np.int_]
+    off: tuple[OffPose, ...]
     reach_m: float
     T_world_instrument: Array
     measured: Array
@@ -78,6 +93,11 @@ class Scene:
     bodies: dict[str, Array]
     corners: Array
     origins: Array
+
+    @property
+    def at(self) -> NDArray[np.int_]:
+        """``(m,)`` the drawn poses' rows among all that were measured."""
+        return self.numbers[self.rows]
 
 
 def scene(outcome: Outcome) -> Scene:
@@ -97,8 +117,11 @@ def scene(outcome: Outcome) -> Scene:
     arm, values = rigid(outcome, identification.values)
     strip = moved(_world_frame0(outcome), chain_corners(arm, values, joints))
     visible, bodies = _bodies(outcome, arm, values, joints)
+    everything = {name: i for i, name in enumerate(outcome.measurements.ids)}
     return Scene(
         rows,
+        np.array([everything[name] for name in fitted.ids]),
+        _off(outcome, T_world_instrument),
         reach,
         T_world_instrument,
         measured[rows],
@@ -115,6 +138,22 @@ def scene(outcome: Outcome) -> Scene:
         bodies,
         strip,
         strip[:, ::2],
+    )
+
+
+def _off(outcome: Outcome, T_world_instrument: Array) -> tuple[OffPose, ...]:
+    """The poses that are named as off; none where the file's points are not all that is observed."""
+    model, data = outcome.identification.model, outcome.measurements
+    named = outcome.fit.outliers[:MOST_OFF]
+    if not named or not isinstance(model, SerialArm | AffectedArm):
+        return ()
+    part = data.take([data.ids.index(pose.id) for pose in named])
+    expected = model.points(part.settings(model.conditions), outcome.identification.values)
+    worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
+    ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in (part.points, expected))
+    return tuple(
+        OffPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm off", measured, should)
+        for pose, measured, should in zip(named, *ends, strict=True)
     )
 
 

@@ -23,6 +23,7 @@ from lab.virtual.feasible import collides, random_poses
 from lab.virtual.robot import RobotModel
 
 TEST_POSES = 500
+MEASURED_SLACK = 1e-3  # rad or m: how far readings may lie beyond a data sheet's limits
 HUBS = 20  # candidates tried as places to pass through on the way to others
 
 
@@ -170,6 +171,7 @@ def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:
     if options.extend is None:
         return np.empty((0, chain.size))
     rows = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False).only("calibrate")
+    robot.refuse_beyond_limits(options.extend, rows, MEASURED_SLACK)
     measured = rows.seen.all(axis=1)
     joints = rows.joints[measured] if measured.any() else rows.joints
     if not len(joints):

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 import lab
 from lab.errors import LabError
 from lab.frames import Array
@@ -14,6 +16,7 @@ from lab.geometry.effects import Course, effect
 from lab.geometry.loads import Loads
 from lab.geometry.serial import DEFAULT_TOOL, SerialArm
 from lab.geometry.table import read_table
+from lab.measurements import Measurements
 from lab.virtual.masses import loads_of
 from lab.virtual.robot import RobotModel, load_model
 
@@ -60,6 +63,18 @@ class Robot:
         for target in targets:
             if target not in known:
                 raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
+
+    def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
+        """A LabError for readings of a file that are beyond the limits by more than ``slack`` (rad or m)."""
+        chain = self.chain
+        outside = (data.joints < chain.lower - slack) | (data.joints > chain.upper + slack)
+        if outside.any():
+            row, joint = np.argwhere(outside)[0]
+            raise LabError(
+                f"{path}: {data.where(int(row))}, joint {chain.joint_names[joint]}: {data.joints[row, joint]:.4g} "
+                f"{'m' if chain.prismatic[joint] else 'rad'} is beyond its limits, {chain.lower[joint]:.4g} to "
+                f"{chain.upper[joint]:.4g}; mend the pose, or the column's unit, or take the right --robot"
+            )
 
     def needed_model(self) -> RobotModel:
         """The MuJoCo model; a LabError where there is none."""

@@ -89,17 +89,7 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
     if not len(plan):
         raise LabError(f"{options.plan}: no row has use = calibrate; mark some")
     joints = plan.joints
-    slack = 1e-9
-    outside = (joints < robot.chain.lower - slack) | (joints > robot.chain.upper + slack)
-    if outside.any():
-        row, joint = np.argwhere(outside)[0]
-        chain, unit = robot.chain, "m" if robot.chain.prismatic[joint] else "rad"
-        raise LabError(
-            f"{options.plan}: line {plan.lines[row]}, joint {chain.joint_names[joint]}: "
-            f"{joints[row, joint]:.4g} {unit} is beyond its limits, "
-            f"{chain.lower[joint]:.4g} to {chain.upper[joint]:.4g}; "
-            "mend the pose, or the column's unit"
-        )
+    robot.refuse_beyond_limits(options.plan, plan, 1e-9)
     hit = collides(model, joints)
     if hit.any():
         line = plan.lines[int(np.argmax(hit))]
@@ -110,9 +100,8 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
     for name, column in plan.conditions.items():
         if (empty := np.isnan(column)).any():
             raise LabError(f"{options.plan}: {plan.where(int(np.argmax(empty)))}, column {name}: empty; fill it in")
-        set_there[name] = (
-            column - column[0] if name == "time_s" else column
-        )  # the virtual arm starts when its plan does
+        started = column[0] if name == "time_s" else 0.0  # the virtual arm's clock starts when the plan does
+        set_there[name] = column - started
     if any(plan.sessions):
         notes.append(f"{options.plan}: the column session is passed over: only a bump makes sessions of a virtual arm")
     return joints, set_there, tuple(notes)
