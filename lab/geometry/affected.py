@@ -64,11 +64,6 @@ class AffectedArm:
             points = _seen_from(points, frame)
         return points, jacobian
 
-    def joint_jacobian(self, settings: Array, values: Array) -> Array:
-        """Derivatives of the targets by the joints ``(n, k, 3, joints)``, where the effects have put these."""
-        stands = self._moved(settings, values)[0][0]
-        return self.arm.joint_jacobian(stands, self._geometric(values))
-
     def preferred(self) -> tuple[int, ...]:
         """The arm's order of preference, then the effects'."""
         return (*self.arm.preferred(), *range(len(self.arm.names), len(self.names)))
