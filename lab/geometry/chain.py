@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.errors import LabError
 from lab.frames import Array
@@ -78,6 +79,10 @@ class Chain:
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Readings ``(count, n)`` uniform within the limits."""
         return rng.uniform(self.lower, self.upper, (count, self.size))
+
+    def beyond_limits(self, joints: Array, slack: float | Array) -> NDArray[np.bool_]:
+        """Which readings ``(m, n)`` are beyond the limits by more than ``slack``, a number or ``(n,)``, in rad or m."""
+        return (joints < self.lower - slack) | (joints > self.upper + slack)
 
     def joins_parallel_axes(self, i: int) -> bool:
         """Whether axes i and i + 1 (0-based joints) are parallel on the drawing."""

@@ -31,7 +31,7 @@ _HUMAN_UNITS = {
 
 def summary(outcome: Outcome) -> dict[str, Any]:
     """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-    identification, errors = outcome.identification, outcome.judgement.errors
+    identification, errors, bends = outcome.identification, outcome.judgement.errors, stiffness(outcome)
     result: dict[str, Any] = {
         "robot": outcome.robot.name,
         "poses": len(outcome.fitted),
@@ -56,8 +56,8 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "groups": groups(outcome),
         "adequate": outcome.fit.adequacy.adequate,
         "adequacy": outcome.fit.adequacy.words,
-        "stiffness_nm_per_rad": {joint: found["stiffness"] for joint, found in stiffness(outcome).items()},
-        "stiffness_std_nm_per_rad": {joint: number(found["std"]) for joint, found in stiffness(outcome).items()},
+        "stiffness_nm_per_rad": {joint: found["stiffness"] for joint, found in bends.items()},
+        "stiffness_std_nm_per_rad": {joint: number(found["std"]) for joint, found in bends.items()},
         "correlated": correlated(identification),
         "weak_directions": weak(outcome),
         "outliers": outliers(outcome),

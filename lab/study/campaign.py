@@ -235,7 +235,7 @@ def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:
     given = np.isfinite(rows.sigma_m)
     if options.noise_mm is None and options.instrument is None and given.any() and not given.all():
         raise LabError(
-            f"{options.file}: line {rows.lines[int(np.argmin(given))]}, column sigma_mm: empty, but other rows "
+            f"{options.file}: {rows.where(int(np.argmin(given)))}, column sigma_mm: empty, but other rows "
             "have it; fill it in, or say --noise-mm or --instrument for the empty ones"
         )
 
@@ -290,8 +290,7 @@ def _several_sessions(rows: Measurements) -> list[str]:
 
 
 def _outside_limits(robot: Robot, data: Measurements) -> list[str]:
-    slack = 1e-3
-    outside = (data.joints < robot.chain.lower - slack) | (data.joints > robot.chain.upper + slack)
+    outside = robot.chain.beyond_limits(data.joints, 1e-3)
     return [
         f"joint {name}: {int(count)} of {len(data)} poses are beyond its limits; check units, signs and offsets"
         for name, count in zip(robot.chain.joint_names, outside.sum(axis=0), strict=True)

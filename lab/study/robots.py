@@ -67,7 +67,7 @@ class Robot:
     def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
         """A LabError for readings of a file that are beyond the limits by more than ``slack`` (rad or m)."""
         chain = self.chain
-        outside = (data.joints < chain.lower - slack) | (data.joints > chain.upper + slack)
+        outside = chain.beyond_limits(data.joints, slack)
         if outside.any():
             row, joint = np.argwhere(outside)[0]
             raise LabError(

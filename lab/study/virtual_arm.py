@@ -92,8 +92,8 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
     robot.refuse_beyond_limits(options.plan, plan, 1e-9)
     hit = collides(model, joints)
     if hit.any():
-        line = plan.lines[int(np.argmax(hit))]
-        raise LabError(f"{options.plan}: line {line}: the arm collides in this pose; take it out of the plan")
+        row = plan.where(int(np.argmax(hit)))
+        raise LabError(f"{options.plan}: {row}: the arm collides in this pose; take it out of the plan")
     if "payload_kg" in plan.conditions and any(options.effects.payload_kg):
         raise LabError(f"{options.plan}: has a column payload_kg, and --payload-kg is given too; keep one")
     set_there, notes = {}, list(plan.warnings)

@@ -109,11 +109,11 @@ def _judge(
     if not 0 <= margin < 0.5:
         raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
     sees, data = sight(robot, targets, instrument), mujoco.MjData(robot.model)
-    keep_off = margin * (robot.chain.upper - robot.chain.lower)
-    lower, upper = robot.chain.lower + keep_off, robot.chain.upper - keep_off
+    chain = robot.chain
+    keep_off = margin * (chain.upper - chain.lower)
 
     def first_reason(joints: Array) -> NDArray[np.int_]:
-        reasons = np.where(((joints < lower) | (joints > upper)).any(axis=1), 0, -1)
+        reasons = np.where(chain.beyond_limits(joints, -keep_off).any(axis=1), 0, -1)
         left = np.flatnonzero(reasons < 0)
         reasons[left[np.fromiter(contacts(robot, joints[left], data), bool, len(left))]] = 1
         left = np.flatnonzero(reasons < 0)

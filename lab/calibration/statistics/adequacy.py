@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.solver import Fit, Further, Observations
-from lab.calibration.statistics.null import Linear, Shape, Within, linearized
+from lab.calibration.statistics.null import Linear, Shape, linearized
 from lab.frames import Array
 from lab.geometry.model import Model
 from lab.measurements import seen_mask
@@ -79,7 +79,7 @@ def by_noise(linear: Linear, shape: Shape) -> Adequacy:
     Noise that is not Gaussian has another variance of r'r: with M = I - H and excess kurtosis k it is
     2 nu + k sum M_ii^2 (Seber & Lee 2003, theorem 1.6); chi squared is scaled to have it.
     """
-    within = _everywhere(linear)
+    within = linear.everywhere()
     if within.freedom < 1:
         return _nothing_left()
     total, nu = float((linear.residual**2).sum()), within.freedom
@@ -107,7 +107,7 @@ def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> Adequacy:
     Args:
         labels: ``(n,)`` one a configuration (and session).
     """
-    within = _everywhere(linear)
+    within = linear.everywhere()
     _, group = np.unique(
         np.append(labels, labels.max() + 1 + np.arange(len(linear.seen) - linear.poses)), return_inverse=True
     )
@@ -134,7 +134,7 @@ def by_holdout(linear: Linear, held: Linear) -> Adequacy:
 
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
     """
-    within = _everywhere(linear)
+    within = linear.everywhere()
     numbers = int(held.seen.sum())
     if within.freedom < 1 or not numbers:
         return _nothing_left()
@@ -174,7 +174,7 @@ def isotropy(model: Model, seen: Observations, fit: Fit) -> Isotropy:
     degrees of freedom are those of an F with that variance (Satterthwaite 1946).
     """
     linear = linearized(model, seen, fit.values, fit.free)
-    within = _everywhere(linear)
+    within = linear.everywhere()
     shape = seen.points.shape
     sight = np.nan_to_num(seen.points / np.linalg.norm(seen.points, axis=2, keepdims=True))
     along = (linear.residual.reshape(shape) * sight).sum(axis=2)
@@ -223,7 +223,7 @@ def sandwich(linear: Linear) -> Sandwich:
     V = C (sum J_i' A_i r_i r_i' A_i J_i) C, A_i = (I - H_ii)^-1/2, unbiased where the weights are right after all;
     degrees of freedom by Satterthwaite's rule (Bell & McCaffrey 2002).
     """
-    within = _everywhere(linear)
+    within = linear.everywhere()
     bent = within.root @ within.basis  # (n, m, f) A_i Q_i
     scores = np.einsum("nmf,nm->nf", bent, linear.residual)
     half = within.back @ scores.T  # (f, n)
@@ -234,10 +234,6 @@ def sandwich(linear: Linear) -> Sandwich:
         products = np.diag((pulls**2).sum(axis=1)) - shared @ shared.T
         freedom[j] = np.trace(products) ** 2 / (products**2).sum()
     return Sandwich(half @ half.T, freedom)
-
-
-def _everywhere(linear: Linear) -> Within:
-    return linear.within(np.ones(len(linear.seen), dtype=bool))
 
 
 def _nothing_left() -> Adequacy:

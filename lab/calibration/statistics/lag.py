@@ -52,7 +52,7 @@ def lagging(
         sessions: ``(n,)`` names.
     """
     linear = linearized(model, seen, fit.values, fit.free)
-    within = linear.within(np.ones(len(linear.seen), dtype=bool))
+    within = linear.everywhere()
     names = list(dict.fromkeys(sessions))
     found = []
     for name in names:

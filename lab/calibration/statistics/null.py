@@ -61,6 +61,10 @@ class Linear:
     seen: Mask
     poses: int
 
+    def everywhere(self) -> "Within":
+        """Least squares on all poses."""
+        return self.within(np.ones(len(self.seen), dtype=bool))
+
     def within(self, inside: Mask) -> "Within":
         """Least squares on the poses ``inside`` ``(n,)``."""
         used = np.where(inside[:, None, None], self.jacobian, 0.0).reshape(-1, len(self.scale))

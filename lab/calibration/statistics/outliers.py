@@ -189,8 +189,7 @@ def _test(linear: Linear, shape: Shape, known: bool, level: float, rng: np.rando
     if shape.kind == "gaussian":
         return _Test(known, level / poses, np.empty(0), poses, floor)
     draws = int(np.ceil((_DRAWS + 1) * max(1.0, LEVEL / level))) - 1
-    everywhere = linear.within(np.ones(len(linear.seen), dtype=bool))
-    reference = smallest_p(everywhere, linear.seen, shape, known, draws, rng)
+    reference = smallest_p(linear.everywhere(), linear.seen, shape, known, draws, rng)
     rank = int(np.floor((draws + 1) * level + 1e-9)) - 1
     return _Test(known, np.nextafter(reference[rank], 0.0), reference, poses, floor)
 
