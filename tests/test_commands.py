@@ -17,7 +17,15 @@ from lab.geometry.serial import SerialArm
 from lab.geometry.table import read_table
 from lab.measurement_file import read_measurements
 
-FILES = {"config.json", "measurements.csv", "parameters.json", "result.json", "calibrated.xml", "recording.rrd"}
+FILES = {
+    "config.json",
+    "measurements.csv",
+    "parameters.json",
+    "covariance.csv",
+    "result.json",
+    "calibrated.xml",
+    "recording.rrd",
+}
 
 
 def run(capsys, *arguments) -> tuple[int, dict]:

@@ -67,6 +67,7 @@ class Identification:
         fit: of the parameters that these poses tell apart; ``fit.free`` are their indices.
         sigma_m: noise of a coordinate, given (a root mean square) or estimated; NaN if unknown.
         sigma_known: whether it was given.
+        residual_sigma_m: noise of a coordinate that the residuals say; NaN where nothing is left over.
         freedom: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
         further: what was known beside the measurements, weighed as they are: places, a prior.
@@ -82,6 +83,7 @@ class Identification:
     fit: Fit
     sigma_m: float
     sigma_known: bool
+    residual_sigma_m: float
     freedom: int
     covariance: Array
     residuals: Array
@@ -180,14 +182,16 @@ def identify(
         prior = prior_of(model, structure, nominal, wishes.tolerance)
         further = joined(further, prior.rows(1.0 if known else estimated))
         solution = _canonical(model, fit(model, seen, structure.kept, start, further=further))
+    given = root_mean_square_sigma(seen, sight.positions) if known else 1.0
     found = Identification(
         model=model,
         before=before,
         values=solution.values,
         base_set=structure,
         fit=solution,
-        sigma_m=root_mean_square_sigma(seen, sight.positions) if known else estimated,
+        sigma_m=given if known else estimated,
         sigma_known=known,
+        residual_sigma_m=given * estimated,
         freedom=freedom,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
         residuals=data.points - model.points(seen.settings, solution.values),

@@ -168,6 +168,7 @@ def sessions(names: Sequence[str]) -> Effect:
 
 
 GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions")
+OF_ITS_CAMPAIGN = ("drift", "sessions")  # groups that say nothing of another day
 
 
 def effect(name: str, chain: Chain, loads: Loads | None, course: Course = Course()) -> Effect:

@@ -51,6 +51,8 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "noise_mm": number(1e3 * identification.sigma_m),
         "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
         "noise_known": identification.sigma_known,
+        "residual_mm": number(1e3 * identification.residual_sigma_m),
+        "freedom": identification.freedom,
         "predicted_mm": number(1e3 * predicted_rms(identification)),
         "model": "+".join(("geometric", *outcome.fit.groups)),
         "groups": groups(outcome),

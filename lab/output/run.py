@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import lab
+from lab.calibration.identify import Identification
 from lab.errors import LabError
 from lab.geometry.table import write_table
 from lab.measurement_file import write_measurements
@@ -21,7 +22,15 @@ from lab.study.campaign import Outcome
 from lab.study.options import MeasuredCampaign, PlannedCampaign, VirtualCampaign
 from lab.virtual.placement import calibrated_mjcf
 
-_FILES = {"config.json", "measurements.csv", "parameters.json", "result.json", "calibrated.xml", "calibrated.toml"}
+_FILES = {
+    "config.json",
+    "measurements.csv",
+    "parameters.json",
+    "covariance.csv",
+    "result.json",
+    "calibrated.xml",
+    "calibrated.toml",
+}
 _FILES |= {
     "plan.csv",
     "plan.mod",
@@ -106,6 +115,7 @@ def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | Measure
     write_json(folder / "config.json", config(command, options, robot.sha256))
     write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
     write_json(folder / "parameters.json", parameters(outcome))
+    write_covariance(folder / "covariance.csv", outcome.identification)
     arm, exported = rigid(outcome, likely(outcome))
     if robot.model is not None:
         text = calibrated_mjcf(robot.model, arm, exported)
@@ -117,6 +127,13 @@ def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | Measure
             write_table(robot.chain.with_table(table), base, targets), encoding="utf-8"
         )
     write_json(folder / "result.json", summary(outcome))
+
+
+def write_covariance(path: Path, identification: Identification) -> None:
+    """The covariance of the identified parameters (m, rad and what else ``parameters.json`` says), a row each."""
+    names = [identification.model.names[i] for i in identification.fit.free]
+    rows = ([name, *map(repr, row)] for name, row in zip(names, identification.covariance.tolist(), strict=True))
+    path.write_text("\n".join(",".join(row) for row in [["parameter", *names], *rows]) + "\n", encoding="utf-8")
 
 
 def config(

@@ -28,6 +28,7 @@ from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
 from lab.errors import LabError
 from lab.frames import Array
+from lab.geometry.effects import OF_ITS_CAMPAIGN
 from lab.instruments import instrument
 from lab.measurement_file import read_measurements
 from lab.measurements import Measurements
@@ -39,8 +40,6 @@ from lab.study.robots import Robot, load_robot
 from lab.study.virtual_arm import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
 from lab.virtual.effects import true_parameters
 from lab.virtual.real import RealArm, track_knowing
-
-OF_ITS_CAMPAIGN = ("sessions", "drift")  # groups that say nothing of another day
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,138 @@
+"""A calibrated arm, read back from the folder of the run that identified it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lab import frames
+from lab.csv_table import CsvTable
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.affected import AffectedArm
+from lab.geometry.effects import OF_ITS_CAMPAIGN
+from lab.geometry.serial import SerialArm
+from lab.study.robots import Robot, load_robot
+
+_TURN = ("tool.rx", "tool.ry", "tool.rz")
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What a run found out about an arm, as far as it holds on another day.
+
+    Attributes:
+        folder: of the run.
+        arm: as it was identified, without the groups of effects that say nothing of another day.
+        values: ``(p,)`` of the arm, as exported: the most likely ones of those that predict the same.
+        before: ``(p,)`` nominal links with the base and tool that suit them best.
+        R_last_tool: rotation ``(3, 3)`` of the measured tool in the last frame; one where no orientation was measured.
+        identified: the parameters that ``covariance`` ``(f, f)`` is of.
+        result: what ``result.json`` holds.
+        options: of the run.
+    """
+
+    folder: Path
+    robot: Robot
+    arm: SerialArm | AffectedArm
+    values: Array
+    before: Array
+    R_last_tool: Array
+    identified: tuple[str, ...]
+    covariance: Array
+    result: dict[str, Any]
+    options: dict[str, Any]
+
+    @property
+    def rigid(self) -> SerialArm:
+        """Its geometry, whose parameters come first in ``values``."""
+        return self.arm.arm if isinstance(self.arm, AffectedArm) else self.arm
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Of effects that the arm has."""
+        return tuple(effect.name for effect in self.arm.effects) if isinstance(self.arm, AffectedArm) else ()
+
+    def refuse_unfit(self, what: str) -> None:
+        """A LabError for a run whose verdict is not good: ``what`` is not to be built on it."""
+        word, reason = self.result.get("verdict"), self.result.get("reason")
+        if word != "good":
+            why = f" ({reason})" if reason else ""
+            raise LabError(
+                f"{self.folder}: the verdict of this run is '{word}'{why}, so {what} is refused; "
+                "measure poses to judge it by, or say --force"
+            )
+
+
+def read_calibrated(folder: Path) -> Calibrated:
+    """Read a run of ``lab calibrate`` or ``lab identify``.
+
+    Raises:
+        LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
+    """
+    config, result = (_json(folder, name, dict) for name in ("config.json", "result.json"))
+    command, options = config.get("command"), config.get("options")
+    if command not in ("calibrate", "identify") or not isinstance(options, dict):
+        raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
+    robot = load_robot(str(options.get("robot")))
+    if config.get("model_sha256") != robot.sha256:
+        raise LabError(
+            f"{folder}: is a run of another robot: the files of '{options.get('robot')}' are not those that it was "
+            "made with; identify again"
+        )
+    rows = {row["name"]: row for row in _rows(folder)}
+    targets = tuple(name.split(".")[1] for name in rows if name.startswith("tool.") and name.endswith(".x"))
+    if not targets:
+        raise LabError(f"{folder}/parameters.json: has no tool (tool.p1.x…), so nothing is there to be aimed")
+    groups = [name for name in str(result.get("model")).split("+") if name not in ("geometric", *OF_ITS_CAMPAIGN)]
+    arm = robot.arm_with(targets, groups)
+    if missing := [name for name in arm.names if name not in rows]:
+        raise LabError(f"{folder}/parameters.json: has no {missing[0]}: it is of another robot, or was cut short")
+    exported, before = (np.array([rows[name][key] for name in arm.names]) for key in ("exported", "nominal"))
+    turn = np.array([rows[name]["exported"] for name in _TURN]) if set(_TURN) <= set(rows) else np.zeros(3)
+    names, covariance = _covariance(folder / "covariance.csv", arm.names)
+    return Calibrated(folder, robot, arm, exported, before, frames.exp(turn), names, covariance, result, options)
+
+
+def _json(folder: Path, name: str, kind: type) -> Any:
+    """A file of the run."""
+    path = folder / name
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LabError(
+            f"{path}: cannot be read ({error.strerror}); give the folder of a run of lab calibrate or lab identify"
+        ) from error
+    except ValueError as error:
+        raise LabError(f"{path}: not JSON ({error}); run lab calibrate or lab identify again") from error
+    if not isinstance(content, kind):
+        raise LabError(f"{path}: does not hold what a run writes; run lab calibrate or lab identify again")
+    return content
+
+
+def _rows(folder: Path) -> list[dict[str, Any]]:
+    """The parameters."""
+    rows = _json(folder, "parameters.json", list)
+    for row in rows:
+        numbers = [row.get(key) for key in ("exported", "nominal")] if isinstance(row, dict) else [None]
+        if not all(isinstance(number, int | float) for number in numbers) or not isinstance(row.get("name"), str):
+            raise LabError(f"{folder}/parameters.json: a row lacks name, nominal or exported; identify again")
+    return list(rows)
+
+
+def _covariance(path: Path, names: Sequence[str]) -> tuple[tuple[str, ...], Array]:
+    """The part of the covariance that is of these parameters, and their names."""
+    table = CsvTable(path)
+    labels = table.texts("parameter")
+    if labels is None or tuple(table.header[1:]) != labels:
+        raise LabError(f"{path}: its rows are not those of its columns; identify again")
+    kept = [i for i, name in enumerate(labels) if name in names]
+    cells = [row[1:] for row in table.rows]
+    try:
+        matrix = np.array(cells, dtype=np.float64)
+    except ValueError as error:
+        raise LabError(f"{path}: {error}; identify again") from error
+    return tuple(labels[i] for i in kept), matrix[np.ix_(kept, kept)]
