@@ -64,6 +64,17 @@ class AffectedArm:
             points = _seen_from(points, frame)
         return points, jacobian
 
+    def tool(self, settings: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """Poses of a target and how the readings move them, as of the arm alone (``SerialArm.tool``).
+
+        The derivative is the rigid arm's where its joints stand: it lacks how effects change with the readings.
+        """
+        stands, frame = (moved[0] for moved in self._moved(settings, values))
+        Ts, jacobian = self.arm.tool(stands, self._geometric(values), target)
+        if self._frame_moves:
+            Ts = frames.pose(frames.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
+        return Ts, jacobian
+
     def preferred(self) -> tuple[int, ...]:
         """The arm's order of preference, then the effects'."""
         return (*self.arm.preferred(), *range(len(self.arm.names), len(self.names)))
@@ -139,6 +150,14 @@ def _some(condition: str, count: int, rng: np.random.Generator) -> Array:
     return rng.uniform(0.0, HOUR_S, count)
 
 
-def affected(arm: SerialArm, effects: Sequence[Effect]) -> SerialArm | AffectedArm:
+Arm = SerialArm | AffectedArm
+
+
+def rigid_part(arm: Arm) -> SerialArm:
+    """The geometry of an arm, whose parameters come first."""
+    return arm.arm if isinstance(arm, AffectedArm) else arm
+
+
+def affected(arm: SerialArm, effects: Sequence[Effect]) -> Arm:
     """The arm with these effects; the arm itself where there are none."""
     return AffectedArm(arm, tuple(effects)) if effects else arm

@@ -125,11 +125,30 @@ class SerialArm:
         """Poses of the last frame in the tracker's frame, ``(n, 4, 4)``."""
         joints = self._checked(joints)
         _, frame, origin = self._walk(joints, values)
-        poses = np.zeros((len(joints), 4, 4), dtype=np.result_type(joints, values))
-        for column, vector in enumerate((*frame, origin)):
-            poses[:, :3, column] = vector[:3].T
-        poses[:, 3, 3] = 1
-        return poses
+        return _poses(frame, origin, len(joints))
+
+    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """Poses of a target, turned as the last frame is, and how the readings move them.
+
+        Returns:
+            ``(n, 4, 4)`` in the tracker's frame; and the geometric Jacobian ``(n, 6, joints)``: velocity of the
+            target (m) and angular velocity (rad), both in the tracker's frame, by the readings.
+        """
+        joints = self._checked(joints)
+        motions, frame, origin = self._walk(joints, values)
+        place = self._targets(frame, origin, values)[:, target]
+        jacobian = np.zeros((6, self.chain.size, len(joints)))
+        for motion in motions:
+            if motion.joint is None:
+                continue
+            axis = self.chain.sign[motion.joint] * motion.axis
+            if motion.origin is None:
+                jacobian[:3, motion.joint] = axis[:3]
+                continue
+            lever = place - motion.origin
+            jacobian[:3, motion.joint] = axis[1:4] * lever[2:5] - axis[2:5] * lever[1:4]
+            jacobian[3:, motion.joint] = axis[:3]
+        return _poses(frame, place, len(joints)), jacobian.transpose(2, 0, 1)
 
     def frame(self, joints: Array, values: Array, size: int) -> Array:
         """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at readings ``(n, joints)``."""
@@ -213,6 +232,15 @@ class SerialArm:
 def _chunks(count: int, targets: int) -> Iterator[slice]:
     size = max(1, CHUNK // targets)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
+    """Poses ``(count, 4, 4)`` of a frame's axes and origin ``(5, count)``, or ``(5, 1)`` where all are the same."""
+    poses = np.zeros((count, 4, 4), dtype=np.result_type(*frame, origin))
+    for column, vector in enumerate((*frame, origin)):
+        poses[:, :3, column] = vector[:3].T
+    poses[:, 3, 3] = 1
+    return poses
 
 
 def _padded(vector: Array) -> Array:
