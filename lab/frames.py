@@ -108,6 +108,19 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
     return rotation
 
 
+def roll_pitch_yaw(rotation: Array) -> Array:
+    """Angles x, y, z (rad) with ``R = Rz(z) Ry(y) Rx(x)``, right at every pitch; ``(..., 3, 3)`` in, ``(..., 3)`` out.
+
+    Where the pitch is +-90 degrees the yaw is free, and 0.
+    """
+    r = np.asarray(rotation, dtype=np.float64)
+    yaw = np.where(np.hypot(r[..., 0, 0], r[..., 1, 0]) < 1e-15, 0.0, np.arctan2(r[..., 1, 0], r[..., 0, 0]))
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-r[..., 2, 0], c * r[..., 0, 0] + s * r[..., 1, 0])
+    roll = np.arctan2(s * r[..., 0, 2] - c * r[..., 1, 2], c * r[..., 1, 1] - s * r[..., 0, 1])
+    return _stack(roll, pitch, yaw)
+
+
 def pose(rotation: Array, position: Array) -> Array:
     """Homogeneous matrix of a rotation ``(..., 3, 3)`` and a position ``(..., 3)``."""
     rotation, position = np.asarray(rotation), np.asarray(position)

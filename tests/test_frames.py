@@ -86,3 +86,25 @@ def test_nearest_rotation_never_mirrors() -> None:
     for _ in range(50):
         nearest = frames.nearest_rotation(rng.normal(size=(3, 3)))
         assert np.linalg.det(nearest) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("off_rad", [0.0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-5, 1.0])
+def test_roll_pitch_yaw_at_every_pitch(off_rad: float) -> None:
+    """Also where the pitch is a right angle, or nearly, and the angles there are many."""
+    rng = np.random.default_rng(5)
+    for right_angle in (np.pi / 2, -np.pi / 2):
+        roll, yaw = rng.uniform(-np.pi, np.pi, (2, 500))
+        pitch = np.full(500, right_angle * (1 - off_rad / (np.pi / 2)))
+        angles = np.stack([roll, pitch, yaw], axis=-1)
+        back = frames.roll_pitch_yaw(about_fixed_axes(angles))
+        np.testing.assert_allclose(about_fixed_axes(back), about_fixed_axes(angles), atol=1e-14)
+        if off_rad == 1.0:
+            np.testing.assert_allclose(back, angles, atol=1e-14)
+        if off_rad == 0.0:
+            assert (back[:, 2] == 0).all()
+
+
+def about_fixed_axes(angles: Array) -> Array:
+    """Rz Ry Rx of angles x, y, z."""
+    x, y, z = (frames.exp(angles[..., i, None] * np.eye(3)[i]) for i in range(3))
+    return z @ y @ x

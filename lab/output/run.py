@@ -15,12 +15,12 @@ from typing import Any
 import lab
 from lab.calibration.identify import Identification
 from lab.errors import LabError
-from lab.geometry.table import write_table
 from lab.measurement_file import write_measurements
+from lab.output.arm_files import MJCF, TABLE, arm_files
 from lab.output.result import likely, parameters, rigid, summary
 from lab.study.campaign import Outcome
-from lab.study.options import MeasuredCampaign, PlannedCampaign, VirtualCampaign
-from lab.virtual.placement import calibrated_mjcf
+from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, VirtualCampaign
+from lab.study.verify_options import Verification
 
 _FILES = {
     "config.json",
@@ -32,6 +32,10 @@ _FILES = {
     "calibrated.toml",
 }
 _FILES |= {
+    "calibrated.urdf",
+    "joints.csv",
+    "cartesian.csv",
+    "program.mod",
     "plan.csv",
     "plan.mod",
     "curve.png",
@@ -116,16 +120,9 @@ def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | Measure
     write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
     write_json(folder / "parameters.json", parameters(outcome))
     write_covariance(folder / "covariance.csv", outcome.identification)
-    arm, exported = rigid(outcome, likely(outcome))
-    if robot.model is not None:
-        text = calibrated_mjcf(robot.model, arm, exported)
-        (folder / "calibrated.xml").write_text(text, encoding="utf-8")
-    else:
-        base, table, tool = arm.split(exported)
-        targets = dict(zip(arm.targets, tool, strict=True))
-        (folder / "calibrated.toml").write_text(
-            write_table(robot.chain.with_table(table), base, targets), encoding="utf-8"
-        )
+    kept = TABLE if robot.model is None else MJCF  # the others are lab compensate's, of runs that are good
+    text = arm_files(robot, *rigid(outcome, likely(outcome)))[kept]
+    (folder / kept).write_text(text, encoding="utf-8")
     write_json(folder / "result.json", summary(outcome))
 
 
@@ -137,7 +134,9 @@ def write_covariance(path: Path, identification: Identification) -> None:
 
 
 def config(
-    command: str, options: VirtualCampaign | MeasuredCampaign | PlannedCampaign, model_sha256: str
+    command: str,
+    options: VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction,
+    model_sha256: str,
 ) -> dict[str, Any]:
     """Every option, and what else the numbers depend on."""
     versions = {name: metadata.version(name) for name in _LIBRARIES}

@@ -164,6 +164,20 @@ class PlannedCampaign:
             raise LabError(f"--accuracy-mm {self.accuracy_mm:g}: give an accuracy above zero")
 
 
+@dataclass(frozen=True)
+class Correction:
+    """Which targets to correct, for which calibrated arm."""
+
+    targets: tyro.conf.Positional[Path]
+    """Where the tool is to be, in the frame in which the arm was measured: CSV."""
+    run: Path
+    """The folder of a run of lab calibrate or lab identify."""
+    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None
+    """What the targets' angles rx, ry, rz mean."""
+    force: Flag = False
+    """Also for a run whose verdict is bad, or that was never judged on poses it had not seen."""
+
+
 def _check_common(options: VirtualCampaign | MeasuredCampaign) -> None:
     options.fitting.check()
     whole("--seed", options.seed, 0)

@@ -1,0 +1,64 @@
+"""A calibrated arm as URDF, which most robot software reads."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from lab import frames
+from lab.frames import Array
+from lab.geometry.chain import Chain
+from lab.geometry.links import Link, free_name, link_tree
+from lab.geometry.serial import SerialArm
+from lab.output.link_mass import mass_and_centre, masses_note, numbers, placeholder_inertia
+from lab.study.robots import Robot
+
+_ABOUT = """\
+The identified geometry alone: no sag, no backlash, no shapes.
+The root link is the frame in which the arm was measured. Lengths in m, angles in rad.
+A velocity or an effort of 0 is one that is not known.
+"""
+
+
+def calibrated_urdf(robot: Robot, arm: SerialArm, values: Array) -> str:
+    """The arm with parameters ``values`` ``(p,)`` as links and joints, to the last digit.
+
+    Joints have the chain's names. Links are those of ``geometry.links``: the instrument's frame, the
+    table's frame 0, one a joint, the table's last frame, and one a target.
+    """
+    chain = arm.chain
+    root = ET.Element("robot", name=robot.name)
+    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", fusestatic="false")  # MuJoCo keeps fixed links
+    for link in link_tree(arm, values).links:
+        element = ET.SubElement(root, "link", name=link.name)
+        if link.joint is not None:
+            _add_mass(element, *mass_and_centre(robot, link))
+        if link.parent is not None:
+            _add_joint(root, chain, link, link.parent)
+    ET.indent(root)
+    head = f'<?xml version="1.0"?>\n<!--\n{_ABOUT}{masses_note(robot)}\n-->\n'
+    return head + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _add_mass(element: ET.Element, mass_kg: float, centre: Array) -> None:
+    inertial = ET.SubElement(element, "inertial")
+    ET.SubElement(inertial, "origin", xyz=numbers(centre), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=repr(mass_kg))
+    moment = repr(placeholder_inertia(mass_kg))
+    ET.SubElement(inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
+
+
+def _add_joint(root: ET.Element, chain: Chain, link: Link, parent: str) -> None:
+    """The joint that moves the link, or fixes it to its parent."""
+    i = link.joint
+    kind = "fixed" if i is None else "prismatic" if chain.prismatic[i] else "revolute"
+    name = free_name(f"{link.name}_fixed", chain.joint_names) if i is None else chain.joint_names[i]
+    joint = ET.SubElement(root, "joint", name=name, type=kind)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=link.name)
+    T = link.T_parent_link
+    ET.SubElement(joint, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(frames.roll_pitch_yaw(T[:3, :3])))
+    if i is None:
+        return
+    ET.SubElement(joint, "axis", xyz=numbers(np.array([0.0, 0.0, link.sign])))
+    lower, upper, speed = (repr(float(value[i])) for value in (chain.lower, chain.upper, np.nan_to_num(chain.speed)))
+    ET.SubElement(joint, "limit", lower=lower, upper=upper, effort="0", velocity=speed)
