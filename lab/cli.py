@@ -15,7 +15,8 @@ import tyro
 from lab.errors import LabError
 from lab.study.config_file import read_options
 from lab.study.option_groups import Fitting, Flag, Names, Numbers
-from lab.study.options import MeasuredCampaign, PlannedCampaign, VirtualCampaign
+from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, VirtualCampaign
+from lab.study.verify_options import Verification
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,36 @@ class Design:
     """Print the result as one JSON object."""
 
 
-Command = Calibrate | Identify | Inspect | Design
+@dataclass(frozen=True)
+class Verify:
+    """Test a few new measurements against a calibrated arm; where it is no longer good, say what has moved."""
+
+    verification: tyro.conf.OmitArgPrefixes[Verification]
+    out: Path | None = None
+    """The verification's folder: runs/verify-FILE by default, numbered if taken; an earlier run here is replaced."""
+    json: Flag = False
+    """Print the result as one JSON object."""
+
+
+@dataclass(frozen=True)
+class Compensate:
+    """Correct targets for a calibrated arm: joint values, corrected targets for its controller, and the arm itself."""
+
+    correction: tyro.conf.OmitArgPrefixes[Correction]
+    out: Path | None = None
+    """The folder for all files: runs/compensate-TARGETS by default, numbered if taken; an earlier run is replaced."""
+    json: Flag = False
+    """Print the result as one JSON object."""
+
+
+Command = Calibrate | Identify | Inspect | Design | Compensate | Verify
 _COMMANDS: dict[str, type[Command]] = {
     "calibrate": Calibrate,
     "identify": Identify,
     "inspect": Inspect,
     "design": Design,
+    "compensate": Compensate,
+    "verify": Verify,
 }
 _CONFIGURED = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign, "design": PlannedCampaign}
 
@@ -87,6 +112,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = _parsed(sys.argv[1:] if arguments is None else list(arguments))
         if isinstance(command, Inspect):
             code = _inspect(command)
+        elif isinstance(command, Verify):
+            code = _verify(command)
+        elif isinstance(command, Compensate):
+            code = _compensate(command)
         else:
             code = _design(command) if isinstance(command, Design) else _campaign(command)
         sys.stdout.flush()
@@ -214,6 +243,34 @@ def _design(command: Design) -> int:
     if not command.json:
         print_plan(plan, out)
     return 0
+
+
+def _compensate(command: Compensate) -> int:
+    """Correct, write and print; 1 where a target is not reached."""
+    from lab.output.correction import correction_summary, print_correction, warnings_of, write_correction
+    from lab.study.compensation import run_correction
+
+    with _written(command.out, f"compensate-{command.correction.targets.stem}") as (folder, out):
+        done = run_correction(command.correction)
+        write_correction(folder, done, command.correction)
+    _tell(warnings_of(done), correction_summary(done) if command.json else None)
+    if not command.json:
+        print_correction(done, out)
+    return 0 if done.found.converged.all() else 1
+
+
+def _verify(command: Verify) -> int:
+    """Test, write and print; 1 where something has changed."""
+    from lab.output.verification import print_verification, verification_summary, write_verification
+    from lab.study.verify import run_verification
+
+    with _written(command.out, f"verify-{command.verification.file.stem}") as (folder, out):
+        run = run_verification(command.verification)
+        write_verification(folder, run, command.verification)
+    _tell(run.warnings, verification_summary(run) if command.json else None)
+    if not command.json:
+        print_verification(run, out)
+    return 0 if run.verified.good else 1
 
 
 @contextlib.contextmanager

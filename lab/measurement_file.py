@@ -16,6 +16,7 @@ from lab.csv_table import CsvTable
 from lab.errors import LabError
 from lab.frames import Array
 from lab.measurements import Measurements
+from lab.orientations import ENDS
 
 USES = ("calibrate", "reference", "test", "skip")
 _ANGLE_UNITS = ("rad", "deg")
@@ -23,7 +24,6 @@ _LENGTH_EXPONENT = {"m": 0, "mm": -3}
 _TEXT_COLUMNS = ("id", "session", "use")
 _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("location", "socket")
-_ORIENTATION = ("qw", "qx", "qy", "qz", "rx_deg", "ry_deg", "rz_deg")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 POINTS_OBSERVED = ("points", "pose")  # kinds of sighting that take the measured points
 _LEAST_SIGMA_M = 1e-12
@@ -85,11 +85,11 @@ def read_measurements(
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    reader = _Reader(path, list(joint_names), list(prismatic), observe)
+    reader = PoseReader(path, list(joint_names), list(prismatic), observe)
     return reader.read(points and observe in POINTS_OBSERVED)
 
 
-class _Reader(CsvTable):
+class PoseReader(CsvTable):
     """A measurement file being read: what its columns mean."""
 
     def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool], observe: str) -> None:
@@ -98,6 +98,7 @@ class _Reader(CsvTable):
         self.warnings: list[str] = []
 
     def read(self, need_points: bool) -> Measurements:
+        """The whole file as measurements."""
         n = len(self.rows)
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
@@ -144,7 +145,7 @@ class _Reader(CsvTable):
 
     # Joints
 
-    def _joint(self, j: int) -> Array:
+    def _joint(self, j: int, *, empty: bool = False) -> Array:
         name, plain = self.joint_names[j], f"q{j + 1}"
         units = tuple(_LENGTH_EXPONENT) if self.prismatic[j] else _ANGLE_UNITS
         wrong = _ANGLE_UNITS if self.prismatic[j] else tuple(_LENGTH_EXPONENT)
@@ -168,7 +169,7 @@ class _Reader(CsvTable):
                 f"give {name}_{units[0]} or {name}_{units[1]}"
             )
         unit = columns[0].rsplit("_", 1)[1]
-        values = self.numbers(columns[0], _LENGTH_EXPONENT.get(unit, 0))
+        values = self.numbers(columns[0], _LENGTH_EXPONENT.get(unit, 0), empty=empty)
         return np.deg2rad(values) if unit == "deg" else values
 
     def _refuse_further_joints(self) -> None:
@@ -257,7 +258,7 @@ class _Reader(CsvTable):
         orientation, unknown = [], []
         rest = list(self.unread)
         for column in rest:
-            if any(column in (f"{t}_{o}" for o in _ORIENTATION) for t in targets) or column in _ORIENTATION:
+            if any(column in (f"{t}_{o}" for o in ENDS) for t in targets) or column in ENDS:
                 self.numbers(column, empty=True)
                 orientation.append(column)
             elif column not in _OTHER_RESERVED:
@@ -307,7 +308,7 @@ class _Reader(CsvTable):
         return f"approach_{joint if joint in self.joint_names else self.joint_names[plain.index(joint)]}", values
 
     def _refuse_unknown_axes(self, targets: list[str]) -> None:
-        ends = (*_COORDINATES, *_ORIENTATION)
+        ends = (*_COORDINATES, *ENDS)
         known = {*ends, *(f"{target}_{end}" for target in targets for end in ends)}
         for column in self.unread:
             if column in known:

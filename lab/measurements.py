@@ -1,6 +1,6 @@
 """What an instrument saw: joint readings with the positions of targets."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -95,17 +95,9 @@ class Measurements:
         return np.concatenate([self.joints, *columns], axis=1) if columns else self.joints
 
     def _condition(self, name: str) -> Array:
-        column = self.conditions.get(name)
-        if column is None and name.startswith(SESSION):
+        if name not in self.conditions and name.startswith(SESSION):
             return np.array([session == name.removeprefix(SESSION) for session in self.sessions], dtype=np.float64)
-        if column is None:
-            if name != "payload_kg":
-                raise LabError(f"column {name} is missing: the model needs it in every row")
-            return np.zeros(len(self))
-        if (empty := np.isnan(column)).any():
-            where = self.where(int(np.argmax(empty)))
-            raise LabError(f"{where}, column {name}: empty, but the model needs it in every row; fill it in")
-        return column
+        return asked(self.conditions, name, len(self), self.where)
 
     def without(self, ids: Sequence[str]) -> "Measurements":
         """The rows that are called otherwise."""
@@ -114,6 +106,26 @@ class Measurements:
     def only(self, *uses: str) -> "Measurements":
         """The rows of these uses."""
         return self.take([i for i, use in enumerate(self.use) if use in uses])
+
+
+def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable[[int], str]) -> Array:
+    """One condition of so many rows, as a model asks for it; where nothing is said of a payload there is none.
+
+    Args:
+        where: what an error calls a row.
+
+    Raises:
+        LabError: another condition is missing, or empty in a row.
+    """
+    column = conditions.get(name)
+    if column is None:
+        if name != "payload_kg":
+            raise LabError(f"column {name} is missing: the model needs it in every row")
+        return np.zeros(rows)
+    if (empty := np.isnan(column)).any():
+        row = where(int(np.argmax(empty)))
+        raise LabError(f"{row}, column {name}: empty, but the model needs it in every row; fill it in")
+    return column
 
 
 def seen_mask(points: Array) -> NDArray[np.bool_]:

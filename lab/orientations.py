@@ -13,6 +13,7 @@ Meaning = Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"]
 MEANINGS: tuple[Meaning, ...] = get_args(Meaning)
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ANGLES = ("rx_deg", "ry_deg", "rz_deg")
+ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
 _UNIT = 1e-3  # a quaternion's norm is that near to one
 
 
@@ -22,9 +23,8 @@ def oriented_target(data: Measurements) -> str:
     Raises:
         LabError: there is none, or there are several.
     """
-    ends = {*_QUATERNION, *_ANGLES}
-    found = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ends)]
-    if not found and len(data.targets) == 1 and ends & set(data.other):
+    found = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ENDS)]
+    if not found and len(data.targets) == 1 and set(ENDS) & set(data.other):
         found = [data.targets[0]]
     if not found:
         first = data.targets[0]

@@ -12,9 +12,10 @@ from lab import frames
 from lab.csv_table import CsvTable
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.affected import AffectedArm
+from lab.geometry.affected import AffectedArm, Arm, rigid_part
 from lab.geometry.effects import OF_ITS_CAMPAIGN
 from lab.geometry.serial import SerialArm
+from lab.geometry.ways import Drawing
 from lab.study.robots import Robot, load_robot
 
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
@@ -37,7 +38,7 @@ class Calibrated:
 
     folder: Path
     robot: Robot
-    arm: SerialArm | AffectedArm
+    arm: Arm
     values: Array
     before: Array
     R_last_tool: Array
@@ -47,9 +48,15 @@ class Calibrated:
     options: dict[str, Any]
 
     @property
-    def rigid(self) -> SerialArm:
-        """Its geometry, whose parameters come first in ``values``."""
-        return self.arm.arm if isinstance(self.arm, AffectedArm) else self.arm
+    def geometry(self) -> tuple[SerialArm, Array]:
+        """The arm without its effects, and its parameters."""
+        arm = rigid_part(self.arm)
+        return arm, self.values[: len(arm.names)]
+
+    def drawing(self, target: int) -> Drawing:
+        """What its controller computes with, to bring a target somewhere."""
+        arm = rigid_part(self.arm)
+        return Drawing(arm, self.before[: len(arm.names)], target)
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 import lab
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.affected import AffectedArm, affected
+from lab.geometry.affected import Arm, affected
 from lab.geometry.chain import Chain
 from lab.geometry.effects import Course, effect
 from lab.geometry.loads import Loads
@@ -49,7 +49,7 @@ class Robot:
         targets: tuple[str, ...],
         groups: Sequence[str],
         course: Course = Course(),  # noqa: B008
-    ) -> SerialArm | AffectedArm:
+    ) -> Arm:
         """The arm with groups of effects (``geometry.effects``), by name, for measurements of such a course.
 
         Raises:

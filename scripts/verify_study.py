@@ -1,0 +1,173 @@
+"""Does a verification notice what has moved, and name it? Virtual arms, each calibrated, then measured at new poses.
+
+Cases: nothing has changed; the base shifted in a random direction; the tool point moved in a random direction; the
+zero of axis 2 off. Each arm has bodies of its own, 30 to 50 random poses to be calibrated by, and a few new ones. A
+second part asks many more files of unchanged arms whether the test has its level: by Gaussian noise, known and
+estimated, and by the uniform noise of the usual tracker.
+"""
+
+import copy
+import json
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+import tyro
+from threadpoolctl import threadpool_limits
+
+from lab.calibration.identify import Identification, identify
+from lab.calibration.promise import LEVEL, Promise
+from lab.calibration.sightings.sighting import sighting_of
+from lab.calibration.verify import Verified, verify
+from lab.calibration.weights import Noise, weighed
+from lab.frames import Array
+from lab.instruments import Instrument, instrument
+from lab.seeds import stream
+from lab.study.option_groups import Flag
+from lab.study.options import VirtualCampaign
+from lab.study.robots import load_robot
+from lab.study.virtual_arm import perturbed_arm
+from lab.virtual.feasible import random_poses
+from lab.virtual.real import RealArm, track
+
+TARGETS = ("p1",)
+UNIFORM = instrument("uniform-8um")
+GAUSSIAN = Instrument("gaussian-8um", "gaussian", radial_m=UNIFORM.radial_m)
+LEVELS = {"Gaussian, known": (GAUSSIAN, True), "Gaussian, estimated": (GAUSSIAN, False), "uniform": (UNIFORM, True)}
+MOVED = {"unchanged": None, "base": "base", "tool": "tool", "axis 2": "joint"}
+
+
+@dataclass(frozen=True)
+class Options:
+    """How much to simulate, and how far things move."""
+
+    arms: int = 300
+    """Perturbed arms, each before a tracker of its own."""
+    poses: int = 8
+    """New poses of each."""
+    base_mm: float = 0.1
+    """How far the base shifts."""
+    tool_mm: float = 0.2
+    """How far the tool point moves."""
+    offset_mrad: float = 0.1
+    """How far the zero of axis 2 is off."""
+    files: int = 30
+    """Files of each arm, of 3 to 12 poses, to learn the level by."""
+    json: Flag = False
+    """Print one JSON object."""
+
+
+def promise_of(found: Identification) -> Promise:
+    """What an identification by points promises."""
+    freedom = None if found.sigma_known else found.freedom
+    return Promise(found.model, found.values, found.fit.free, found.covariance, freedom)
+
+
+def calibrated(real: RealArm, seed: int, device: Instrument, known: bool) -> Identification:
+    """The arm, identified at 30 to 50 random poses."""
+    robot, rng = load_robot("irb120"), stream(seed, "noise")
+    arm = robot.arm(TARGETS)
+    poses = random_poses(real.robot, 30 + 5 * (seed % 5), stream(seed, "poses"))
+    data = track(real, poses, TARGETS, device, rng)
+    return identify(arm, data, arm.nominal(robot.tool), Noise(device) if known else Noise())
+
+
+def checked(
+    found: Identification, real: RealArm, poses: Array, device: Instrument, rng: np.random.Generator
+) -> Verified:
+    """A verification by what the tracker sees of the arm at some new poses."""
+    data = track(real, poses, TARGETS, device, rng)
+    noise = Noise(device) if found.sigma_known else Noise(sigma_m=found.sigma_m)
+    return verify(promise_of(found), weighed(sighting_of(found.model), data, noise)[0])
+
+
+def changed(real: RealArm, case: str, options: Options, rng: np.random.Generator) -> RealArm:
+    """The arm after something has moved."""
+    direction = rng.standard_normal(3)
+    direction /= np.linalg.norm(direction)
+    if case == "axis 2":
+        off = np.eye(len(real.joint_offset))[1] * options.offset_mrad / 1e3
+        return replace(real, joint_offset=real.joint_offset + off)
+    model = copy.deepcopy(real.model)
+    if case == "tool":
+        model.site(TARGETS[0]).pos[:] += direction * options.tool_mm / 1e3
+    if case == "base":
+        return replace(real, T_world_tracker=_shifted(real.T_world_tracker, direction * options.base_mm / 1e3))
+    return replace(real, model=model)
+
+
+def _shifted(T_world_tracker: Array, shift: Array) -> Array:
+    """The tracker moved against the base, which is the same as the base against the tracker."""
+    moved = T_world_tracker.copy()
+    moved[:3, 3] += shift
+    return moved
+
+
+def of_one_arm(seed: int, options: Options) -> dict[str, Verified]:
+    """All cases of one arm."""
+    real = perturbed_arm(load_robot("irb120"), VirtualCampaign(seed=seed))
+    found, rng = calibrated(real, seed, UNIFORM, True), stream(seed, "fresh")
+    poses = random_poses(real.robot, options.poses, rng)
+    return {case: checked(found, changed(real, case, options, rng), poses, UNIFORM, rng) for case in MOVED}
+
+
+def rejected(seed: int, options: Options) -> dict[str, int]:
+    """How many files of an unchanged arm are not called good, by the noise."""
+    real = perturbed_arm(load_robot("irb120"), VirtualCampaign(seed=seed))
+    rng, counts = stream(seed, "fresh"), {}
+    for name, (device, known) in LEVELS.items():
+        found = calibrated(real, seed, device, known)
+        sizes = rng.integers(3, 13, options.files)
+        files = (checked(found, real, random_poses(real.robot, int(n), rng), device, rng) for n in sizes)
+        counts[name] = sum(not each.good for each in files)
+    return counts
+
+
+def summary(case: str, found: Sequence[Verified]) -> dict[str, float]:
+    """Shares of the arms."""
+    right = MOVED[case]
+    if right is None:
+        return {"good": float(np.mean([each.good for each in found]))}
+    named = [each.moved == (right,) for each in found]
+    unsure = [len(each.moved) > 1 and right in each.moved for each in found]
+    wrong = [bool(each.moved) and right not in each.moved for each in found]
+    return {
+        "noticed": float(np.mean([not each.good for each in found])),
+        "named": float(np.mean(named)),
+        "cannot_tell": float(np.mean(unsure)),
+        "wrong": float(np.mean(wrong)),
+        "nothing_explains": float(np.mean([not each.good and not each.moved for each in found])),
+    }
+
+
+def study(options: Options) -> dict[str, dict[str, float]]:
+    """All cases over all arms, and the level."""
+    with ProcessPoolExecutor(min(os.cpu_count() or 1, 8), initializer=threadpool_limits, initargs=(1,)) as pool:
+        each = [options] * options.arms
+        arms = list(pool.map(of_one_arm, range(options.arms), each, chunksize=8))
+        counts = list(pool.map(rejected, range(options.arms), each, chunksize=8)) if options.files else []
+    found = {case: summary(case, [arm[case] for arm in arms]) for case in MOVED}
+    total = options.arms * options.files
+    if counts:
+        found["level"] = {"meant": LEVEL, "files": total}
+        found["level"] |= {name: sum(count[name] for count in counts) / total for name in LEVELS}
+    return found
+
+
+def main() -> None:
+    """Run all and print it."""
+    options = tyro.cli(Options)
+    results = study(options)
+    if options.json:
+        print(json.dumps(results))
+        return
+    for case, result in results.items():
+        print(case)
+        for key, value in result.items():
+            print(f"  {key.replace('_', ' '):20} {value:.4f}")
+
+
+if __name__ == "__main__":
+    main()
