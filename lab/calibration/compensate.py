@@ -1,0 +1,266 @@
+"""Targets that an identified arm really hits: three schemes that end at the same place.
+
+(a) The identified arm's inverse, by Newton's method. (b) The differential scheme: joints moved by dq = -J+ dX, with
+the drawing's Jacobian J and the error dX evaluated anew where they then stand. (c) Targets corrected in space,
+X_C = X_R - dX, for a controller that goes on computing with the drawing; dX is evaluated at the joints that it
+finds for X_C. The last two are how elastic errors are compensated (e.g. Khalil & Besnard 2002; Klimchik 2011).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.frames import Array
+from lab.geometry.affected import Arm
+from lab.geometry.closed_form import Solutions
+from lab.geometry.inverse import Wanted, reach, shortest_step
+from lab.geometry.singular import singular_distance
+from lab.geometry.ways import Drawing, nearest_turns, ordered
+
+NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
+CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
+AGREED_M = 1e-6  # what the schemes may end apart, m or rad
+AIMINGS = 3  # of the drawing's inverse at what the arm misses, before Newton's method begins
+ROUNDS = 50  # of the schemes (b) and (c)
+SETTLED_M, SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
+LIMIT_SLACK = 1e-9  # rad or m: rounding
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Corrected targets.
+
+    Attributes:
+        joints: ``(n, joints)`` readings that bring the identified arm's tool to each target; where that fails, those
+            that come nearest.
+        uncorrected: ``(n, joints)`` readings that the drawing says, in the same branch.
+        places, turns: ``(n, 3)`` m, ``(n, 3, 3)``: the corrected targets in space, in the tracker's frame.
+        reasons: why a target cannot be reached, one each; empty where it is reached.
+        differential, cartesian: ``(n, joints)`` readings of the schemes (b) and (c).
+        apart_m: ``(n,)`` the largest distance between the schemes' places of the tool; NaN where one has none.
+        singular_rad: ``(n,)`` distance to the nearest singularity (m of a slide), and ``singular_joint`` the joint
+            that leads there.
+        steps: ``(n,)`` of scheme (a), from the drawing's inverse.
+    """
+
+    joints: Array
+    uncorrected: Array
+    places: Array
+    turns: Array
+    reasons: tuple[str, ...]
+    differential: Array
+    cartesian: Array
+    apart_m: Array
+    singular_rad: Array
+    singular_joint: NDArray[np.int_]
+    steps: NDArray[np.int_]
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """``(n,)``: which targets are reached."""
+        return np.array([not reason for reason in self.reasons], dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class Compensator:
+    """What is known of the arm, and what its controller computes with.
+
+    Attributes:
+        drawing: nominal links, base and tool: the controller's.
+        arm, values: as identified, with its effects.
+    """
+
+    drawing: Drawing
+    arm: Arm
+    values: Array
+
+    def __call__(self, wanted: Wanted, conditions: Array, reference: Array) -> Compensation:
+        """Correct targets, each by itself.
+
+        Args:
+            conditions: ``(n, c)``, what the arm's effects ask for.
+            reference: ``(n, joints)`` readings that say which way to take; NaN where that is free.
+        """
+        found = self._first_that_fits(wanted, conditions, reference)
+        fits = np.flatnonzero(found.fits)
+        some, given = wanted.take(fits), conditions[fits]
+        schemes = [self._differential(some, given, found.start[fits])]
+        aimed, by_space = self._cartesian(some, given, found.start[fits], found.branch[fits])
+        schemes.append(by_space)
+        differential, cartesian = (_spread(part, fits, found.joints.shape) for part in schemes)
+        places, turns = _spread(aimed.places, fits, wanted.places.shape), _spread(aimed.turns, fits, wanted.turns.shape)
+        apart = _spread(self._apart(given, some.turned, found.joints[fits], *schemes), fits, (len(wanted),))
+        _, jacobian = self._tool(found.joints, conditions)
+        distance, joint = singular_distance(jacobian)
+        return Compensation(
+            found.joints,
+            found.start,
+            places,
+            turns,
+            tuple(self._reason(found, i, distance[i], joint[i], apart[i]) for i in range(len(wanted))),
+            differential,
+            cartesian,
+            apart,
+            distance,
+            joint,
+            found.steps,
+        )
+
+    def _first_that_fits(self, wanted: Wanted, conditions: Array, reference: Array) -> "_Found":
+        """The identified arm's inverse, by the first way of the drawing that ends within limits; else the best."""
+        chain = self.drawing.arm.chain
+        ways = self.drawing.ways(wanted, reference)
+        starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways))
+        order[~wanted.turned] = -1  # found by search: of no branch
+        free = ~np.isfinite(reference).all(axis=1)
+        found = self._tried(wanted, conditions, starts[:, 0], order[:, 0])
+        for rank in range(1, order.shape[1]):
+            rows = np.flatnonzero(free & ~found.fits)
+            if not rows.size:
+                break
+            other = self._tried(wanted.take(rows), conditions[rows], starts[rows, rank], order[rows, rank])
+            found.take_better(rows, other)
+        return found
+
+    def _near_singular(self, wanted: Wanted, ways: Solutions) -> NDArray[np.bool_]:
+        """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
+        near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
+        joints = ways.joints[rows]
+        _, jacobian = self.drawing.tool(joints.reshape(-1, joints.shape[2]))
+        near[rows] = (singular_distance(jacobian)[0] < CLEAR_RAD).reshape(near[rows].shape)
+        return near
+
+    def _tried(self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]) -> "_Found":
+        """Newton's method from one way of the drawing, aimed a few times at what the arm misses there."""
+        chain = self.drawing.arm.chain
+        joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
+        going = np.arange(len(wanted))
+        for _ in range(AIMINGS):
+            aimed = self._aimed(wanted.take(going), joints[going], conditions[going])
+            joints[going], reached = self.drawing.again(aimed, joints[going], branch[going])
+            aimings[going] += 1
+            going = going[reached]
+        ended = reach(self.arm, self.values, wanted, joints, conditions, self.drawing.target)
+        turned = nearest_turns(chain, ended.joints, start)
+        excess = np.maximum(np.maximum(chain.lower - turned, turned - chain.upper), 0.0)
+        return _Found(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
+
+    def _differential(self, wanted: Wanted, conditions: Array, start: Array) -> Array:
+        """Scheme (b)."""
+        joints = start.copy()
+        for _ in range(ROUNDS):
+            missing = wanted.errors(self._tool(joints, conditions)[0])
+            going = np.flatnonzero(~_settled(missing))
+            if not going.size:
+                break
+            jacobian = self.drawing.tool(joints[going])[1]
+            joints[going] += shortest_step(jacobian, missing[going], wanted.turned[going])
+        return joints
+
+    def _cartesian(
+        self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]
+    ) -> tuple[Wanted, Array]:
+        """Scheme (c): the corrected targets, and the readings that the controller finds for them."""
+        drawn = self.drawing.tool(start)[0]
+        aimed = Wanted(wanted.places.copy(), np.where(wanted.turned[:, None, None], wanted.turns, drawn[:, :3, :3]))
+        joints = start.copy()
+        for _ in range(ROUNDS):
+            missing = wanted.errors(self._tool(joints, conditions)[0])
+            going = np.flatnonzero(~_settled(missing))
+            if not going.size:
+                break
+            corrected = self._aimed(wanted.take(going), joints[going], conditions[going])
+            aimed.places[going] = corrected.places
+            turned = going[wanted.turned[going]]
+            aimed.turns[turned] = corrected.turns[wanted.turned[going]]
+            joints[going] = self.drawing.again(aimed.take(going), joints[going], branch[going])[0]
+        return aimed, joints
+
+    def _aimed(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
+        """X_C = X_R - dX: where to aim the drawing, by what the arm misses at these readings."""
+        real, drawn = self._tool(joints, conditions)[0], self.drawing.tool(joints)[0]
+        places = wanted.places - (real[:, :3, 3] - drawn[:, :3, 3])
+        return Wanted(places, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.turns)
+
+    def _tool(self, joints: Array, conditions: Array) -> tuple[Array, Array]:
+        return self.arm.tool(np.concatenate([joints, conditions], axis=1), self.values, self.drawing.target)
+
+    def _apart(self, conditions: Array, turned: NDArray[np.bool_], *schemes: Array) -> Array:
+        """The largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""
+        Ts = [self._tool(joints, conditions)[0] for joints in schemes]
+        apart = np.zeros(len(turned))
+        for other in Ts[1:]:
+            missing = Wanted(Ts[0][:, :3, 3], Ts[0][:, :3, :3]).errors(other)
+            missing[~turned, 3:] = 0.0
+            apart = np.maximum(apart, np.abs(missing).max(axis=1))
+        return apart
+
+    def _reason(self, found: "_Found", i: int, distance: float, joint: int, apart: float) -> str:
+        """Why a target is not reached; empty if it is."""
+        chain = self.drawing.arm.chain
+        if apart <= AGREED_M:
+            return ""
+        near = f"{np.rad2deg(distance):.2g}° from a singularity of the arm ({chain.joint_names[joint]})"
+        if distance < NEAR_RAD:
+            near = f"within 1° of a singularity: {near}"
+        worst = int(found.excess[i].argmax())
+        if found.arrived[i] and found.excess[i, worst] <= LIMIT_SLACK:
+            return f"{near}, where the schemes of compensation do not meet"
+        if found.arrived[i]:
+            at = found.joints[i, worst]
+            limit = chain.upper[worst] if at > chain.upper[worst] else chain.lower[worst]
+            factor, unit = (1e3, " mm") if chain.prismatic[worst] else (180 / np.pi, "°")
+            return (
+                f"joint limit: {chain.joint_names[worst]} would be at {factor * at:.4g}{unit}, "
+                f"beyond {factor * limit:.4g}{unit}"
+            )
+        short = float(np.linalg.norm(found.errors[i, :3]))
+        return f"out of reach by {float(f'{1e3 * short:.3g}'):g} mm" if short > AGREED_M else near
+
+
+@dataclass
+class _Found:
+    """The best that was found so far.
+
+    Attributes:
+        start: ``(n, joints)`` the drawing's readings, of its ways ``branch`` ``(n,)``.
+        joints: ``(n, joints)`` the identified arm's.
+        errors: ``(n, 6)`` what is missing.
+        arrived: ``(n,)`` whether nothing is.
+        excess: ``(n, joints)`` beyond limits.
+        steps: ``(n,)``.
+    """
+
+    start: Array
+    branch: NDArray[np.int_]
+    joints: Array
+    errors: Array
+    arrived: NDArray[np.bool_]
+    excess: Array
+    steps: NDArray[np.int_]
+
+    @property
+    def fits(self) -> NDArray[np.bool_]:
+        """``(n,)``: arrived, and within limits."""
+        return np.asarray(self.arrived & (self.excess.max(axis=1) <= LIMIT_SLACK))
+
+    def take_better(self, rows: NDArray[np.int_], other: "_Found") -> None:
+        """Put what another way found for some rows in the place of what is worse."""
+        cost = [np.where(f.arrived, f.excess.max(axis=1), 1e3 + np.abs(f.errors).max(axis=1)) for f in (self, other)]
+        better = cost[1] < cost[0][rows]
+        for name in ("start", "branch", "joints", "errors", "arrived", "excess", "steps"):
+            getattr(self, name)[rows[better]] = getattr(other, name)[better]
+
+
+def _settled(missing: Array) -> NDArray[np.bool_]:
+    """``(n,)``: whether what is missing ``(n, 6)`` is nothing."""
+    place, turn = np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
+    return np.asarray((place < SETTLED_M) & (turn < SETTLED_RAD))
+
+
+def _spread(part: Array, rows: NDArray[np.int_], shape: tuple[int, ...]) -> Array:
+    """Values of some rows among all, NaN in the others."""
+    whole = np.full(shape, np.nan)
+    whole[rows] = part
+    return whole

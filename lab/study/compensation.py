@@ -1,0 +1,115 @@
+"""Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.compensate import Compensation, Compensator
+from lab.errors import LabError
+from lab.frames import Array
+from lab.geometry.inverse import Wanted
+from lab.measurements import asked
+from lab.study.calibrated import Calibrated, read_calibrated
+from lab.study.options import Correction
+from lab.target_file import Targets, read_targets
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """What became of a list of targets.
+
+    Attributes:
+        wanted: the targets, the rotations as those of the last frame.
+        settings: ``(n, joints + conditions)`` of the arm at its corrected readings.
+        without_effects_m: how far geometry alone is off there (root mean square), which is all that an exported
+            arm holds; None where there is nothing else.
+    """
+
+    run: Calibrated
+    targets: Targets
+    wanted: Wanted
+    found: Compensation
+    settings: Array
+    without_effects_m: float | None
+    warnings: tuple[str, ...]
+
+    @property
+    def correction_m(self) -> Array:
+        """``(n,)`` how far each target is moved for the controller; NaN where it is not reached."""
+        return np.asarray(np.linalg.norm(self.found.places - self.wanted.places, axis=1))
+
+    @property
+    def predicted_m(self) -> Array:
+        """``(n,)`` root mean square error that the calibration's own uncertainty leaves at each target."""
+        run = self.run
+        jacobian = run.arm.observe(self.settings, run.values)[1][:, self.target]
+        rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
+        return np.asarray(np.sqrt(np.einsum("nif,fg,nig->n", rows, run.covariance, rows)))
+
+    @property
+    def target(self) -> int:
+        """Which of the arm's targets is aimed."""
+        return self.run.arm.targets.index(self.targets.tool)
+
+    @property
+    def R_targets(self) -> Array:
+        """Rotations ``(n, 3, 3)`` of the tool in the corrected targets."""
+        return np.asarray(self.found.turns @ self.run.R_last_tool)
+
+
+def run_correction(options: Correction) -> Corrected:
+    """Correct the targets of a file for the arm of a run."""
+    run = read_calibrated(options.run)
+    if not options.force:
+        run.refuse_unfit("compensation")
+    chain = run.robot.chain
+    targets = read_targets(options.targets, chain.joint_names, chain.prismatic, options.orientation)
+    return corrected(run, targets, str(options.targets))
+
+
+def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
+    """Correct targets for the arm of a run.
+
+    Args:
+        source: what an error calls the targets.
+
+    Raises:
+        LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
+    """
+    if targets.tool not in run.arm.targets:
+        raise LabError(
+            f"{source}: tool {targets.tool} was not identified in {run.folder}, which has "
+            f"{', '.join(run.arm.targets)}; rename the columns, or measure that point"
+        )
+    conditions, warnings = _conditions(run, targets, source)
+    target = run.arm.targets.index(targets.tool)
+    wanted = Wanted(targets.places, targets.turns @ run.R_last_tool.T)
+    found = Compensator(run.drawing(target), run.arm, run.values)(wanted, conditions, targets.joints)
+    settings = np.concatenate([found.joints, conditions], axis=1)
+    without = None
+    if run.groups and found.converged.any():
+        some = settings[found.converged]
+        rigid, values = run.geometry
+        alone = rigid.points(some[:, : rigid.chain.size], values)[:, target]
+        off = run.arm.points(some, run.values)[:, target] - alone
+        without = float(np.sqrt((off**2).sum(axis=1).mean()))
+        warnings.append(
+            f"the exported arm holds geometry alone: without {', '.join(run.groups)} it is off by "
+            f"{1e3 * without:.2g} mm at these targets"
+        )
+    return Corrected(run, targets, wanted, found, settings, without, (*targets.warnings, *warnings))
+
+
+def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:
+    """What the arm's effects ask for at each target ``(n, c)``, and what was taken for granted."""
+    try:
+        columns = [
+            asked(targets.conditions, name, len(targets), lambda row: f"line {targets.lines[row]}")
+            for name in run.arm.conditions
+        ]
+    except LabError as error:
+        raise LabError(f"{source}: {error}") from error
+    said = []
+    if "payload_kg" in run.arm.conditions and "payload_kg" not in targets.conditions:
+        said.append(f"{source}: no column payload_kg: nothing is taken to hang at the flange at any target")
+    return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said
