@@ -26,6 +26,8 @@ Purpose = Literal[
     "touched",
     "places",
     "null",
+    "targets",
+    "visits",
 ]
 
 

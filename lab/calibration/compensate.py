@@ -6,11 +6,13 @@ X_C = X_R - dX, for a controller that goes on computing with the drawing; dX is 
 finds for X_C. The last two are how elastic errors are compensated (e.g. Khalil & Besnard 2002; Klimchik 2011).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.attempts import Attempts
 from lab.frames import Array
 from lab.geometry.affected import Arm
 from lab.geometry.closed_form import Solutions
@@ -18,13 +20,12 @@ from lab.geometry.inverse import Wanted, reach, shortest_step
 from lab.geometry.singular import singular_distance
 from lab.geometry.ways import Drawing, nearest_turns, ordered
 
-NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
-AGREED_M = 1e-6  # what the schemes may end apart, m or rad
 AIMINGS = 3  # of the drawing's inverse at what the arm misses, before Newton's method begins
 ROUNDS = 50  # of the schemes (b) and (c)
 SETTLED_M, SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
-LIMIT_SLACK = 1e-9  # rad or m: rounding
+
+Moved = Callable[[NDArray[np.int_], Array, Array], Array]  # rows, their readings, what is missing: to new readings
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Compensator:
             conditions: ``(n, c)``, what the arm's effects ask for.
             reference: ``(n, joints)`` readings that say which way to take; NaN where that is free.
         """
-        found = self._first_that_fits(wanted, conditions, reference)
+        chain, found = self.drawing.arm.chain, self._first_that_fits(wanted, conditions, reference)
         fits = np.flatnonzero(found.fits)
         some, given = wanted.take(fits), conditions[fits]
         schemes = [self._differential(some, given, found.start[fits])]
@@ -98,7 +99,7 @@ class Compensator:
             found.start,
             places,
             turns,
-            tuple(self._reason(found, i, distance[i], joint[i], apart[i]) for i in range(len(wanted))),
+            tuple(found.reason(i, chain, (distance[i], joint[i]), apart[i]) for i in range(len(wanted))),
             differential,
             cartesian,
             apart,
@@ -107,7 +108,7 @@ class Compensator:
             found.steps,
         )
 
-    def _first_that_fits(self, wanted: Wanted, conditions: Array, reference: Array) -> "_Found":
+    def _first_that_fits(self, wanted: Wanted, conditions: Array, reference: Array) -> Attempts:
         """The identified arm's inverse, by the first way of the drawing that ends within limits; else the best."""
         chain = self.drawing.arm.chain
         ways = self.drawing.ways(wanted, reference)
@@ -131,7 +132,7 @@ class Compensator:
         near[rows] = (singular_distance(jacobian)[0] < CLEAR_RAD).reshape(near[rows].shape)
         return near
 
-    def _tried(self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]) -> "_Found":
+    def _tried(self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
         """Newton's method from one way of the drawing, aimed a few times at what the arm misses there."""
         chain = self.drawing.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
@@ -144,38 +145,42 @@ class Compensator:
         ended = reach(self.arm, self.values, wanted, joints, conditions, self.drawing.target)
         turned = nearest_turns(chain, ended.joints, start)
         excess = np.maximum(np.maximum(chain.lower - turned, turned - chain.upper), 0.0)
-        return _Found(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
+        return Attempts(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
 
     def _differential(self, wanted: Wanted, conditions: Array, start: Array) -> Array:
         """Scheme (b)."""
-        joints = start.copy()
-        for _ in range(ROUNDS):
-            missing = wanted.errors(self._tool(joints, conditions)[0])
-            going = np.flatnonzero(~_settled(missing))
-            if not going.size:
-                break
-            jacobian = self.drawing.tool(joints[going])[1]
-            joints[going] += shortest_step(jacobian, missing[going], wanted.turned[going])
-        return joints
+
+        def moved(rows: NDArray[np.int_], joints: Array, missing: Array) -> Array:
+            return joints + shortest_step(self.drawing.tool(joints)[1], missing, wanted.turned[rows])
+
+        return self._iterated(wanted, conditions, start, moved)
 
     def _cartesian(
         self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]
     ) -> tuple[Wanted, Array]:
         """Scheme (c): the corrected targets, and the readings that the controller finds for them."""
-        drawn = self.drawing.tool(start)[0]
-        aimed = Wanted(wanted.places.copy(), np.where(wanted.turned[:, None, None], wanted.turns, drawn[:, :3, :3]))
-        joints = start.copy()
+        drawn, turned = self.drawing.tool(start)[0], wanted.turned
+        aimed = Wanted(wanted.places.copy(), np.where(turned[:, None, None], wanted.turns, drawn[:, :3, :3]))
+
+        def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
+            corrected = self._aimed(wanted.take(rows), joints, conditions[rows])
+            aimed.places[rows] = corrected.places
+            aimed.turns[rows[turned[rows]]] = corrected.turns[turned[rows]]
+            return self.drawing.again(aimed.take(rows), joints, branch[rows])[0]
+
+        return aimed, self._iterated(wanted, conditions, start, moved)
+
+    def _iterated(self, wanted: Wanted, conditions: Array, start: Array, moved: Moved) -> Array:
+        """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted."""
+        joints, going = start.copy(), np.arange(len(wanted))
         for _ in range(ROUNDS):
-            missing = wanted.errors(self._tool(joints, conditions)[0])
-            going = np.flatnonzero(~_settled(missing))
+            missing = wanted.take(going).errors(self._tool(joints[going], conditions[going])[0])
+            far = ~_settled(missing)
+            going = going[far]
             if not going.size:
                 break
-            corrected = self._aimed(wanted.take(going), joints[going], conditions[going])
-            aimed.places[going] = corrected.places
-            turned = going[wanted.turned[going]]
-            aimed.turns[turned] = corrected.turns[wanted.turned[going]]
-            joints[going] = self.drawing.again(aimed.take(going), joints[going], branch[going])[0]
-        return aimed, joints
+            joints[going] = moved(going, joints[going], missing[far])
+        return joints
 
     def _aimed(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
         """X_C = X_R - dX: where to aim the drawing, by what the arm misses at these readings."""
@@ -195,62 +200,6 @@ class Compensator:
             missing[~turned, 3:] = 0.0
             apart = np.maximum(apart, np.abs(missing).max(axis=1))
         return apart
-
-    def _reason(self, found: "_Found", i: int, distance: float, joint: int, apart: float) -> str:
-        """Why a target is not reached; empty if it is."""
-        chain = self.drawing.arm.chain
-        if apart <= AGREED_M:
-            return ""
-        near = f"{np.rad2deg(distance):.2g}° from a singularity of the arm ({chain.joint_names[joint]})"
-        if distance < NEAR_RAD:
-            near = f"within 1° of a singularity: {near}"
-        worst = int(found.excess[i].argmax())
-        if found.arrived[i] and found.excess[i, worst] <= LIMIT_SLACK:
-            return f"{near}, where the schemes of compensation do not meet"
-        if found.arrived[i]:
-            at = found.joints[i, worst]
-            limit = chain.upper[worst] if at > chain.upper[worst] else chain.lower[worst]
-            factor, unit = (1e3, " mm") if chain.prismatic[worst] else (180 / np.pi, "°")
-            return (
-                f"joint limit: {chain.joint_names[worst]} would be at {factor * at:.4g}{unit}, "
-                f"beyond {factor * limit:.4g}{unit}"
-            )
-        short = float(np.linalg.norm(found.errors[i, :3]))
-        return f"out of reach by {float(f'{1e3 * short:.3g}'):g} mm" if short > AGREED_M else near
-
-
-@dataclass
-class _Found:
-    """The best that was found so far.
-
-    Attributes:
-        start: ``(n, joints)`` the drawing's readings, of its ways ``branch`` ``(n,)``.
-        joints: ``(n, joints)`` the identified arm's.
-        errors: ``(n, 6)`` what is missing.
-        arrived: ``(n,)`` whether nothing is.
-        excess: ``(n, joints)`` beyond limits.
-        steps: ``(n,)``.
-    """
-
-    start: Array
-    branch: NDArray[np.int_]
-    joints: Array
-    errors: Array
-    arrived: NDArray[np.bool_]
-    excess: Array
-    steps: NDArray[np.int_]
-
-    @property
-    def fits(self) -> NDArray[np.bool_]:
-        """``(n,)``: arrived, and within limits."""
-        return np.asarray(self.arrived & (self.excess.max(axis=1) <= LIMIT_SLACK))
-
-    def take_better(self, rows: NDArray[np.int_], other: "_Found") -> None:
-        """Put what another way found for some rows in the place of what is worse."""
-        cost = [np.where(f.arrived, f.excess.max(axis=1), 1e3 + np.abs(f.errors).max(axis=1)) for f in (self, other)]
-        better = cost[1] < cost[0][rows]
-        for name in ("start", "branch", "joints", "errors", "arrived", "excess", "steps"):
-            getattr(self, name)[rows[better]] = getattr(other, name)[better]
 
 
 def _settled(missing: Array) -> NDArray[np.bool_]:

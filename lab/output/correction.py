@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lab import frames
-from lab.calibration.compensate import NEAR_RAD
+from lab.calibration.attempts import NEAR_RAD
 from lab.frames import Array
 from lab.output.arm_files import arm_files
 from lab.output.rapid import program_module, why_no_rapid

@@ -262,7 +262,9 @@ def _add_sites(
     """Give the spec a site for every target and the tracker; return the targets in the last frame."""
     existing = {model.site(site).name: site for site in range(model.nsite)}
     if TRACKER not in existing:
-        tracker = spec.worldbody.add_body(name=TRACKER, pos=_DEFAULT_TRACKER)
+        taken = {body.name for body in spec.bodies}
+        name = next(name for n in itertools.count(1) if (name := TRACKER if n == 1 else f"{TRACKER}{n}") not in taken)
+        tracker = spec.worldbody.add_body(name=name, pos=_DEFAULT_TRACKER)
         tracker.add_site(name=TRACKER)
     beyond = _beyond(model, bodies[-1])
     tool = {

@@ -1,0 +1,203 @@
+"""``lab compensate`` as a user calls it: what it prints, what it writes, what it refuses."""
+
+import csv
+import json
+import re
+import shutil
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from arms import IRB120, ROOT
+
+from lab import frames
+from lab.cli import main
+from lab.frames import Array
+from lab.geometry.singular import singular_distance
+from lab.geometry.table import read_table
+from lab.study.calibrated import Calibrated, read_calibrated
+from lab.study.robots import load_robot
+from lab.target_file import read_targets
+
+FILES = {
+    "config.json", "result.json", "joints.csv", "cartesian.csv", "program.mod",
+    "calibrated.xml", "calibrated.urdf", "calibrated.toml",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "rigid"
+    assert main(["calibrate", "--seed", "3", "--out", str(out), "--json"]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "soft"
+    bends = ["--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3", "--model", "compliance"]
+    assert main(["calibrate", "--seed", "3", *bends, "--out", str(out), "--json"]) == 0
+    return out
+
+
+def poses(calibrated: Calibrated, count: int) -> Array:
+    """Where the calibrated arm can be, clear of singularities."""
+    arm, values = calibrated.geometry
+    joints = 0.8 * arm.chain.random_joints(4 * count, np.random.default_rng(1))
+    joints = joints[singular_distance(arm.tool(joints, values)[1])[0] > 0.05][:count]
+    return arm.tool(joints, values)[0]
+
+
+def write_targets(path: Path, Ts: Array, extra: str = "", cell: str = "") -> None:
+    quaternions = frames.quaternion_from_rotation(Ts[:, :3, :3])
+    rows = [f"id,x_mm,y_mm,z_mm,qw,qx,qy,qz{extra}"]
+    for i, (T, q) in enumerate(zip(Ts, quaternions, strict=True)):
+        rows.append(",".join([f"t{i}", *(repr(float(v)) for v in (*(1e3 * T[:3, 3]), *q))]) + cell)
+    path.write_text("\n".join(rows) + "\n")
+
+
+def compensated(capsys, targets: Path, run: Path, out: Path, *more: str) -> tuple[int, dict]:
+    code = main(["compensate", str(targets), "--run", str(run), "--out", str(out), "--json", *more])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def rows_of(path: Path) -> tuple[list[str], Array]:
+    with path.open(encoding="utf-8") as file:
+        table = list(csv.reader(file))
+    return [row[0] for row in table[1:]], np.array([row[1:] for row in table[1:]], dtype=float)
+
+
+def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path, capsys) -> None:
+    """By the exported arm, in MuJoCo; and the corrected targets by the nominal arm alone."""
+    calibrated = read_calibrated(run)
+    Ts = poses(calibrated, 40)
+    Ts[11, :3, 3] += 4.0
+    write_targets(tmp_path / "targets.csv", Ts)
+    out = tmp_path / "out"
+    code, result = compensated(capsys, tmp_path / "targets.csv", run, out)
+    assert code == 1 and {path.name for path in out.iterdir()} == FILES
+    assert result == json.loads((out / "result.json").read_text())
+    assert (result["targets"], result["converged"]) == (40, 39) and result["tool"] == "p1"
+    assert [each["id"] for each in result["failed"]] == ["t11"] and "out of reach" in result["failed"][0]["reason"]
+    assert 0.3 < result["correction_mm"]["mean"] < result["correction_mm"]["max"] < 12
+    assert 0.001 < result["predicted_mm"]["mean"] < 0.01 and result["schemes_apart_mm"] <= 1e-3
+    assert result["without_effects_mm"] is None and not result["warnings"]
+
+    kept = [i for i in range(40) if i != 11]
+    ids, degrees = rows_of(out / "joints.csv")
+    assert ids == [f"t{i}" for i in kept]
+    model = mujoco.MjModel.from_xml_path(str(out / "calibrated.xml"))
+    data, tracker, site = mujoco.MjData(model), model.site("tracker").id, model.site("p1").id
+    for angles, T in zip(np.deg2rad(degrees), Ts[kept], strict=True):
+        data.qpos[:] = angles
+        mujoco.mj_kinematics(model, data)
+        R = data.site_xmat[tracker].reshape(3, 3)
+        np.testing.assert_allclose(R.T @ (data.site_xpos[site] - data.site_xpos[tracker]), T[:3, 3], atol=1e-9)
+
+    corrected = read_targets(out / "cartesian.csv", IRB120.chain.joint_names, IRB120.chain.prismatic)
+    drawing = calibrated.drawing(0)
+    by_controller = drawing.tool(np.deg2rad(degrees))[0]
+    np.testing.assert_allclose(by_controller[:, :3, 3], corrected.places, atol=1e-6)
+    np.testing.assert_allclose(by_controller[:, :3, :3], corrected.turns, atol=1e-6)
+
+
+def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsys) -> None:
+    calibrated = read_calibrated(run)
+    Ts = poses(calibrated, 3)
+    write_targets(tmp_path / "targets.csv", Ts)
+    out = tmp_path / "out"
+    assert compensated(capsys, tmp_path / "targets.csv", run, out)[0] == 0
+    program = (out / "program.mod").read_text(encoding="ascii")
+    found = re.findall(r"jointtarget \w+:=\[\[([^\]]*)\]", program)
+    _, degrees = rows_of(out / "joints.csv")
+    np.testing.assert_allclose([[float(x) for x in each.split(",")] for each in found], degrees, atol=1e-6)
+    table = read_table(out / "calibrated.toml")
+    arm, values = calibrated.geometry
+    base, rows, tool = arm.split(values)
+    assert (table.chain.table == rows).all() and (table.base == base).all() and (table.tool["p1"] == tool[0]).all()
+    urdf = load_robot(str(out / "calibrated.urdf"))
+    assert urdf.chain.joint_names == IRB120.chain.joint_names
+
+
+def test_a_bent_arm_is_corrected_for_its_payload_and_says_what_files_cannot_hold(soft: Path, tmp_path, capsys) -> None:
+    Ts = poses(read_calibrated(soft), 20)
+    write_targets(tmp_path / "loaded.csv", Ts, ",payload_kg", ",3")
+    code, result = compensated(capsys, tmp_path / "loaded.csv", soft, tmp_path / "loaded")
+    assert code == 0 and result["model"] == "geometric+compliance"
+    assert 0.1 < result["without_effects_mm"] < 0.5
+    assert "holds geometry alone: without compliance it is off by 0." in result["warnings"][0]
+    header = (tmp_path / "loaded" / "joints.csv").read_text().splitlines()[0]
+    assert header == "id,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg"
+    write_targets(tmp_path / "empty.csv", Ts)
+    code, unloaded = compensated(capsys, tmp_path / "empty.csv", soft, tmp_path / "empty")
+    assert code == 0 and unloaded["without_effects_mm"] < 0.8 * result["without_effects_mm"]
+    assert any("no column payload_kg" in warning for warning in unloaded["warnings"])
+    (_, heavy), (_, light) = (rows_of(tmp_path / name / "joints.csv") for name in ("loaded", "empty"))
+    lifted = np.abs(np.deg2rad(heavy[:, 1] - light[:, 1]))
+    assert 1e-5 < lifted.max() < 1e-3  # 3 kg half a metre out on 1e5 Nm/rad
+
+
+def test_it_prints_for_a_person(run: Path, tmp_path, capsys) -> None:
+    Ts = poses(read_calibrated(run), 3)
+    Ts[1, :3, 3] += 4.0
+    write_targets(tmp_path / "targets.csv", Ts)
+    assert main(["compensate", str(tmp_path / "targets.csv"), "--run", str(run), "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().out
+    assert "2 of 3 targets of p1 corrected" in said and "t1" in said and "out of reach" in said
+
+
+def copied(run: Path, tmp_path: Path, name: str, change) -> Path:
+    folder = tmp_path / "changed"
+    shutil.copytree(run, folder)
+    path = folder / name
+    path.write_text(change(path.read_text()))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"), [("bad", "verdict of this run is 'bad'"), ("not judged", "'not judged'")]
+)
+def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, capsys, verdict: str, words: str) -> None:
+    changed = copied(run, tmp_path, "result.json", lambda text: json.dumps({**json.loads(text), "verdict": verdict}))
+    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
+    arguments = ["compensate", str(tmp_path / "targets.csv"), "--run", str(changed), "--out", str(tmp_path / "out")]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert words in said and "--force" in said and said.count("\n") == 1 and not (tmp_path / "out").exists()
+    assert main([*arguments, "--force"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("targets", "change", "words"),
+    [
+        ("id,x,y,z\na,1,2,3\n", None, "column x: unknown unit or axis"),
+        ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n1,2,3,1,1,0,0\n", None, "quaternion's norm is 1.41421"),
+        ("p2_x_mm,p2_y_mm,p2_z_mm\n1,2,3\n", None, "tool p2 was not identified"),
+        ("x_mm,y_mm,z_mm,q7_deg\n1,2,3,4\n", None, "q7_deg is no joint of the robot"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n", ("config.json", lambda text: text.replace('256": "', '256": "0')), "another robot"),
+        (
+            "x_mm,y_mm,z_mm\n1,2,3\n",
+            (
+                "parameters.json",
+                lambda text: json.dumps([r for r in json.loads(text) if not r["name"].startswith("tool.")]),
+            ),
+            "has no tool",
+        ),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(run: Path, tmp_path, capsys, targets, change, words: str) -> None:
+    path = tmp_path / "targets.csv"
+    path.write_text(targets)
+    folder = run if change is None else copied(run, tmp_path, *change)
+    out = tmp_path / "out"
+    assert main(["compensate", str(path), "--run", str(folder), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert words in said and said.startswith("lab: ") and said.count("\n") == 1 and not out.exists()
+
+
+def test_a_folder_that_is_no_run_is_told(tmp_path, capsys) -> None:
+    path = tmp_path / "targets.csv"
+    path.write_text("x_mm,y_mm,z_mm\n1,2,3\n")
+    assert main(["compensate", str(path), "--run", str(ROOT / "models"), "--out", str(tmp_path / "out")]) == 2
+    assert "config.json: cannot be read" in capsys.readouterr().err
