@@ -15,8 +15,7 @@ import tyro
 from lab.errors import LabError
 from lab.study.config_file import read_options
 from lab.study.option_groups import Fitting, Flag, Names, Numbers
-from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, VirtualCampaign
-from lab.study.verify_options import Verification
+from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, Verification, VirtualCampaign
 
 
 @dataclass(frozen=True)

@@ -79,11 +79,8 @@ def study(given: argparse.Namespace) -> dict[str, Any]:
 def closed(outcome: Outcome, cube: Cube, seed: int, given: argparse.Namespace) -> ClosedLoop:
     """One arm's loop; the first one's is recorded."""
     loop = close_loop(outcome, cube, instrument(given.instrument), seed, given.payload_kg, given.targets)
-    if (
-        given.out is not None
-        and seed == given.seed
-        and outcome.fit.groups == (("compliance",) if given.stiffness_nm_per_rad else ())
-    ):
+    whole = bool(outcome.fit.groups) == (given.stiffness_nm_per_rad is not None)
+    if given.out is not None and seed == given.seed and whole:
         from lab.output.loop_recording import record_loop
 
         record_loop(given.out, outcome, loop)
@@ -118,10 +115,11 @@ def figures(loops: list[ClosedLoop]) -> dict[str, Any]:
 
 def table(result: dict[str, Any]) -> str:
     """The same as a few lines."""
+    after, worst = result["ap_after_mm"], result["ap_after_worst_mm"]
     lines = [
         f"{result['arms']} arms calibrated from {POSES} designed poses ({result['model']}), mm:",
         f"  ISO 9283, cube of {result['cube_mm']:g} mm: AP {result['ap_before_mm']:.3f} before (median), "
-        f"{result['ap_after_mm']:.4f} after (mean; worst arm {result['ap_after_worst_mm']:.4f}); RP {result['rp_mm']:.4f}",
+        f"{after:.4f} after (mean; worst arm {worst:.4f}); RP {result['rp_mm']:.4f}",
     ]
     for name in COURSES:
         before, after, worst = (result[f"{name}_{key}_mm"] for key in ("before", "after", "after_worst"))

@@ -119,6 +119,19 @@ def test_the_branch_that_is_given_is_kept_and_otherwise_the_nearest_is_taken() -
     assert steps[0] < 0.8 * steps[1]  # one after the other, the nearest way is shorter
 
 
+def test_a_path_stays_in_the_branch_that_its_first_target_names() -> None:
+    """Far from the readings zero, where another way would be nearer to them."""
+    of = compensator((), 14)
+    ends = np.deg2rad([[100.0, -60, -20, 150, -60, 250], [140.0, -30, 10, 120, -80, 300]])
+    path = ends[0] + np.linspace(0, 1, 40)[:, None] * (ends[1] - ends[0])
+    Ts, _ = of.arm.tool(path, of.values)
+    reference = np.full(path.shape, np.nan)
+    reference[0] = path[0]
+    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), reference)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.joints, path, atol=1e-8)
+
+
 def test_what_cannot_be_reached_says_why() -> None:
     of = compensator((), 9)
     chain = of.drawing.arm.chain

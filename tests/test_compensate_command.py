@@ -112,6 +112,15 @@ def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsy
     found = re.findall(r"jointtarget \w+:=\[\[([^\]]*)\]", program)
     _, degrees = rows_of(out / "joints.csv")
     np.testing.assert_allclose([[float(x) for x in each.split(",")] for each in found], degrees, atol=1e-6)
+    drawing = calibrated.drawing(0)
+    base, _, tool = drawing.arm.split(drawing.values)  # the controller computes with the drawing, so these suit it
+    tool_at = re.search(r"tooldata \w+:=\[TRUE,\[\[([^\]]*)\]", program)
+    frame = re.search(r'wobjdata \w+:=\[FALSE,TRUE,"",\[\[([^\]]*)\],\[([^\]]*)\]', program)
+    assert tool_at and frame
+    np.testing.assert_allclose([float(x) / 1e3 for x in tool_at[1].split(",")], tool[0], atol=1e-9)
+    place, turn = (np.array([float(x) for x in group.split(",")]) for group in frame.groups())
+    T_frame0_instrument = frames.pose(frames.rotation_from_quaternion(turn), place / 1e3)
+    np.testing.assert_allclose(T_frame0_instrument @ frames.pose(frames.exp(base[3:]), base[:3]), np.eye(4), atol=1e-8)
     table = read_table(out / "calibrated.toml")
     arm, values = calibrated.geometry
     base, rows, tool = arm.split(values)

@@ -2,7 +2,19 @@
 
 import numpy as np
 import pytest
-from arms import IRB120, RX130, SCARA, SCEMI, TX40, VERSATRAN, assert_derivatives, perturbed, somewhere, table_robot
+from arms import (
+    IRB120,
+    RX130,
+    SCARA,
+    SCEMI,
+    TX40,
+    VERSATRAN,
+    assert_derivatives,
+    chain_of,
+    perturbed,
+    somewhere,
+    table_robot,
+)
 
 from lab import frames
 from lab.frames import Array
@@ -17,6 +29,10 @@ from lab.geometry.singular import manipulability, singular_distance
 from lab.geometry.ways import Drawing, nearest_turns
 
 DECOUPLED = {chain.name: chain for chain in (IRB120.chain, RX130, TX40, SCEMI)}
+ANTIPARALLEL = chain_of(  # axis 3 against axis 2
+    "antiparallel", "craig", "RRRRRR", [0, -90, 180, -90, 90, -90], [0.1, 0.05, 0.5, 0.02, 0, 0], [0, 10, 20, 0, 0, 0],
+    [0.3, 0.1, 0.05, 0.4, 0, 0.1],
+)  # fmt: skip
 TINY = 1e-13
 
 
@@ -148,6 +164,16 @@ def test_signs_zeros_and_conventions_do_not_matter() -> None:
     for other in (turned, chain.with_table(table)):
         found = closed_form(other).solve(flanges(other, joints))
         assert np.abs(difference(found.joints, joints[:, None])).max(axis=2).min(axis=1).max() < 1e-9
+
+
+def test_axes_may_be_offset_and_antiparallel() -> None:
+    joints = 0.3 * ANTIPARALLEL.random_joints(2000, np.random.default_rng(12))
+    Ts = flanges(ANTIPARALLEL, joints)
+    found = closed_form(ANTIPARALLEL).solve(Ts)
+    assert np.abs(difference(found.joints, joints[:, None])).max(axis=2).min(axis=1).max() < 1e-9
+    reached = found.gap_m == 0
+    assert reached.mean() > 0.7
+    assert np.abs(flanges(ANTIPARALLEL, found.joints) - Ts[:, None])[reached].max() < 1e-11
 
 
 @pytest.mark.parametrize("chain", [SCARA, VERSATRAN], ids=lambda chain: chain.name)

@@ -29,6 +29,7 @@ def test_every_further_command_runs(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     commands = [line for block in blocks("sh")[1:] for line in block.strip().splitlines()]
     assert len(commands) >= 4
+    (tmp_path / "targets.csv").write_text(blocks("csv")[0])
     for command in commands:
         program, *arguments = shlex.split(command)
         assert program == ".venv/bin/lab"

@@ -109,7 +109,7 @@ class There:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Solution:
     """Where r' S^-1 r is least.
 
     Attributes:
@@ -149,7 +149,7 @@ class Problem:
     promise: Promise
     seen: Observations
 
-    def fitted(self, start: Array, directions: Array) -> Fitted:
+    def fitted(self, start: Array, directions: Array) -> Solution:
         """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
 
         S is that of the parameters reached: a base may be turned by any angle.
@@ -164,7 +164,7 @@ class Problem:
             best = here if here.square < best.square else best
         return best
 
-    def placed(self, start: Array, directions: Array, groups: Sequence[str]) -> Fitted:
+    def placed(self, start: Array, directions: Array, groups: Sequence[str]) -> Solution:
         """The same for base or tool, which may be anywhere: from ``start``, or from where the points alone put them."""
         near = self.fitted(start, directions)
         enough = int(seen_mask(self.seen.points).sum()) >= 3
@@ -173,7 +173,7 @@ class Problem:
         far = self.fitted(locate(self.promise.arm, self.seen, start, groups), directions)
         return far if far.square < near.square else near
 
-    def promised_m(self, fit: Fitted) -> float:
+    def promised_m(self, fit: Solution) -> float:
         """Root mean square length of the errors to be expected where ``fit`` was made.
 
         Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted.
@@ -199,7 +199,7 @@ class Problem:
         axes, sizes, _ = np.linalg.svd(known, full_matrices=False)
         return There(self.seen.apply(self.seen.points - points), jacobian, axes, sizes)
 
-    def _step(self, values: Array, directions: Array) -> tuple[Fitted, Array, float]:
+    def _step(self, values: Array, directions: Array) -> tuple[Solution, Array, float]:
         """The fit if it were solved here, the step ``(p,)`` to a better one, and how far that leads."""
         there = self._at(values)
         residual, columns = there.white(there.residual), there.white(there.jacobian @ directions)
@@ -210,7 +210,7 @@ class Problem:
         back = (directions / scale) @ (vt[told].T / sizes[told])  # (p, rank)
         basis = axes[:, told]
         pull = basis.T @ residual
-        here = Fitted(values, float(residual @ residual), basis, back @ back.T, there)
+        here = Solution(values, float(residual @ residual), basis, back @ back.T, there)
         return here, back @ pull, float(np.linalg.norm(pull))
 
 

@@ -21,7 +21,7 @@ from lab.calibration.movements import (
     refitted,
     sized,
 )
-from lab.calibration.promise import FULL_RANK, LEVEL, Fitted, Problem, Promise
+from lab.calibration.promise import FULL_RANK, LEVEL, Problem, Promise, Solution
 from lab.calibration.solver import Observations
 from lab.errors import LabError
 from lab.frames import Array
@@ -139,14 +139,14 @@ def _structural_rank(promise: Promise, directions: Array) -> int:
     return int(np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), rtol=FULL_RANK))
 
 
-def _hypotheses(problem: Problem, fit: Fitted, refit: Sequence[str], poses: Sequence[str]) -> list[Hypothesis]:
+def _hypotheses(problem: Problem, fit: Solution, refit: Sequence[str], poses: Sequence[str]) -> list[Hypothesis]:
     """All that may have changed alone, the best first."""
     tried = movements(problem.promise.arm, fit.values, refit)
     found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
     return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
 
 
-def _tried(problem: Problem, fit: Fitted, refit: Sequence[str], movement: Movement) -> Hypothesis | None:
+def _tried(problem: Problem, fit: Solution, refit: Sequence[str], movement: Movement) -> Hypothesis | None:
     """One movement, beside what is fitted anew; None where the measurements say nothing more of it."""
     arm = problem.promise.arm
     directions = np.concatenate([refitted(arm, refit), movement.directions], axis=1)
@@ -161,7 +161,7 @@ def _tried(problem: Problem, fit: Fitted, refit: Sequence[str], movement: Moveme
     return _judged(problem, movement.kind, words, size, told, (moved.square, moved.left), movement.alike)
 
 
-def _bad_reading(problem: Problem, fit: Fitted, poses: Sequence[str]) -> list[Hypothesis]:
+def _bad_reading(problem: Problem, fit: Solution, poses: Sequence[str]) -> list[Hypothesis]:
     """The pose without which r' S^-1 r is least, as a reading of its own.
 
     With M = S^-1 less what is fitted and g = M r, leaving out rows i lowers it by g_i' M_ii^-1 g_i, and M_ii^-1 g_i
@@ -229,7 +229,7 @@ def _diagnosis(alike: Sequence[Hypothesis]) -> str:
     return alike[0].words if alike else SEVERAL
 
 
-def _placed_anew(promise: Promise, fit: Fitted, refit: Sequence[str]) -> tuple[tuple[str, Extent], ...]:
+def _placed_anew(promise: Promise, fit: Solution, refit: Sequence[str]) -> tuple[tuple[str, Extent], ...]:
     """How far base and targets have moved that were fitted anew; a target that the run did not have is left out."""
     arm, tried = promise.arm, []
     if "base" in refit:
@@ -244,7 +244,7 @@ def _placed_anew(promise: Promise, fit: Fitted, refit: Sequence[str]) -> tuple[t
     )
 
 
-def _would_notice(promise: Promise, fit: Fitted, refit: Sequence[str]) -> tuple[tuple[str, float], ...]:
+def _would_notice(promise: Promise, fit: Solution, refit: Sequence[str]) -> tuple[tuple[str, float], ...]:
     """How far the base, a target or a joint's zero would have to be off, in the worst direction, to be noticed."""
     arm = promise.arm
     tried = [] if "base" in refit else [("base", of_base(arm)[0])]

@@ -44,15 +44,13 @@ class Drawing:
         Args:
             reference: readings ``(n, joints)`` near which to look, NaN where none are given.
         """
-        turned, liked = wanted.turned, np.nan_to_num(reference)
-        if self.closed_form is not None and turned.all():
-            return self.closed_form.solve(self.last_frames(wanted), liked)
-        found = self._searched(wanted, reference)
-        if self.closed_form is not None and turned.any():
-            rows = np.flatnonzero(turned)
-            exact = self.closed_form.solve(self.last_frames(wanted.take(rows)), liked[rows])
-            for whole, part in zip(_arrays(found), _arrays(exact), strict=True):
-                whole[rows] = part
+        shape = (len(wanted), BRANCHES, self.arm.chain.size)
+        found = Solutions(np.empty(shape), np.empty(shape[:2]), np.zeros(shape, dtype=np.bool_))
+        exact = wanted.turned & (self.closed_form is not None)
+        for rows, by in ((np.flatnonzero(exact), self._by_closed_form), (np.flatnonzero(~exact), self._searched)):
+            if rows.size:
+                part = by(wanted.take(rows), reference[rows])
+                found.joints[rows], found.gap_m[rows], found.free[rows] = part.joints, part.gap_m, part.free
         return found
 
     def again(self, wanted: Wanted, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
@@ -89,6 +87,10 @@ class Drawing:
         last: Array = frames.inverse(T_tracker_frame0) @ Ts_tracker_last
         return last
 
+    def _by_closed_form(self, wanted: Wanted, reference: Array) -> Solutions:
+        assert self.closed_form is not None
+        return self.closed_form.solve(self.last_frames(wanted), np.nan_to_num(reference))
+
     def _searched(self, wanted: Wanted, reference: Array) -> Solutions:
         """Newton's method from the reference, and from the nearest of many random poses."""
         chain = self.arm.chain
@@ -117,10 +119,6 @@ def _landmarks(places: Array, turns: Array, turned: bool) -> Array:
         return places
     axes = [places + ROTATION_M * turns[:, :, i] for i in (0, 1)]
     return np.concatenate([places, *axes], axis=1)
-
-
-def _arrays(solutions: Solutions) -> tuple[Array, Array, NDArray[np.bool_]]:
-    return solutions.joints, solutions.gap_m, solutions.free
 
 
 def ordered(

@@ -19,8 +19,7 @@ from lab.measurement_file import write_measurements
 from lab.output.arm_files import MJCF, TABLE, arm_files
 from lab.output.result import likely, parameters, rigid, summary
 from lab.study.campaign import Outcome
-from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, VirtualCampaign
-from lab.study.verify_options import Verification
+from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, Verification, VirtualCampaign
 
 _FILES = {
     "config.json",

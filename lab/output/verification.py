@@ -12,8 +12,8 @@ from lab.calibration.promise import LEVEL
 from lab.calibration.verify import Hypothesis
 from lab.output.result import number, statistics
 from lab.output.run import config, write_json
+from lab.study.options import Verification
 from lab.study.verify import VerifiedRun
-from lab.study.verify_options import Verification
 
 MOST_HYPOTHESES = 6  # that are printed
 _ADVICE = {

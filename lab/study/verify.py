@@ -18,7 +18,7 @@ from lab.instruments import instrument
 from lab.measurement_file import read_measurements
 from lab.measurements import Measurements
 from lab.study.calibrated import Calibrated, read_calibrated
-from lab.study.verify_options import Verification
+from lab.study.options import Verification
 
 TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
