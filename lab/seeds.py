@@ -28,9 +28,20 @@ Purpose = Literal[
     "null",
     "targets",
     "visits",
+    "bootstrap",
+    "robots",
 ]
 
 
-def stream(seed: int, purpose: Purpose) -> np.random.Generator:
-    """The generator of one purpose, e.g. ``stream(7, "noise")``."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(purpose.encode()),)))
+def stream(seed: int, purpose: Purpose, *of: int) -> np.random.Generator:
+    """The generator of one purpose, e.g. ``stream(7, "noise")``; of one thing of many, by its numbers."""
+    return np.random.default_rng(_sequence(seed, purpose, *of))
+
+
+def seed_of(seed: int, purpose: Purpose, *of: int) -> int:
+    """A seed of its own for one thing of many."""
+    return int(_sequence(seed, purpose, *of).generate_state(1)[0])
+
+
+def _sequence(seed: int, purpose: Purpose, *of: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=(crc32(purpose.encode()), *of))

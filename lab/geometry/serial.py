@@ -104,7 +104,7 @@ class SerialArm:
             motions, frame, origin = self._walk(joints[part], values)
             points = self._targets(frame, origin, values)
             out[..., part] = points[:3]
-            _fill(jacobian[..., part], motions, points)
+            fill(jacobian[..., part], motions, points)
             for k in range(len(self.targets)):
                 first = len(self.names) - 3 * (len(self.targets) - k)
                 for column, axis in enumerate(frame, start=first):
@@ -185,48 +185,63 @@ class SerialArm:
     def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
         """All elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
         base, table, _ = self.split(values)
-        x, y, z = (_padded(column) for column in exp(base[3:]).T)
+        frame = [_padded(column) for column in exp(base[3:]).T]
         origin = _padded(base[:3])
         motions = [Motion(i, _padded(np.eye(3)[i]), None) for i in range(3)]
         motions += [Motion(3 + i, _padded(column), origin) for i, column in enumerate(left_jacobian(base[3:]).T)]
-        column = 6
-        distal = self.chain.convention == "distal"
-        readings = (joints * self.chain.sign).T
-        for i, (theta, d, a, alpha, beta) in enumerate(table):
-            slides, parallel = self.chain.prismatic[i], self.chain.parallel[i]
-            turn, slide = (theta, d + readings[i]) if slides else (theta + readings[i], d)
-            at = column
-            column += 5 if parallel else 4
-            if distal:
-                motions.append(Motion(at, z, origin, None if slides else i))
-                motions.append(Motion(at + 1, z, None, i if slides else None))
-                x, y = _turn(x, y, turn)
-                origin = origin + slide * z + a * x
-                motions.append(Motion(at + 2, x, None))
-                motions.append(Motion(at + 3, x, origin))
-                y, z = _turn(y, z, alpha)
-                if parallel:
-                    motions.append(Motion(at + 4, y, origin))
-                    z, x = _turn(z, x, beta)
-            else:
-                motions.append(Motion(at + 3, x, origin))
-                y, z = _turn(y, z, alpha)
-                motions.append(Motion(at + 2, x, None))
-                origin = origin + a * x
-                if parallel:
-                    motions.append(Motion(at + 4, y, origin))
-                    z, x = _turn(z, x, beta)
-                motions.append(Motion(at, z, origin, None if slides else i))
-                motions.append(Motion(at + 1, z, None, i if slides else None))
-                x, y = _turn(x, y, turn)
-                origin = origin + slide * z
-        return motions, (x, y, z), origin
+        links, last, end = along(self.chain, (frame[0], frame[1], frame[2]), origin, table, joints.T)
+        return motions + links, last, end
 
     def _targets(self, frame: Sequence[Array], origin: Array, values: Array) -> Array:
         """Target positions ``(5, k, n)`` from the last frame."""
         x, y, z = frame
         tool = self.split(values)[2]
         return np.stack([origin + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
+
+
+def along(
+    chain: Chain, frame: tuple[Array, Array, Array], origin: Array, table: Array, joints: Array
+) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
+    """The links' elementary motions from frame 0 outward, and the last frame's axes and origin.
+
+    Args:
+        frame, origin: of frame 0, rows x y z x y, ``(5, ...)`` each.
+        table: ``(links, 5)``, or ``(links, 5, ...)`` where every arm of many has its own.
+        joints: readings ``(joints, ...)``.
+    """
+    x, y, z = frame
+    motions: list[Motion] = []
+    column = len(BASE_NAMES)
+    for i, (theta, d, a, alpha, beta) in enumerate(table):
+        slides, parallel = chain.prismatic[i], chain.parallel[i]
+        reading = chain.sign[i] * joints[i]
+        turn, slide = (theta, d + reading) if slides else (theta + reading, d)
+        at = column
+        column += 5 if parallel else 4
+        if chain.convention == "distal":
+            motions.append(Motion(at, z, origin, None if slides else i))
+            motions.append(Motion(at + 1, z, None, i if slides else None))
+            x, y = _turn(x, y, turn)
+            origin = origin + slide * z + a * x
+            motions.append(Motion(at + 2, x, None))
+            motions.append(Motion(at + 3, x, origin))
+            y, z = _turn(y, z, alpha)
+            if parallel:
+                motions.append(Motion(at + 4, y, origin))
+                z, x = _turn(z, x, beta)
+        else:
+            motions.append(Motion(at + 3, x, origin))
+            y, z = _turn(y, z, alpha)
+            motions.append(Motion(at + 2, x, None))
+            origin = origin + a * x
+            if parallel:
+                motions.append(Motion(at + 4, y, origin))
+                z, x = _turn(z, x, beta)
+            motions.append(Motion(at, z, origin, None if slides else i))
+            motions.append(Motion(at + 1, z, None, i if slides else None))
+            x, y = _turn(x, y, turn)
+            origin = origin + slide * z
+    return motions, (x, y, z), origin
 
 
 def _chunks(count: int, targets: int) -> Iterator[slice]:
@@ -254,19 +269,19 @@ def _turn(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
     return c * u + s * v, c * v - s * u
 
 
-def _fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
-    """Write the columns of the motions at ``points`` ``(5, k, n)`` into ``(parameters, 3, k, n)``."""
+def fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
+    """Write the columns of the motions at ``points`` ``(5, k, ...)`` into ``(parameters, 3, k, ...)``."""
     origin: Array | None = None
     lever = product = points
     product = np.empty_like(points[:3])
     for motion in motions:
-        axis = motion.axis[:, None, :]
+        axis = motion.axis[:, None]
         if motion.origin is None:
             jacobian[motion.column] = axis[:3]
             continue
         if motion.origin is not origin:
             origin = motion.origin
-            lever = points - origin[:, None, :]
+            lever = points - origin[:, None]
         np.multiply(axis[1:4], lever[2:5], out=jacobian[motion.column])
         np.multiply(axis[2:5], lever[1:4], out=product)
         jacobian[motion.column] -= product

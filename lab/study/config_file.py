@@ -28,12 +28,19 @@ def read_options(path: Path, command: str, kind: type[Options]) -> Options:
         raise LabError(f"{path}: has no options; give a run's config.json")
     if content.get("command", command) != command:
         raise LabError(f"{path}: is of lab {content['command']}, not of lab {command}; run that")
-    made: Options = _made(path, kind, content["options"])
+    made: Options = options_from(path, kind, content["options"])
     return made
 
 
-def _made(path: Path, kind: Any, values: dict[str, Any]) -> Any:
-    """A dataclass of options from plain values."""
+def options_from(path: object, kind: Any, values: dict[str, Any]) -> Any:
+    """A dataclass of options from plain values.
+
+    Args:
+        path: where they are from, as an error says it.
+
+    Raises:
+        LabError: one is unknown, missing, or of another type.
+    """
     hints, known = typing.get_type_hints(kind), [field.name for field in fields(kind)]
     if unknown := [name for name in values if name not in known]:
         raise LabError(f"{path}: '{unknown[0]}' is no option; there are {', '.join(known)}")
@@ -44,12 +51,12 @@ def _made(path: Path, kind: Any, values: dict[str, Any]) -> Any:
         raise LabError(f"{path}: an option is missing ({error}); give a whole config.json") from error
 
 
-def _value(path: Path, name: str, hint: Any, value: Any) -> Any:
+def _value(path: object, name: str, hint: Any, value: Any) -> Any:
     """One value as its option's type has it."""
     if is_dataclass(hint):
         if not isinstance(value, dict):
             raise LabError(f"{path}: '{name}' is to hold options of its own")
-        return _made(path, hint, value)
+        return options_from(path, hint, value)
     kinds = (
         typing.get_args(hint) if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union else ()
     )
