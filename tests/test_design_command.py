@@ -30,7 +30,7 @@ from lab.virtual.real import random_perturbation, random_tracker, real_arm, trac
 
 POSES = 14
 ASKED = f"design --candidates 300 --starts 1 --poses {POSES} --seed 3"
-FILES = {"config.json", "plan.csv", "plan.mod", "result.json", "recording.rrd"}
+FILES = {"config.json", "plan.csv", "plan.mod", "result.json", "recording.rrd", "report.html"}
 FILES |= {f"{name}.{kind}" for name in ("curve", "poses") for kind in ("png", "svg")}
 INDICES = {"o1", "o2", "o3", "o4", "o5", "condition", "a", "g", "i"}
 
