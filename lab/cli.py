@@ -93,7 +93,25 @@ class Compensate:
     """Print the result as one JSON object."""
 
 
-Command = Calibrate | Identify | Inspect | Design | Compensate | Verify
+@dataclass(frozen=True)
+class Study:
+    """Run many virtual campaigns: a grid of factors, times robots, times draws of the noise."""
+
+    config: tyro.conf.Positional[Path]
+    """The study, TOML."""
+    out: Path | None = None
+    """The study's folder: runs/study-NAME by default, numbered if taken."""
+    resume: Flag = False
+    """Go on with the study in --out that was killed or stopped."""
+    workers: int | None = None
+    """How many processes of this machine: one for each core by default."""
+    scheduler: str | None = None
+    """Address of a dask.distributed scheduler whose workers do it instead, e.g. tls://host:8786."""
+    json: Flag = False
+    """Print the result as one JSON object."""
+
+
+Command = Calibrate | Identify | Inspect | Design | Compensate | Verify | Study
 _COMMANDS: dict[str, type[Command]] = {
     "calibrate": Calibrate,
     "identify": Identify,
@@ -101,6 +119,7 @@ _COMMANDS: dict[str, type[Command]] = {
     "design": Design,
     "compensate": Compensate,
     "verify": Verify,
+    "study": Study,
 }
 _CONFIGURED = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign, "design": PlannedCampaign}
 
@@ -115,6 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _verify(command)
         elif isinstance(command, Compensate):
             code = _compensate(command)
+        elif isinstance(command, Study):
+            code = _study(command)
         else:
             code = _design(command) if isinstance(command, Design) else _campaign(command)
         sys.stdout.flush()
@@ -205,17 +226,21 @@ def _campaign(command: Calibrate | Identify) -> int:
     from lab.study.campaign import run_measured, run_virtual
 
     options = command.campaign
+    inputs: tuple[Path | None, ...]
     if isinstance(options, MeasuredCampaign):
-        stem = f"identify-{options.file.stem}"
+        stem, inputs = f"identify-{options.file.stem}", (options.file, options.validate)
     else:
-        stem = f"calibrate-{Path(options.robot).stem}-seed{options.seed}"
-    with _written(command.out, stem) as (folder, out):
+        stem, inputs = f"calibrate-{Path(options.robot).stem}-seed{options.seed}", (options.plan,)
+    with _written(command.out, stem, *inputs) as (folder, out):
         outcome = run_measured(options) if isinstance(options, MeasuredCampaign) else run_virtual(options)
         write_run(folder, outcome, options)
         if sighting_of(outcome.identification.model).positions:  # of a cable or a socket there is nothing to draw
             from lab.output.recording import record  # slow to import: only once there is something to show
 
             record(folder / "recording.rrd", outcome)
+        from lab.output.report import write_report  # slow to import, as all that draws
+
+        write_report(folder / "report.html", outcome, options)
     _tell(outcome.warnings, summary(outcome) if command.json else None)
     if not command.json:
         print_outcome(outcome, out)
@@ -229,14 +254,17 @@ def _design(command: Design) -> int:
     from lab.study.plan import plan_campaign
 
     options = command.campaign
-    with _written(command.out, f"design-{Path(options.robot).stem}-seed{options.seed}") as (folder, out):
+    stem = f"design-{Path(options.robot).stem}-seed{options.seed}"
+    with _written(command.out, stem, options.extend) as (folder, out):
         with _status() as progress:
             plan = plan_campaign(options, progress)
         write_plan(folder, plan)
         from lab.output.plan_recording import record_plan  # slow to import, as the plots are
+        from lab.output.plan_report import write_plan_report
         from lab.output.plots import plot_plan
 
         plot_plan(folder, plan)
+        write_plan_report(folder, plan)
         record_plan(folder / "recording.rrd", plan)
     _tell(plan.warnings, plan_summary(plan) if command.json else None)
     if not command.json:
@@ -249,9 +277,13 @@ def _compensate(command: Compensate) -> int:
     from lab.output.correction import correction_summary, print_correction, warnings_of, write_correction
     from lab.study.compensation import run_correction
 
-    with _written(command.out, f"compensate-{command.correction.targets.stem}") as (folder, out):
-        done = run_correction(command.correction)
-        write_correction(folder, done, command.correction)
+    asked = command.correction
+    with _written(command.out, f"compensate-{asked.targets.stem}", asked.targets, asked.run) as (folder, out):
+        done = run_correction(asked)
+        write_correction(folder, done, asked)
+        from lab.output.correction_report import write_correction_report  # slow to import, as all that draws
+
+        write_correction_report(folder / "report.html", done, command.correction)
     _tell(warnings_of(done), correction_summary(done) if command.json else None)
     if not command.json:
         print_correction(done, out)
@@ -263,24 +295,60 @@ def _verify(command: Verify) -> int:
     from lab.output.verification import print_verification, verification_summary, write_verification
     from lab.study.verify import run_verification
 
-    with _written(command.out, f"verify-{command.verification.file.stem}") as (folder, out):
-        run = run_verification(command.verification)
-        write_verification(folder, run, command.verification)
+    asked = command.verification
+    with _written(command.out, f"verify-{asked.file.stem}", asked.file, asked.run) as (folder, out):
+        run = run_verification(asked)
+        write_verification(folder, run, asked)
+        from lab.output.verification_report import write_verification_report  # slow to import, as all that draws
+
+        write_verification_report(folder / "report.html", run, command.verification)
     _tell(run.warnings, verification_summary(run) if command.json else None)
     if not command.json:
         print_verification(run, out)
     return 0 if run.verified.good else 1
 
 
+def _study(command: Study) -> int:
+    """Run a study, or go on with one; 130 where it was interrupted."""
+    from lab.output.progress import bars
+    from lab.output.run import free_name
+    from lab.study.executors import StoppedError, cluster_executor, local_executor
+    from lab.study.grid import read_study
+    from lab.study.run_study import run_study
+
+    if command.resume and command.out is None:
+        raise LabError("--resume goes on with a study: give its folder, --out")
+    if command.scheduler is not None and command.workers is not None:
+        raise LabError("--workers is of processes of this machine, --scheduler of a cluster; give one")
+    study = read_study(command.config)
+    place = command.out or free_name(Path("runs"), f"study-{study.name}")
+    chosen = local_executor(command.workers) if command.scheduler is None else cluster_executor(command.scheduler)
+    try:
+        with bars() as progress, chosen as executor:
+            done = run_study(study, place, executor, resume=command.resume, progress=progress)
+    except StoppedError as error:
+        raise LabError(f"{place}: {error}") from error
+    except KeyboardInterrupt:
+        print(f"lab: interrupted; --resume goes on with what is in {place}", file=sys.stderr)
+        return 130
+    _tell((), done.summary if command.json else None)
+    if not command.json:
+        print(f"{study.campaigns} campaigns in {len(study.cells)} cells, in {done.seconds:.1f} s: {place}")
+    return 0
+
+
 @contextlib.contextmanager
-def _written(out: Path | None, stem: str) -> Iterator[tuple[Path, Path]]:
-    """The folder to write a run into, and what it becomes when the block ends well."""
+def _written(out: Path | None, stem: str, *inputs: Path | None) -> Iterator[tuple[Path, Path]]:
+    """The folder to write a run into, and what it becomes when the block ends well; ``inputs`` are not replaced."""
     from threadpoolctl import threadpool_limits
 
     from lab.output.run import free_name, run_folder
 
     place = out or free_name(Path("runs"), stem)
-    with threadpool_limits(1), run_folder(place) as folder:  # small matrices: more threads wait for each other
+    with (
+        threadpool_limits(1),
+        run_folder(place, [path for path in inputs if path]) as folder,
+    ):  # small matrices: more threads wait for each other
         yield folder, place
 
 

@@ -22,11 +22,11 @@ class StackedArm:
 
     def points(self, joints: Array, values: Array) -> Array:
         """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at readings ``(n, joints)``."""
-        return self._walk(joints, values)[1][:3].transpose(2, 1, 0, 3)
+        return self._walk(joints, values, 3)[1].transpose(2, 1, 0, 3)
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
-        motions, points, frame = self._walk(joints, values)
+        motions, points, frame = self._walk(joints, values, 5)
         slot = {parameter: i for i, parameter in enumerate(free)}
         jacobian = np.zeros((len(free), 3, *points.shape[1:]))
         wanted = [replace(motion, column=slot[motion.column]) for motion in motions if motion.column in slot]
@@ -38,25 +38,25 @@ class StackedArm:
                     jacobian[slot[column], :, k] = axis[:3]
         return points[:3].transpose(2, 1, 0, 3), jacobian
 
-    def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], Array, tuple[Array, Array, Array]]:
-        """All motions, the targets ``(5, k, b, n)``, and the last frame's axes ``(5, b, n)``."""
+    def _walk(self, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, tuple[Array, Array, Array]]:
+        """All motions, the targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y)."""
+
+        def stacked(vectors: Array) -> Array:
+            """Vectors ``(b, 3)`` as ``(rows, b, 1)``."""
+            return np.concatenate([vectors.T, vectors.T[: rows - 3]])[:, :, None]
+
         arm, columns = self.arm, values.T[:, :, None]  # (p, b, 1)
         first_tool = len(columns) - 3 * len(arm.targets)
         table = np.broadcast_to(arm.chain.table[:, :, None, None], (*arm.chain.table.shape, len(values), 1)).copy()
         table[arm.table_rows, arm.table_columns] = columns[len(BASE_NAMES) : first_tool]
         base = values[:, : len(BASE_NAMES)]
-        axes = [_rows(column) for column in np.moveaxis(frames.exp(base[:, 3:]), 2, 0)]
-        origin = _rows(base[:, :3])
-        motions = [Motion(i, _rows(np.eye(3)[None, i]), None) for i in range(3)]
+        axes = [stacked(column) for column in np.moveaxis(frames.exp(base[:, 3:]), 2, 0)]
+        origin = stacked(base[:, :3])
+        motions = [Motion(i, stacked(np.eye(3)[None, i]), None) for i in range(3)]
         turning = np.moveaxis(frames.left_jacobian(base[:, 3:]), 2, 0)
-        motions += [Motion(3 + i, _rows(column), origin) for i, column in enumerate(turning)]
+        motions += [Motion(3 + i, stacked(column), origin) for i, column in enumerate(turning)]
         links, frame, end = along(arm.chain, (axes[0], axes[1], axes[2]), origin, table, joints.T[:, None])
         tool = columns[first_tool:].reshape(len(arm.targets), 3, len(values), 1)
         x, y, z = frame
         points = np.stack([end + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
         return motions + links, points, frame
-
-
-def _rows(vectors: Array) -> Array:
-    """Vectors ``(b, 3)`` as rows x y z x y, ``(5, b, 1)``."""
-    return np.concatenate([vectors.T, vectors.T[:2]])[:, :, None]

@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
@@ -32,6 +32,7 @@ _FILES = {
 }
 _FILES |= {
     "calibrated.urdf",
+    "nominal.toml",
     "joints.csv",
     "cartesian.csv",
     "program.mod",
@@ -48,15 +49,21 @@ _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
 
 @contextmanager
-def run_folder(out: Path) -> Iterator[Path]:
+def run_folder(out: Path, inputs: Sequence[Path] = ()) -> Iterator[Path]:
     """A folder to write a run into, which becomes ``out`` when the block ends well.
 
     ``out`` may be missing, empty, or an earlier run, which is then replaced.
 
+    Args:
+        inputs: what the run is made from, which is not to be replaced.
+
     Raises:
-        LabError: ``out`` holds something else, or cannot be written.
+        LabError: ``out`` holds something else, or an input, or cannot be written.
     """
     place = out.absolute().resolve()
+    for path in inputs:
+        if path.absolute().resolve().is_relative_to(place):
+            raise LabError(f"{out}: holds {path}, which this run is made from; give --out another folder")
     draft = place.parent / f".{place.name}.partial-{os.getpid()}"
     new_parents = [parent for parent in draft.parents if not parent.exists()]
     try:

@@ -25,6 +25,7 @@ class Cell:
         criterion: by which the poses were chosen; ``random`` for poses that were not.
         scaling: of the criterion; O1 and random poses are the same in each.
         poses: how many.
+        noise: by what the instrument's is multiplied; the poses are chosen as if it were one.
         parameters, effects: names of sets that the study defines.
     """
 
@@ -32,6 +33,7 @@ class Cell:
     scaling: Literal["raw", "unit", "length", "whitened", "any"] = "whitened"
     poses: int = 30
     instrument: str = "uniform-8um"
+    noise: float = 1.0
     position_sigma_mm: float = 0.5
     rotation_sigma_mrad: float = 1.5
     parameters: str = USUAL
@@ -101,6 +103,7 @@ class Study:
             raise LabError(f"factor scaling: '{strange[0]}' is unknown; there are {', '.join(SCALINGS)}")
         for cell in self.cells:
             whole("factor poses", cell.poses, 1)
+            positive("factor noise", cell.noise)
             positive("factor position_sigma_mm", cell.position_sigma_mm)
             positive("factor rotation_sigma_mrad", cell.rotation_sigma_mrad)
             if cell.parameters != USUAL and cell.parameters not in self.parameters:

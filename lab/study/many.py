@@ -6,6 +6,7 @@ solved in blocks of their own.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from lab.frames import Array
 from lab.geometry.gauge import base_set
 from lab.geometry.model import is_angle
 from lab.geometry.stacked import StackedArm
-from lab.instruments import instrument
+from lab.instruments import Instrument, instrument
 from lab.seeds import Purpose, seed_of, stream
 from lab.study.grid import ANY, NONE, USUAL, Cell, Study, Task
 from lab.study.option_groups import ArmEffects, Fitting
@@ -40,6 +41,7 @@ COLUMNS = {  # of every campaign's row, and what they mean
     "converged": "whether Gauss-Newton converged",
     "steps": "how many steps it took",
     "fresh_mean_mm": "mean position error over the fresh poses, without noise",
+    "fresh_p95_mm": "95 % of these errors are smaller",
     "fresh_worst_mm": "largest of these errors",
     "length_rms_mm": "root mean square error of the identified lengths, in the canonical gauge",
     "angle_rms_mrad": "the same of the identified angles",
@@ -75,7 +77,14 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         starts=STARTS,
         seed=study.seed,
     )
-    return best_design(asked, pose_problem(asked), cell.poses).joints
+    return _designed(asked).copy()
+
+
+@lru_cache(maxsize=16)
+def _designed(asked: PlannedCampaign) -> Array:
+    """Kept, because cells that differ in the arm alone have the same."""
+    assert asked.poses is not None
+    return best_design(asked, pose_problem(asked), asked.poses).joints
 
 
 def run_task(study: Study, task: Task, joints: Array) -> Columns:
@@ -102,6 +111,7 @@ class _Fitted:
         nominal: parameters ``(p,)`` of the drawing before the nominal tracker.
         free: those that are identified.
         placed: whether the base is, so that the points may be turned.
+        device: with its noise as the cell has it.
     """
 
     robot: Robot
@@ -111,6 +121,7 @@ class _Fitted:
     free: tuple[int, ...]
     placed: bool
     effects: ArmEffects
+    device: Instrument
 
     @classmethod
     def of(cls, study: Study, cell: Cell, robot: Robot) -> "_Fitted":
@@ -121,7 +132,23 @@ class _Fitted:
         nominal = model.values_before(arm, model.T_world_tracker)
         free = base_set(arm, nominal, fix=asked.fix, free=asked.free).kept
         effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
-        return cls(robot, cell, StackedArm(arm), nominal, free, set(range(6)) <= set(free), effects)
+        placed = set(range(6)) <= set(free)
+        return cls(
+            robot,
+            cell,
+            StackedArm(arm),
+            nominal,
+            free,
+            placed,
+            effects,
+            _noisy(instrument(cell.instrument), cell.noise),
+        )
+
+
+def _noisy(device: Instrument, noise: float) -> Instrument:
+    """The instrument with its noise multiplied."""
+    names = ("radial_m", "radial_per_m", "transverse_m", "transverse_per_m")
+    return replace(device, **{name: noise * getattr(device, name) for name in names})
 
 
 def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> Columns:
@@ -137,7 +164,7 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
         effects=fitted.effects,
     )
     real = perturbed_arm(fitted.robot, asked)
-    measured = _measured(real, asked, joints, study.draws)
+    measured = _measured(real, fitted.device, asked, joints, study.draws)
     campaigns = _turned(fitted, real, joints, measured)
     found = fit_many(fitted.stacked, campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
     there = real.points(fresh, study.targets, _conditions(real, asked, fresh, "fresh"))
@@ -151,9 +178,9 @@ def _conditions(real: RealArm, asked: VirtualCampaign, joints: Array, purpose: P
     return drawn_conditions(real, asked, len(joints), stream(asked.seed, purpose), ())
 
 
-def _measured(real: RealArm, asked: VirtualCampaign, joints: Array, draws: int) -> Array:
+def _measured(real: RealArm, device: Instrument, asked: VirtualCampaign, joints: Array, draws: int) -> Array:
     """What the tracker reads in each draw, ``(draws, n, k, 3)`` m; what is the same in all is worked out once."""
-    device, effects = instrument(asked.instrument), real.effects
+    effects = real.effects
     conditions = _conditions(real, asked, joints, "conditions")
     noises = [stream(asked.seed, "noise", draw) for draw in range(draws)]
     if effects.repeatability_rad.any() or effects.bad_share:
@@ -165,7 +192,7 @@ def _measured(real: RealArm, asked: VirtualCampaign, joints: Array, draws: int) 
 
 def _turned(fitted: _Fitted, real: RealArm, joints: Array, measured: Array) -> Campaigns:
     """The campaigns turned onto the drawing: by what was measured, or where the base is known, by that."""
-    shown, device = real.effects.shown(joints), instrument(fitted.cell.instrument)
+    shown, device = real.effects.shown(joints), fitted.device
     if fitted.placed:
         campaigns = aligned(fitted.stacked, shown, measured, fitted.nominal)
     else:
@@ -190,13 +217,14 @@ def _judged(fitted: _Fitted, real: RealArm, found: Fits, campaigns: Campaigns, f
     free, names = list(fitted.free), fitted.stacked.arm.names
     off = (found.values - _true_values(fitted, real, Ts))[:, free]
     angular = np.array([is_angle(names[i]) for i in free])
-    device = instrument(fitted.cell.instrument)
+    device = fitted.device
     weight = 1.0 if campaigns.whiten is not None else 1 / device.radial_m**2 if device.radial_m else np.nan
     lengths, angles = 1e3 * off[:, ~angular], off[:, angular]
     return {
         "converged": found.converged,
         "steps": found.steps.astype(np.int32),
         "fresh_mean_mm": errors.mean(axis=1),
+        "fresh_p95_mm": np.quantile(errors, 0.95, axis=1),
         "fresh_worst_mm": errors.max(axis=1),
         "length_rms_mm": _rms(lengths),
         "angle_rms_mrad": 1e3 * _rms(angles),
