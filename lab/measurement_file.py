@@ -92,6 +92,8 @@ def read_measurements(
 class PoseReader(CsvTable):
     """A measurement file being read: what its columns mean."""
 
+    unknown_are = "kept as they are"
+
     def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool], observe: str) -> None:
         super().__init__(path)
         self.joint_names, self.prismatic, self.observe = joint_names, prismatic, observe
@@ -270,7 +272,7 @@ class PoseReader(CsvTable):
             self.warnings.append(f"{self.path}: points {', '.join(targets)} are ignored: --observe {self.observe}")
         if unknown:
             self.warnings.append(
-                f"{self.path}: columns {', '.join(unknown)} have no meaning here and are kept as they are"
+                f"{self.path}: columns {', '.join(unknown)} have no meaning here and are {self.unknown_are}"
             )
         kept = {column: self.texts(column) for column in rest}
         return {column: texts for column, texts in kept.items() if texts is not None}

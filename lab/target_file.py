@@ -60,6 +60,8 @@ def read_targets(
 class _TargetReader(PoseReader):
     """A file of targets being read."""
 
+    unknown_are = "passed over"
+
     def read_all(self, meaning: Meaning | None) -> Targets:
         joints = self._ways()
         self._refuse_further_joints()
@@ -73,9 +75,21 @@ class _TargetReader(PoseReader):
         if np.isnan(places).any():
             row = int(np.isnan(places).any(axis=1).argmax())
             raise self.fail(row, self._coordinate_column(names[0], "x"), "empty; give every target a position")
-        ids, conditions = self._ids(self.texts("id")), self._conditions()
+        ids, use, conditions = self._ids(self.texts("id")), self._uses(self.texts("use")), self._conditions()
         turns = self._turns(names[0], places, meaning)
-        return Targets(names[0], ids, places, turns, joints, conditions, tuple(self.lines), tuple(self.warnings))
+        kept = np.array([i for i, each in enumerate(use) if each != "skip"], dtype=np.int_)
+        if not len(kept):
+            raise LabError(f"{self.path}: every row has use = skip; leave one to correct")
+        return Targets(
+            names[0],
+            tuple(ids[i] for i in kept),
+            places[kept],
+            turns[kept],
+            joints[kept],
+            {name: column[kept] for name, column in conditions.items()},
+            tuple(self.lines[i] for i in kept),
+            tuple(self.warnings),
+        )
 
     def _ways(self) -> Array:
         """The joints' columns, if there are any: each row has all or none."""
@@ -97,6 +111,9 @@ class _TargetReader(PoseReader):
         """Rotations ``(n, 3, 3)``, NaN where the file has none."""
         rest = self._rest([name])
         turns = np.full((len(places), 3, 3), np.nan)
+        angles = [end for end in ENDS if end.startswith("r")]
+        if meaning is not None and not {f"{name}_{end}" for end in angles}.union(angles).intersection(rest):
+            raise LabError(f"--orientation {meaning}: {self.path} has no angles rx_deg, ry_deg, rz_deg; leave it out")
         if not {f"{name}_{end}" for end in ENDS}.union(ENDS).intersection(rest):
             return turns
         seen = measured((), np.empty((len(places), 0)), (name,), places[:, None])

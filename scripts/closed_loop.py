@@ -16,6 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.iso9283 import accuracy, repeatability
+from lab.errors import LabError
 from lab.instruments import instrument
 from lab.measurement_file import write_measurements
 from lab.output.plan import plan_table
@@ -30,12 +31,19 @@ POSES = 30
 COURSES = ("targets", "circle", "line")
 
 
+def positive(text: str) -> int:
+    """A whole number of one or more."""
+    if (number := int(text)) < 1:
+        raise ValueError
+    return number
+
+
 def main() -> None:
     """Run some arms and print what came out."""
     flags = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    flags.add_argument("--arms", type=int, default=50, help="how many virtual arms")
+    flags.add_argument("--arms", type=positive, default=50, help="how many virtual arms")
     flags.add_argument("--seed", type=int, default=0, help="of the first arm; the others follow")
-    flags.add_argument("--targets", type=int, default=1000, help="poses all over the workspace")
+    flags.add_argument("--targets", type=positive, default=1000, help="poses all over the workspace")
     flags.add_argument("--instrument", default="uniform-8um", help="of the calibration and of the test")
     flags.add_argument("--stiffness-nm-per-rad", type=float, help="of the joints that bear the weight; rigid without")
     flags.add_argument("--payload-kg", type=float, default=0.0, help="at the flange when the targets are run")
@@ -43,8 +51,13 @@ def main() -> None:
     flags.add_argument("--out", type=Path, help="write the first arm's recording to this file (.rrd)")
     flags.add_argument("--json", action="store_true", help="print one JSON object")
     given = flags.parse_args()
-    with threadpool_limits(1):
-        result = study(given)
+    if given.payload_kg and given.stiffness_nm_per_rad is None:
+        flags.error("--payload-kg moves nothing on a rigid arm: give --stiffness-nm-per-rad too")
+    try:
+        with threadpool_limits(1):
+            result = study(given)
+    except LabError as error:
+        flags.error(str(error))
     print(json.dumps(result) if given.json else table(result))
 
 

@@ -41,6 +41,8 @@ def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path)
     kept = [i for i, name in enumerate(names) if not name.startswith("drift.")]
     assert calibrated.identified == tuple(names[i] for i in kept) and len(kept) == len(names) - 7
     assert (calibrated.covariance == outcome.identification.covariance[np.ix_(kept, kept)]).all()
+    assert calibrated.left_out == ("drift",)
+    assert calibrated.warnings == ("of the run: drift was of its own day, and is left out",)
     assert calibrated.result["residual_mm"] == pytest.approx(calibrated.result["noise_mm"], rel=0.3)
 
 

@@ -25,6 +25,7 @@ FILES = {
     "result.json",
     "calibrated.xml",
     "recording.rrd",
+    "report.html",
 }
 
 
@@ -336,7 +337,9 @@ def test_effects_are_found_and_told(tmp_path, capsys) -> None:
     assert again["groups"][2]["holdout_mm"] < 0.02 < again["groups"][1]["holdout_mm"] < again["groups"][0]["holdout_mm"]
     assert again["after_mm"]["mean"] < 0.012 and again["parameters"] == 48
 
-    code, rigid = run(capsys, "identify", out / "measurements.csv", "--instrument", "uniform-8um", "--out", out)
+    code, rigid = run(
+        capsys, "identify", out / "measurements.csv", "--instrument", "uniform-8um", "--out", tmp_path / "rigid"
+    )
     assert code == 0 and rigid["adequate"] is False and rigid["after_mm"]["mean"] > 0.05
     assert any("not adequate" in warning for warning in rigid["warnings"])
 

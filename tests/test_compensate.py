@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import IRB120, perturbed, somewhere, table_robot
+from arms import IRB120, SCARA, perturbed, somewhere, table_robot
 
 from lab import frames
 from lab.calibration.attempts import AGREED_M
@@ -13,6 +13,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import rigid_part
 from lab.geometry.inverse import Wanted
+from lab.geometry.serial import SerialArm
 from lab.geometry.ways import Drawing
 from lab.study.robots import Robot
 from lab.target_file import read_targets
@@ -148,7 +149,7 @@ def test_what_cannot_be_reached_says_why() -> None:
     assert not np.isfinite(found.places[:2]).any() and np.isfinite(found.joints).all()
     near = found.singular_rad[2]
     assert near < np.deg2rad(1) and chain.joint_names[found.singular_joint[2]] == "q5"
-    assert not found.reasons[2] or found.reasons[2].startswith("within 1° of a singularity")
+    assert found.reasons[2].startswith("within 1° of a singularity: 0.")
 
 
 def test_order_of_what_is_given_does_not_change_what_fails() -> None:
@@ -159,6 +160,25 @@ def test_order_of_what_is_given_does_not_change_what_fails() -> None:
     far.places[7] += 5.0
     found = corrected(of, far)
     assert [i for i, reason in enumerate(found.reasons) if reason] == [7]
+
+
+def test_four_joints_cannot_turn_the_tool_anyhow() -> None:
+    rng = np.random.default_rng(15)
+    arm = SerialArm(SCARA)
+    of = Compensator(Drawing(arm, arm.nominal()), arm, perturbed(arm, arm.nominal(), rng, 0.5e-3, 1.5e-3))
+    Ts, _ = of.drawing.tool(SCARA.random_joints(10, rng))
+    poses = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]))
+    assert all("its rotation is out of reach of 4 joints by 0." in reason for reason in poses.reasons)
+    places = corrected(of, Wanted(Ts[:, :3, 3], np.full((10, 3, 3), np.nan)))
+    assert sum("rotation" in reason for reason in places.reasons) == 0
+
+
+def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:
+    of = compensator((), 16)
+    wanted = reachable(of, 300, 17)
+    found = corrected(of, Wanted(wanted.places, np.full((300, 3, 3), np.nan)))
+    assert found.converged.mean() >= 0.99
+    assert np.quantile(found.singular_rad, 0.05) > np.deg2rad(4)
 
 
 @pytest.mark.parametrize("name", ["ur10.toml", "panda.toml"])
@@ -193,6 +213,12 @@ def test_positions_and_orientations_are_read(tmp_path) -> None:
     np.testing.assert_array_equal(found.conditions["payload_kg"], [3.0, 0.0])
     named = read(tmp_path, "p2_x_m,p2_y_m,p2_z_m\n1,2,3\n")
     assert named.tool == "p2" and named.ids == ("0",) and named.places[0].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_rows_to_skip_are_skipped_and_what_means_nothing_is_passed_over(tmp_path) -> None:
+    found = read(tmp_path, f"{HEADER},use,comment\na,1,2,3,skip,no\nb,4,5,6,calibrate,yes\n")
+    assert found.ids == ("b",) and found.lines == (3,) and len(found.places) == 1
+    assert "columns comment have no meaning here and are passed over" in found.warnings[0]
 
 
 def test_angles_need_a_meaning(tmp_path) -> None:

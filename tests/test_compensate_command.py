@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from arms import IRB120, ROOT
+from arms import IRB120, ROOT, perturbed, somewhere
 
 from lab import frames
 from lab.cli import main
@@ -21,7 +21,7 @@ from lab.study.robots import load_robot
 from lab.target_file import read_targets
 
 FILES = {
-    "config.json", "result.json", "joints.csv", "cartesian.csv", "program.mod",
+    "config.json", "result.json", "report.html", "joints.csv", "cartesian.csv", "nominal.toml", "program.mod",
     "calibrated.xml", "calibrated.urdf", "calibrated.toml",
 }  # fmt: skip
 
@@ -100,6 +100,11 @@ def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path,
     by_controller = drawing.tool(np.deg2rad(degrees))[0]
     np.testing.assert_allclose(by_controller[:, :3, 3], corrected.places, atol=1e-6)
     np.testing.assert_allclose(by_controller[:, :3, :3], corrected.turns, atol=1e-6)
+    np.testing.assert_array_equal(corrected.joints, np.deg2rad(degrees))  # which of the ways to them
+    nominal = read_table(out / "nominal.toml")
+    assert (nominal.chain.table == IRB120.chain.table).all()
+    assert nominal.base is not None and (nominal.base == drawing.values[:6]).all()
+    assert (nominal.tool["p1"] == drawing.values[-3:]).all()
 
 
 def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsys) -> None:
@@ -164,9 +169,7 @@ def copied(run: Path, tmp_path: Path, name: str, change) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    ("verdict", "words"), [("bad", "verdict of this run is 'bad'"), ("not judged", "'not judged'")]
-)
+@pytest.mark.parametrize(("verdict", "words"), [("bad", "'bad'"), ("not judged", "'not judged'")])
 def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, capsys, verdict: str, words: str) -> None:
     changed = copied(run, tmp_path, "result.json", lambda text: json.dumps({**json.loads(text), "verdict": verdict}))
     write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
@@ -175,6 +178,8 @@ def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, ca
     said = capsys.readouterr().err
     assert words in said and "--force" in said and said.count("\n") == 1 and not (tmp_path / "out").exists()
     assert main([*arguments, "--force"]) == 0
+    said = capsys.readouterr()
+    assert f"the verdict of the run is '{verdict}'" in said.err and "not to be believed" in said.err
 
 
 @pytest.mark.parametrize(
@@ -210,3 +215,81 @@ def test_a_folder_that_is_no_run_is_told(tmp_path, capsys) -> None:
     path.write_text("x_mm,y_mm,z_mm\n1,2,3\n")
     assert main(["compensate", str(path), "--run", str(ROOT / "models"), "--out", str(tmp_path / "out")]) == 2
     assert "config.json: cannot be read" in capsys.readouterr().err
+
+
+def test_what_the_model_lacks_is_in_the_error_to_expect(tmp_path, capsys) -> None:
+    """An arm that bends, calibrated as if it did not: good, but not adequate."""
+    run = tmp_path / "bent"
+    bends = ["--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3"]
+    assert main(["calibrate", "--seed", "6", *bends, "--out", str(run), "--json"]) == 0
+    after = json.loads(capsys.readouterr().out)["after_mm"]
+    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 20), ",payload_kg", ",3")
+    code, result = compensated(capsys, tmp_path / "targets.csv", run, tmp_path / "out")
+    assert code == 0 and result["judged_mm"] == after["mean"]
+    assert 0.7 * after["rms"] < result["predicted_mm"]["mean"] < 2 * after["rms"]
+    assert any("the model is not adequate" in warning for warning in result["warnings"])
+    assert any("payload_kg makes no difference" in warning for warning in result["warnings"])
+
+
+def test_measured_orientations_turn_the_tool(tmp_path, capsys) -> None:
+    """A tool that stands askew on the last frame: targets are of its axes, not of the flange's."""
+    rng = np.random.default_rng(5)
+    arm, askew = IRB120.arm(("p1",)), frames.exp(np.array([0.3, -0.2, 0.5]))
+    values = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1.5e-3)
+    joints = 0.8 * IRB120.chain.random_joints(60, rng)
+    Ts = arm.tool(joints, values)[0]
+    Ts[:, :3, :3] = Ts[:, :3, :3] @ askew
+    names = [f"q{i}_rad" for i in range(1, 7)]
+    rows = [",".join([*names, "p1_x_mm", "p1_y_mm", "p1_z_mm", "p1_qw", "p1_qx", "p1_qy", "p1_qz"])]
+    quaternions = frames.quaternion_from_rotation(Ts[:, :3, :3])
+    rows += [
+        ",".join(map(repr, map(float, [*q, *(1e3 * T[:3, 3]), *o])))
+        for q, T, o in zip(joints, Ts, quaternions, strict=True)
+    ]
+    (tmp_path / "poses.csv").write_text("\n".join(rows) + "\n")
+    run = tmp_path / "run"
+    flags = ["--observe", "pose", "--noise-mm", "0.001", "--noise-mrad", "0.001"]
+    assert main(["identify", str(tmp_path / "poses.csv"), *flags, "--out", str(run), "--json"]) == 0
+    write_targets(tmp_path / "targets.csv", Ts[:8])
+    capsys.readouterr()
+    code, _ = compensated(capsys, tmp_path / "targets.csv", run, tmp_path / "out")
+    assert code == 0
+    _, degrees = rows_of(tmp_path / "out" / "joints.csv")
+    back = arm.tool(np.deg2rad(degrees), values)[0]
+    np.testing.assert_allclose(back[:, :3, 3], Ts[:8, :3, 3], atol=1e-7)
+    np.testing.assert_allclose(back[:, :3, :3] @ askew, Ts[:8, :3, :3], atol=1e-7)
+
+
+@pytest.mark.parametrize("inside", ["run", "targets"])
+def test_what_it_is_made_from_is_not_replaced(run: Path, tmp_path, capsys, inside: str) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    path = (copy if inside == "targets" else tmp_path) / "targets.csv"
+    write_targets(path, poses(read_calibrated(run), 2))
+    assert main(["compensate", str(path), "--run", str(copy), "--out", str(copy)]) == 2
+    assert "which this run is made from" in capsys.readouterr().err and (copy / "parameters.json").is_file()
+
+
+def test_odd_ids_are_printed_as_they_are(run: Path, tmp_path, capsys) -> None:
+    Ts = poses(read_calibrated(run), 2)
+    Ts[:, :3, 3] += 4.0
+    write_targets(tmp_path / "targets.csv", Ts)
+    text = (tmp_path / "targets.csv").read_text().replace("t0", "[/x]").replace("t1", "[red]r")
+    (tmp_path / "targets.csv").write_text(text)
+    out = tmp_path / "out[b]"
+    assert main(["compensate", str(tmp_path / "targets.csv"), "--run", str(run), "--out", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert "[/x]" in said and "[red]r" in said and "out[b]" in said
+
+
+def test_places_say_no_frame(tmp_path, capsys, run: Path) -> None:
+    def observed(text: str) -> str:
+        content = json.loads(text)
+        content["options"]["observe"] = "socket"
+        return json.dumps(content)
+
+    folder = copied(run, tmp_path, "config.json", observed)
+    path = tmp_path / "targets.csv"
+    path.write_text("x_mm,y_mm,z_mm\n1,2,3\n")
+    assert main(["compensate", str(path), "--run", str(folder), "--out", str(tmp_path / "out")]) == 2
+    assert "--observe socket, so in which frame targets would be it does not say" in capsys.readouterr().err

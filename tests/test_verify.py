@@ -298,11 +298,11 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
     assert code == 0 and set(good) == KEYS and good["good"] and good["words"].startswith("still good")
     assert good["moved"] == [] == good["hypotheses"] and good["freedom"] == 24 and good["sigma_freedom"] is None
     assert good["observed_mm"]["rms"] == pytest.approx(good["promised_mm"], rel=0.5) and good["level"] == 0.01
-    assert set(good["would_notice"]) == {"base", "tool.p1", *(f"joint{i}" for i in range(1, 7))}
+    assert set(good["would_notice"]) == {"base_mm", "tool.p1_mm", *(f"joint{i}_mrad" for i in range(1, 7))}
     code, bad = checked(capsys, runs, "known", "base.csv")
     assert code == 1 and not bad["good"] and bad["moved"] == ["base"]
     assert bad["hypotheses"][0]["shift_mm"] == pytest.approx(0.1, abs=0.02) and bad["hypotheses"][0]["explains"]
-    assert {path.name for path in (runs / "out").iterdir()} == {"config.json", "result.json"}
+    assert {path.name for path in (runs / "out").iterdir()} == {"config.json", "result.json", "report.html"}
     assert json.loads((runs / "out" / "result.json").read_text()) == bad
     assert json.loads((runs / "out" / "config.json").read_text())["command"] == "verify"
     code, again = checked(capsys, runs, "known", "base.csv", "--refit", "base")
@@ -370,6 +370,10 @@ BAD = [
     ("known good.csv --instrument ruler", "instrument 'ruler' is unknown"),
     ("known ball.csv", "ball.csv: target ball was not identified (those of the run are p1)"),
     ("known all.csv", "all.csv: no row to be used has a measured point"),
+    (
+        "known metres.csv",
+        "metres.csv: the measured points spread 1e+03 times as far as the robot's do in these poses: wrong unit",
+    ),
     ("known two.csv --refit base", "two.csv: 2 poses cannot place base anew"),
     ("known panda.csv", "panda.csv: line 1: column q7_rad is no joint of the robot"),
     ("bad good.csv", "the verdict of this run is 'not judged', so a verification is refused"),
@@ -381,6 +385,8 @@ def test_bad_input_is_one_line(runs: Path, capsys, monkeypatch, arguments: str, 
     header, *rows = (runs / "good.csv").read_text().splitlines()
     (runs / "all.csv").write_text("\n".join([f"{header},use", *(f"{row},skip" for row in rows)]) + "\n")
     (runs / "two.csv").write_text("\n".join([header, *rows[:2]]) + "\n")
+    metres = header.replace("p1_x_mm", "p1_x_m").replace("p1_y_mm", "p1_y_m").replace("p1_z_mm", "p1_z_m")
+    (runs / "metres.csv").write_text("\n".join([metres, *rows]) + "\n")
     (runs / "panda.csv").write_text("\n".join([f"{header},q7_rad", *(f"{row},0" for row in rows)]) + "\n")
     if arguments.startswith("bad"):
         unjudged(runs)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.attempts import Attempts
+from lab.calibration.attempts import LIMIT_SLACK, Attempts
 from lab.frames import Array
 from lab.geometry.affected import Arm
 from lab.geometry.closed_form import Solutions
@@ -87,11 +87,14 @@ class Compensator:
         fits = np.flatnonzero(found.fits)
         some, given = wanted.take(fits), conditions[fits]
         schemes = [self._differential(some, given, found.start[fits])]
-        aimed, by_space = self._cartesian(some, given, found.start[fits], found.branch[fits])
+        whole = self._as_poses(some, found.joints[fits], given)
+        aimed, by_space = self._cartesian(whole, given, found.start[fits], found.branch[fits])
         schemes.append(by_space)
         differential, cartesian = (_spread(part, fits, found.joints.shape) for part in schemes)
         places, turns = _spread(aimed.places, fits, wanted.places.shape), _spread(aimed.turns, fits, wanted.turns.shape)
-        apart = _spread(self._apart(given, some.turned, found.joints[fits], *schemes), fits, (len(wanted),))
+        apart = self._apart(given, some.turned, found.joints[fits], *schemes)
+        apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
+        apart = _spread(apart, fits, (len(wanted),))
         _, jacobian = self._tool(found.joints, conditions)
         distance, joint = singular_distance(jacobian)
         return Compensation(
@@ -159,16 +162,19 @@ class Compensator:
         self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]
     ) -> tuple[Wanted, Array]:
         """Scheme (c): the corrected targets, and the readings that the controller finds for them."""
-        drawn, turned = self.drawing.tool(start)[0], wanted.turned
-        aimed = Wanted(wanted.places.copy(), np.where(turned[:, None, None], wanted.turns, drawn[:, :3, :3]))
+        aimed = Wanted(wanted.places.copy(), wanted.turns.copy())
 
         def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
             corrected = self._aimed(wanted.take(rows), joints, conditions[rows])
-            aimed.places[rows] = corrected.places
-            aimed.turns[rows[turned[rows]]] = corrected.turns[turned[rows]]
+            aimed.places[rows], aimed.turns[rows] = corrected.places, corrected.turns
             return self.drawing.again(aimed.take(rows), joints, branch[rows])[0]
 
         return aimed, self._iterated(wanted, conditions, start, moved)
+
+    def _as_poses(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
+        """Where any rotation will do, the one that scheme (a) ends with: a controller is to be told one."""
+        Ts = self._tool(joints, conditions)[0]
+        return Wanted(wanted.places, np.where(wanted.turned[:, None, None], wanted.turns, Ts[:, :3, :3]))
 
     def _iterated(self, wanted: Wanted, conditions: Array, start: Array, moved: Moved) -> Array:
         """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted."""

@@ -252,10 +252,10 @@ def _spread_to_drawing(sight: Sighting, seen: Observations, before: Array, nomin
     drawn = sight.model.points(seen.settings, drawing)[:, : sight.positions or None]
     if not np.nan_to_num(compared).any():  # places are touched: nothing but zeros is observed
         return 1.0
-    return _spread(compared) / _spread(np.where(np.isnan(compared), np.nan, drawn))
+    return spread(compared) / spread(np.where(np.isnan(compared), np.nan, drawn))
 
 
-def _spread(points: Array) -> float:
+def spread(points: Array) -> float:
     """Root mean square distance (m) of points from their mean; NaN are left out."""
     seen = points[seen_mask(points)]
     return float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))

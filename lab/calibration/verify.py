@@ -104,8 +104,9 @@ def verify(promise: Promise, seen: Observations, refit: Sequence[str] = (), pose
     anew = refitted(arm, refit)
     fit = problem.placed(promise.values, anew, refit)
     if refit and (fit.left < 1 or fit.rank < _structural_rank(promise, anew)):
+        count = f"{len(seen.points)} pose{'' if len(seen.points) == 1 else 's'}"
         raise LabError(
-            f"{len(seen.points)} poses cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
+            f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
             "measure more, or refit less"
         )
     p = promise.p(fit.square, fit.left)

@@ -74,7 +74,7 @@ class Reached:
     @property
     def arrived(self) -> NDArray[np.bool_]:
         """``(n,)``: whether nothing is missing."""
-        return np.asarray(_size_m(self.errors) < 1.0)
+        return np.asarray(_in_tolerances(self.errors) < 1.0)
 
 
 def reach(arm: Arm, values: Array, wanted: Wanted, start: Array, conditions: Array, target: int = 0) -> Reached:
@@ -90,7 +90,7 @@ def reach(arm: Arm, values: Array, wanted: Wanted, start: Array, conditions: Arr
     errors, jacobian = _at(arm, values, wanted, joints, conditions, target)
     damping = np.zeros(len(wanted))
     for _ in range(MAX_STEPS):
-        going = np.flatnonzero((_size_m(errors) >= 1.0) & (damping <= LARGEST_DAMPING))
+        going = np.flatnonzero((_in_tolerances(errors) >= 1.0) & (damping <= LARGEST_DAMPING))
         if not going.size:
             break
         moved = joints[going] + shortest_step(jacobian[going], errors[going], wanted.turned[going], damping[going])
@@ -135,7 +135,7 @@ def _size(errors: Array) -> Array:
     return np.asarray(np.linalg.norm(errors * np.where(np.arange(6) < 3, 1.0, ROTATION_M), axis=1))
 
 
-def _size_m(errors: Array) -> Array:
+def _in_tolerances(errors: Array) -> Array:
     """The same in what counts as none: below one is arrived."""
     place, turn = np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
     return np.asarray(np.maximum(place / ARRIVED_M, turn / ARRIVED_RAD))

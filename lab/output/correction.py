@@ -12,6 +12,7 @@ from rich.table import Table
 from lab import frames
 from lab.calibration.attempts import NEAR_RAD
 from lab.frames import Array
+from lab.geometry.table import write_table
 from lab.output.arm_files import arm_files
 from lab.output.rapid import program_module, why_no_rapid
 from lab.output.result import number
@@ -20,7 +21,7 @@ from lab.study.compensation import Corrected
 from lab.study.options import Correction
 
 MOST_FAILED = 10  # that are printed
-JOINTS, CARTESIAN, PROGRAM = "joints.csv", "cartesian.csv", "program.mod"
+JOINTS, CARTESIAN, PROGRAM, NOMINAL = "joints.csv", "cartesian.csv", "program.mod", "nominal.toml"
 
 
 def correction_summary(done: Corrected) -> dict[str, Any]:
@@ -42,13 +43,10 @@ def correction_summary(done: Corrected) -> dict[str, Any]:
         ],
         "correction_mm": _mean_and_max(1e3 * done.correction_m[converged]),
         "predicted_mm": _mean_and_max(1e3 * done.predicted_m[converged]),
+        "judged_mm": None if (judged := done.run.result.get("after_mm")) is None else judged["mean"],
         "schemes_apart_mm": number(1e3 * found.apart_m[converged].max()) if converged.any() else None,
         "near_singular": [
-            {
-                "id": done.targets.ids[i],
-                "distance_deg": float(np.rad2deg(found.singular_rad[i])),
-                "joint": names[found.singular_joint[i]],
-            }
+            {"id": done.targets.ids[i], "joint": names[found.singular_joint[i]], **_distance(done, int(i))}
             for i in near
         ],
         "without_effects_mm": None if done.without_effects_m is None else 1e3 * done.without_effects_m,
@@ -56,10 +54,23 @@ def correction_summary(done: Corrected) -> dict[str, Any]:
     }
 
 
+def _distance(done: Corrected, target: int) -> dict[str, float]:
+    """To the nearest singularity, as the joint that leads there counts it."""
+    distance = float(done.found.singular_rad[target])
+    slides = done.run.robot.chain.prismatic[done.found.singular_joint[target]]
+    return {"distance_mm": 1e3 * distance} if slides else {"distance_deg": float(np.rad2deg(distance))}
+
+
 def warnings_of(done: Corrected) -> list[str]:
     """What a reader should be told."""
+    said, gate = list(done.warnings), done.run.options.get("gate_mm")
+    expected = 1e3 * done.predicted_m[done.found.converged]
+    if gate is not None and len(expected) and expected.mean() > gate:
+        said.append(
+            f"the expected error is {expected.mean():.3g} mm: these targets are far from where the arm was measured"
+        )
     why = why_no_rapid(done.run.robot.chain)
-    return [*done.warnings, *([why] if why else [])]
+    return [*said, *([why] if why else [])]
 
 
 def _mean_and_max(values: Array) -> dict[str, float | None]:
@@ -72,12 +83,21 @@ def write_correction(folder: Path, done: Corrected, options: Correction) -> None
     run, rows = done.run, np.flatnonzero(done.found.converged)
     write_json(folder / "config.json", config("compensate", options, run.robot.sha256))
     _write_csv(folder / JOINTS, done, rows, _joint_columns(done, rows))
-    _write_csv(folder / CARTESIAN, done, rows, _cartesian_columns(done, rows))
+    _write_csv(folder / CARTESIAN, done, rows, _cartesian_columns(done, rows) | _joint_columns(done, rows))
+    (folder / NOMINAL).write_text(_nominal_table(done), encoding="utf-8")
     for name, text in arm_files(run.robot, *run.geometry).items():
         (folder / name).write_text(text, encoding="utf-8")
     if why_no_rapid(run.robot.chain) is None and len(rows):
         (folder / PROGRAM).write_text(_program(done, rows), encoding="ascii", newline="\r\n")
     write_json(folder / "result.json", correction_summary(done))
+
+
+def _nominal_table(done: Corrected) -> str:
+    """What the corrected targets are for: the drawing, with the base and the tool that suit it best."""
+    drawing = done.run.drawing(done.target)
+    base, table, tools = drawing.arm.split(drawing.values)
+    named = dict(zip(drawing.arm.targets, tools, strict=True))
+    return write_table(drawing.arm.chain.with_table(table), base, named)
 
 
 def _program(done: Corrected, rows: NDArray[np.int_]) -> str:
@@ -120,16 +140,17 @@ def _write_csv(path: Path, done: Corrected, rows: NDArray[np.int_], columns: dic
 
 def print_correction(done: Corrected, folder: Path) -> None:
     """What became of the targets, in a few lines: how far they were moved, which fail and why."""
-    console, result = Console(), correction_summary(done)
+    console, result = Console(markup=False), correction_summary(done)
     console.print(
         f"{result['robot']}, {result['model'].replace('+', ' + ')}: "
         f"{result['converged']} of {result['targets']} targets of {result['tool']} corrected"
     )
     if result["converged"]:
-        moved, predicted = result["correction_mm"], result["predicted_mm"]
+        moved, predicted, judged = result["correction_mm"], result["predicted_mm"], result["judged_mm"]
         console.print(f"moved by {moved['mean']:.4f} mm on average, {moved['max']:.4f} mm at most")
         if predicted["mean"] is not None:
-            console.print(f"expected error (1 sigma of the parameters): {predicted['mean']:.4f} mm on average")
+            seen = "" if judged is None else f"; at poses that the run had not seen it was {judged:.4f} mm"
+            console.print(f"expected error: {predicted['mean']:.4f} mm on average{seen}")
     if result["failed"]:
         table = Table("target", "why it is not reached")
         for each in result["failed"][:MOST_FAILED]:
@@ -138,6 +159,6 @@ def print_correction(done: Corrected, folder: Path) -> None:
         if (more := len(result["failed"]) - MOST_FAILED) > 0:
             console.print(f"and {more} more, in result.json")
     if near := result["near_singular"]:
-        listed = ", ".join(f"{each['id']} ({each['distance_deg']:.2g}°)" for each in near[:MOST_FAILED])
+        listed = ", ".join(f"{each['id']} ({each['joint']})" for each in near[:MOST_FAILED])
         console.print(f"reached, but within 1° of a singularity: {listed}{', …' if len(near) > MOST_FAILED else ''}")
     console.print(f"files: {folder}", soft_wrap=True)

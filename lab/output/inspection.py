@@ -101,7 +101,7 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
 
 def print_inspection(question: Question) -> None:
     """The same for a person."""
-    console, seen, robot = Console(), inspection(question), question.robot
+    console, seen, robot = Console(markup=False), inspection(question), question.robot
     order = "Rz(θ) Tz(d) Tx(a) Rx(α)" if seen["convention"] == "distal" else "Rx(α) Tx(a) Rz(θ) Tz(d)"
     console.print(f"{robot.name}: Denavit-Hartenberg, {seen['convention']}, {order}; mm and °")
     console.print(_drawn_table(seen["joints"]))

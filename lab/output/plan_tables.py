@@ -13,7 +13,7 @@ from lab.study.plan import Plan
 
 def print_plan(plan: Plan, folder: Path) -> None:
     """The plan in a few lines: what it promises, how good it is, how long it takes, where it is."""
-    console, seen = Console(highlight=False), plan_summary(plan)
+    console, seen = Console(highlight=False, markup=False), plan_summary(plan)
     console.print(f"{seen['robot']}: {headline(seen)}")
     console.print(promise(seen))
     console.print(_curve(seen))

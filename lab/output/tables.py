@@ -12,7 +12,7 @@ from lab.study.campaign import Outcome
 
 def print_outcome(outcome: Outcome, folder: Path) -> None:
     """The campaign in a few lines: before and after, what was identified, where the run is."""
-    console, result = Console(), summary(outcome)
+    console, result = Console(markup=False), summary(outcome)
     console.print(
         f"{result['robot']}: {result['poses']} poses, targets {', '.join(result['targets'])}: "
         f"{result['rank']} of {result['parameters']} parameters identified in {result['iterations']} steps, "

@@ -44,7 +44,7 @@ def verification_summary(run: VerifiedRun) -> dict[str, Any]:
         "words": found.words,
         "hypotheses": [_of_hypothesis(each) for each in found.hypotheses],
         "refit": {name: _of_extent(extent) for name, extent in found.refit},
-        "would_notice": {name: number(1e3 * size) for name, size in found.would_notice},
+        "would_notice": {f"{name}_{_unit(run, name)}": number(1e3 * size) for name, size in found.would_notice},
         "warnings": list(run.warnings),
     }
 
@@ -73,6 +73,13 @@ def _of_extent(extent: Extent) -> dict[str, float | None]:
     }
 
 
+def _unit(run: VerifiedRun, what: str) -> str:
+    """In what a person reads how far something moved: the base, a target, or a joint's zero."""
+    joint = what.removeprefix("joint")
+    turns = joint.isdigit() and not run.calibrated.robot.chain.prismatic[int(joint) - 1]
+    return "mrad" if turns else "mm"
+
+
 def write_verification(folder: Path, run: VerifiedRun, options: Verification) -> None:
     """What was asked, and what came out."""
     write_json(folder / "config.json", config("verify", options, run.calibrated.robot.sha256))
@@ -81,7 +88,7 @@ def write_verification(folder: Path, run: VerifiedRun, options: Verification) ->
 
 def print_verification(run: VerifiedRun, folder: Path) -> None:
     """The verdict, what may have moved, and what was fitted anew."""
-    console, found = Console(), run.verified
+    console, found = Console(markup=False), run.verified
     robot, targets = run.calibrated.robot, ", ".join(run.rows.targets)
     console.print(f"{robot.name}: {len(run.rows)} poses, targets {targets}, against {run.calibrated.folder}")
     errors = statistics(found.errors)
@@ -95,12 +102,7 @@ def print_verification(run: VerifiedRun, folder: Path) -> None:
         console.print(_table(found.hypotheses))
     console.print(found.words)
     if found.good:
-        units = {f"joint{i + 1}": "mm" for i, slides in enumerate(robot.chain.prismatic) if slides}
-        seen = [
-            f"{name} {1e3 * size:.2g} {units.get(name, 'mrad' if name.startswith('joint') else 'mm')}"
-            for name, size in found.would_notice
-            if np.isfinite(size)
-        ]
+        seen = [f"{name} {1e3 * size:.2g} {_unit(run, name)}" for name, size in found.would_notice if np.isfinite(size)]
         console.print(f"in 95 of 100 such files it would be noticed if one of these were off by: {', '.join(seen)}")
     elif len(found.moved) == 1:
         console.print(_ADVICE[found.moved[0]])

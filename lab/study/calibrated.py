@@ -31,6 +31,7 @@ class Calibrated:
         values: ``(p,)`` of the arm, as exported: the most likely ones of those that predict the same.
         before: ``(p,)`` nominal links with the base and tool that suit them best.
         R_last_tool: rotation ``(3, 3)`` of the measured tool in the last frame; one where no orientation was measured.
+        left_out: groups of effects of the run's own day.
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
         result: what ``result.json`` holds.
         options: of the run.
@@ -44,6 +45,7 @@ class Calibrated:
     R_last_tool: Array
     identified: tuple[str, ...]
     covariance: Array
+    left_out: tuple[str, ...]
     result: dict[str, Any]
     options: dict[str, Any]
 
@@ -63,14 +65,42 @@ class Calibrated:
         """Of effects that the arm has."""
         return tuple(effect.name for effect in self.arm.effects) if isinstance(self.arm, AffectedArm) else ()
 
+    def lacking(self, sigma_m: float) -> tuple[float, float, int | None]:
+        """What the model lacks (m a coordinate), a factor of its covariance, and sigma's degrees of freedom.
+
+        Where the run's residuals were more than its noise, or that was estimated, they are the measure.
+
+        Args:
+            sigma_m: noise of new measurements.
+        """
+        result = self.result
+        if result["noise_known"] and result["adequate"] is not False:
+            return 0.0, 1.0, None
+        residual_m = (result["residual_mm"] or 0.0) / 1e3
+        noise_m = result["noise_mm"] / 1e3 if result["noise_known"] else sigma_m
+        larger = (residual_m / noise_m) ** 2 if result["noise_known"] else 1.0
+        return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result["freedom"]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What whoever builds on the run should be told of it."""
+        result, said = self.result, [*self.robot.warnings]
+        if result.get("verdict") != "good":
+            said.append(f"the verdict of the run is '{result.get('verdict')}': what it promises is not to be believed")
+        if result.get("adequate") is False:
+            said.append(f"of the run: {result['adequacy']}: what the model lacked is taken for noise")
+        if self.left_out:
+            said.append(f"of the run: {', '.join(self.left_out)} was of its own day, and is left out")
+        return tuple(said)
+
     def refuse_unfit(self, what: str) -> None:
         """A LabError for a run whose verdict is not good: ``what`` is not to be built on it."""
         word, reason = self.result.get("verdict"), self.result.get("reason")
         if word != "good":
             why = f" ({reason})" if reason else ""
+            mend = "measure poses to judge it by" if word == "not judged" else "mend what is bad"
             raise LabError(
-                f"{self.folder}: the verdict of this run is '{word}'{why}, so {what} is refused; "
-                "measure poses to judge it by, or say --force"
+                f"{self.folder}: the verdict of this run is '{word}'{why}, so {what} is refused; {mend}, or say --force"
             )
 
 
@@ -84,7 +114,10 @@ def read_calibrated(folder: Path) -> Calibrated:
     command, options = config.get("command"), config.get("options")
     if command not in ("calibrate", "identify") or not isinstance(options, dict):
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
-    robot = load_robot(str(options.get("robot")))
+    try:
+        robot = load_robot(str(options.get("robot")))
+    except LabError as error:
+        raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
     if config.get("model_sha256") != robot.sha256:
         raise LabError(
             f"{folder}: is a run of another robot: the files of '{options.get('robot')}' are not those that it was "
@@ -94,14 +127,17 @@ def read_calibrated(folder: Path) -> Calibrated:
     targets = tuple(name.split(".")[1] for name in rows if name.startswith("tool.") and name.endswith(".x"))
     if not targets:
         raise LabError(f"{folder}/parameters.json: has no tool (tool.p1.x…), so nothing is there to be aimed")
-    groups = [name for name in str(result.get("model")).split("+") if name not in ("geometric", *OF_ITS_CAMPAIGN)]
-    arm = robot.arm_with(targets, groups)
+    chosen = [name for name in str(result.get("model")).split("+") if name != "geometric"]
+    arm = robot.arm_with(targets, [name for name in chosen if name not in OF_ITS_CAMPAIGN])
+    left_out = tuple(name for name in chosen if name in OF_ITS_CAMPAIGN)
     if missing := [name for name in arm.names if name not in rows]:
         raise LabError(f"{folder}/parameters.json: has no {missing[0]}: it is of another robot, or was cut short")
     exported, before = (np.array([rows[name][key] for name in arm.names]) for key in ("exported", "nominal"))
     turn = np.array([rows[name]["exported"] for name in _TURN]) if set(_TURN) <= set(rows) else np.zeros(3)
     names, covariance = _covariance(folder / "covariance.csv", arm.names)
-    return Calibrated(folder, robot, arm, exported, before, frames.exp(turn), names, covariance, result, options)
+    return Calibrated(
+        folder, robot, arm, exported, before, frames.exp(turn), names, covariance, left_out, result, options
+    )
 
 
 def _json(folder: Path, name: str, kind: type) -> Any:
@@ -132,6 +168,8 @@ def _rows(folder: Path) -> list[dict[str, Any]]:
 
 def _covariance(path: Path, names: Sequence[str]) -> tuple[tuple[str, ...], Array]:
     """The part of the covariance that is of these parameters, and their names."""
+    if not path.is_file():
+        raise LabError(f"{path}: is missing: an older version of the lab made this run; make it again")
     table = CsvTable(path)
     labels = table.texts("parameter")
     if labels is None or tuple(table.header[1:]) != labels:

@@ -40,11 +40,12 @@ class Corrected:
 
     @property
     def predicted_m(self) -> Array:
-        """``(n,)`` root mean square error that the calibration's own uncertainty leaves at each target."""
+        """``(n,)`` root mean square error to expect at each target, of the parameters and of what the model lacks."""
         run = self.run
+        lacking, larger, _ = run.lacking((run.result["noise_mm"] or 0.0) / 1e3)
         jacobian = run.arm.observe(self.settings, run.values)[1][:, self.target]
         rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
-        return np.asarray(np.sqrt(np.einsum("nif,fg,nig->n", rows, run.covariance, rows)))
+        return np.asarray(np.sqrt(larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2))
 
     @property
     def target(self) -> int:
@@ -76,6 +77,12 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
     Raises:
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
     """
+    if (observed := run.options.get("observe", "points")) not in ("points", "pose"):
+        raise LabError(
+            f"{run.folder}: identified with --observe {observed}, so in which frame targets would be it does not say; "
+            "identify from points or poses"
+        )
+    _refuse_beyond_limits(run, targets, source)
     if targets.tool not in run.arm.targets:
         raise LabError(
             f"{source}: tool {targets.tool} was not identified in {run.folder}, which has "
@@ -97,7 +104,19 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
             f"the exported arm holds geometry alone: without {', '.join(run.groups)} it is off by "
             f"{1e3 * without:.2g} mm at these targets"
         )
-    return Corrected(run, targets, wanted, found, settings, without, (*targets.warnings, *warnings))
+    said = (*run.warnings, *targets.warnings, *warnings)
+    return Corrected(run, targets, wanted, found, settings, without, said)
+
+
+def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:
+    chain = run.robot.chain
+    outside = chain.beyond_limits(targets.joints, 1e-9)
+    if outside.any():
+        row, joint = np.argwhere(outside)[0]
+        raise LabError(
+            f"{source}: line {targets.lines[row]}, joint {chain.joint_names[joint]}: beyond its limits; "
+            "mend it, or its unit, or leave the row's joints empty"
+        )
 
 
 def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:
@@ -110,6 +129,8 @@ def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, 
     except LabError as error:
         raise LabError(f"{source}: {error}") from error
     said = []
+    if unused := [name for name in targets.conditions if name not in run.arm.conditions]:
+        said.append(f"{source}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
     if "payload_kg" in run.arm.conditions and "payload_kg" not in targets.conditions:
         said.append(f"{source}: no column payload_kg: nothing is taken to hang at the flange at any target")
     return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said

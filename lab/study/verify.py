@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.promise import Promise
 from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.solver import Observations, whitening
@@ -20,6 +20,7 @@ from lab.measurements import Measurements
 from lab.study.calibrated import Calibrated, read_calibrated
 from lab.study.options import Verification
 
+LEAST_SPREAD = 3  # poses whose spread says something
 TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
 
@@ -56,6 +57,7 @@ def run_verification(options: Verification) -> VerifiedRun:
         raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")
     with _naming(options):
         seen, promise = _against(calibrated, rows, options)
+        _refuse_implausible(promise, seen)
         verified = verify(promise, seen, options.refit, [rows.where(i) for i in range(len(rows))])
     return VerifiedRun(calibrated, rows, verified, tuple(_warnings(calibrated, read, rows, verified)))
 
@@ -100,8 +102,19 @@ def _against(calibrated: Calibrated, rows: Measurements, options: Verification) 
             "identify again with more poses, or with --noise-mm"
         )
     seen, _ = weighed(sighting_of(arm), rows, _noise(calibrated, options))
-    lacking, larger, freedom = _lacking(calibrated.result, root_mean_square_sigma(seen, 0))
+    lacking, larger, freedom = calibrated.lacking(root_mean_square_sigma(seen, 0))
     return _widened(seen, lacking), Promise(arm, values, free, larger * covariance, freedom, strange)
+
+
+def _refuse_implausible(promise: Promise, seen: Observations) -> None:
+    """Points that spread unlike the robot's are of another unit, or of another robot."""
+    predicted = promise.arm.points(seen.settings, promise.values)
+    spreads = [spread(np.where(np.isnan(seen.points), np.nan, points)) for points in (seen.points, predicted)]
+    if len(seen.settings) >= LEAST_SPREAD and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]:
+        raise LabError(
+            f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
+            "wrong unit, or another robot"
+        )
 
 
 def _noise(calibrated: Calibrated, options: Verification) -> Noise:
@@ -118,20 +131,6 @@ def _noise(calibrated: Calibrated, options: Verification) -> Noise:
     return Noise(sigma_m=max((calibrated.result["noise_mm"] or 0.0) / 1e3, LEAST_SIGMA_M))
 
 
-def _lacking(result: dict[str, Any], sigma_m: float) -> tuple[float, float, int | None]:
-    """What a run's model lacks (m a coordinate), a factor of its covariance, and sigma's degrees of freedom.
-
-    Args:
-        sigma_m: of the new measurements.
-    """
-    if result["noise_known"] and result["adequate"] is not False:
-        return 0.0, 1.0, None
-    residual_m = (result["residual_mm"] or 0.0) / 1e3
-    noise_m = result["noise_mm"] / 1e3 if result["noise_known"] else sigma_m
-    larger = (residual_m / noise_m) ** 2 if result["noise_known"] else 1.0
-    return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result["freedom"]
-
-
 def _widened(seen: Observations, lacking_m: float) -> Observations:
     """The same with as much more noise."""
     if lacking_m == 0:
@@ -144,11 +143,7 @@ def _widened(seen: Observations, lacking_m: float) -> Observations:
 
 def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
     """What a reader should be told."""
-    result, chain, said = calibrated.result, calibrated.robot.chain, [*calibrated.robot.warnings, *read.warnings]
-    if result.get("verdict") != "good":
-        said.append(f"the verdict of the run is '{result.get('verdict')}': what it promises is not to be believed")
-    if result.get("adequate") is False:
-        said.append(f"of the run: {result['adequacy']}: what it lacked is taken for noise here")
+    chain, said = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
     if blank := len(read.only("calibrate", "reference", "test")) - len(rows):
         said.append(f"{blank} rows have no measured point and are left out")
     outside = chain.beyond_limits(rows.joints, 1e-3)
