@@ -1,0 +1,126 @@
+"""What accuracy does an instrument buy, and how many poses make up for a cheaper one?
+
+Virtual arms measured by each instrument from designed poses, few and many; the same arms, and judged on the same fresh
+poses without noise: the mean error, and within what 95 % of the poses are.
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import tyro
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+from lab.output.plots import save
+from lab.output.progress import at_work
+from lab.output.question_plots import instruments_figure
+from lab.study.analysis import Mean, means
+from lab.study.grid import Study
+from lab.study.option_groups import Flag
+
+INSTRUMENTS = ("uniform-8um", "leica-at960", "leica-at500", "faro-vantage", "optical-cmm")
+METRICS = {"fresh_mean_mm": "mean", "fresh_p95_mm": "95 % of the poses are within"}
+WANTED_MM = (0.01, 0.02, 0.05)
+Curves = dict[str, list[tuple[int, Mean]]]  # by instrument: poses and mean
+
+
+@dataclass(frozen=True)
+class Options:
+    """How much to simulate."""
+
+    robots: int = 100
+    """Virtual arms."""
+    draws: int = 50
+    """Campaigns with each, that differ in the noise."""
+    poses: tuple[int, ...] = (15, 20, 30, 50, 100)
+    """Numbers of poses, chosen anew for each instrument."""
+    instruments: tuple[str, ...] = INSTRUMENTS
+    """Which ones."""
+    workers: int = 2
+    """Processes."""
+    out: Path = Path("runs/accuracy-versus-instrument")
+    """Folder of the study and the picture; a study that is there goes on."""
+    quick: Flag = False
+    """10 arms, 10 draws, 15 and 30 poses."""
+    json: Flag = False
+    """Print one JSON object."""
+
+
+def main() -> None:
+    """Run the study, draw it, say what it shows."""
+    given, console = tyro.cli(Options), Console(highlight=False)
+    robots, draws, poses = (10, 10, (15, 30)) if given.quick else (given.robots, given.draws, given.poses)
+    factors = {"instrument": given.instruments, "poses": tuple(sorted(poses))}
+    study = Study(name="accuracy-versus-instrument", robots=robots, draws=draws, factors=factors)
+    with threadpool_limits(1), at_work(given.workers) as run:
+        arranged, _ = run(study, given.out / "study")
+        curves = {metric: by_instrument(study, means(arranged, metric)) for metric in METRICS}
+    title = f"Which instrument, how many poses? {robots * draws:,} campaigns with {robots} arms at each point"
+    save(given.out, "instruments", instruments_figure({METRICS[m]: curves[m] for m in METRICS}, title))
+    if given.json:
+        print(json.dumps({"rows": rows(curves), "words": words(curves["fresh_p95_mm"])}))
+        return
+    for metric, lines in curves.items():
+        console.print(table(lines, METRICS[metric]))
+    for line in words(curves["fresh_p95_mm"]):
+        console.print(line)
+    console.print(f"picture: {given.out / 'instruments.png'}")
+
+
+def by_instrument(study: Study, found: tuple[Mean, ...]) -> Curves:
+    """Means in the order of the poses."""
+    curves: Curves = {}
+    for cell, mean in zip(study.cells, found, strict=True):
+        curves.setdefault(cell.instrument, []).append((cell.poses, mean))
+    return {name: sorted(points, key=lambda point: point[0]) for name, points in curves.items()}
+
+
+def rows(curves: dict[str, Curves]) -> list[dict[str, object]]:
+    """All means, as ``--json`` prints them."""
+    return [
+        {"metric": metric, "instrument": name, "poses": poses, **asdict(mean)}
+        for metric, lines in curves.items()
+        for name, points in lines.items()
+        for poses, mean in points
+    ]
+
+
+def table(curves: Curves, title: str) -> Table:
+    """A row an instrument, a column a number of poses."""
+    made = Table(title=f"error on fresh poses, µm (± 95 %): {title}", title_justify="left", box=SIMPLE, padding=0)
+    made.add_column("instrument", no_wrap=True)
+    for poses, _ in next(iter(curves.values())):
+        made.add_column(f"{poses} poses", justify="right", no_wrap=True)
+    for name, points in curves.items():
+        made.add_row(name, *(f"{1e3 * m.mean:.2f} ± {500 * (m.upper - m.lower):.2f}" for _, m in points))
+    return made
+
+
+def words(curves: Curves) -> list[str]:
+    """How many poses each accuracy takes, and where many poses with one instrument are worth few with another."""
+    lines = []
+    for wanted in WANTED_MM:
+        takes = ", ".join(f"{name} {_fewest(points, wanted)}" for name, points in curves.items())
+        lines.append(f"95 % of the poses within {wanted:g} mm take: {takes} poses")
+    order = sorted(curves, key=lambda name: curves[name][-1][1].mean)
+    for better, worse in pairwise(order):
+        poses, mean = curves[worse][-1]
+        fewer = _fewest(curves[better], mean.mean)
+        lines.append(f"{worse}: {poses} poses bring 95 % within {mean.mean:.4f} mm; {better} does that with {fewer}")
+    return lines
+
+
+def _fewest(points: list[tuple[int, Mean]], wanted: float) -> str:
+    """The fewest of the poses tried that surely reach an accuracy: the whole interval does."""
+    enough = [poses for poses, mean in points if mean.upper <= wanted]
+    if not enough:
+        return f"more than {points[-1][0]}"
+    return f"{enough[0]} or fewer" if enough[0] == points[0][0] else str(enough[0])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""Which error source costs most? One at a time is added to a base case whose identifier knows nothing of it.
+
+The base: rigid arms, 30 designed poses, noise of ±8 µm. The same arms and the same noise in every case; what is told is
+the mean error on fresh poses, where the source acts as well.
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+from lab.errors import LabError
+from lab.output.plots import save
+from lab.output.progress import at_work
+from lab.output.question_plots import Cost, costs_figure
+from lab.study.analysis import LEVEL, compared, means
+from lab.study.arranged import Arranged, Group
+from lab.study.bootstrap import holm
+from lab.study.grid import NONE, Cell, Study
+from lab.study.option_groups import ArmEffects, Flag
+
+METRIC = "fresh_mean_mm"
+BASE = Cell()
+EFFECTS = {
+    "stiffness 1e5 Nm/rad, 0 or 3 kg": ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0)),
+    "stiffness 1e5 Nm/rad, no load": ArmEffects(stiffness_nm_per_rad=1e5),
+    "runout 0.2 mrad once a turn": ArmEffects(harmonic_mrad=0.2),
+    "gear ratios off by 50 ppm": ArmEffects(gear_ppm=50.0),
+    "backlash 0.1 mrad": ArmEffects(backlash_mrad=0.1),
+    "repeatability 0.01 mrad a joint": ArmEffects(repeatability_mrad=0.01),
+    "tracker drifts 0.02 mm, 0.01 mrad/h": ArmEffects(drift_mm_per_h=0.02, drift_mrad_per_h=0.01),
+    "arm grows by 10 ppm/h": ArmEffects(growth_ppm_per_h=10.0),
+    "read 1 s after a move, settling in 0.1 s": ArmEffects(lag=float(np.exp(-10))),
+    "1 % bad readings, 1 to 50 mm": ArmEffects(bad_share=0.01),
+}
+OTHERS: dict[str, dict[str, Any]] = {
+    "half the noise": {"noise": 0.5},
+    "twice the noise": {"noise": 2.0},
+    "an arm half as far off": {"position_sigma_mm": 0.25, "rotation_sigma_mrad": 0.75},
+    "an arm twice as far off": {"position_sigma_mm": 1.0, "rotation_sigma_mrad": 3.0},
+    "10 poses": {"poses": 10},
+    "15 poses": {"poses": 15},
+    "60 poses": {"poses": 60},
+    "30 random poses": {"criterion": "random"},
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """How much to simulate."""
+
+    robots: int = 100
+    """Virtual arms."""
+    draws: int = 20
+    """Campaigns with each, that differ in the noise."""
+    cases: tuple[str, ...] = (*EFFECTS, *OTHERS)
+    """Which are set against the base."""
+    workers: int = 2
+    """Processes."""
+    out: Path = Path("runs/what-matters")
+    """Folder of the studies and the picture; studies that are there go on."""
+    quick: Flag = False
+    """10 arms and 10 draws."""
+    json: Flag = False
+    """Print one JSON object."""
+
+
+def main() -> None:
+    """Run all cases, sort them, draw them."""
+    given, console = tyro.cli(Options), Console(highlight=False)
+    robots, draws = (10, 10) if given.quick else (given.robots, given.draws)
+    with threadpool_limits(1):
+        arranged = together(studies(robots, draws, given.cases), given)
+        base, costs = sorted_costs(arranged, ["", *(name for name in (*EFFECTS, *OTHERS) if name in given.cases)])
+    words = f"30 designed poses, ±8 µm, {1e3 * base:.2f} µm"
+    title = f"Which error source costs most? {robots * draws:,} paired campaigns each"
+    save(given.out, "what_matters", costs_figure(costs, words, title))
+    if given.json:
+        print(json.dumps({"base_mm": base, "costs": [asdict(cost) for cost in costs], "words": said(base, costs)}))
+        return
+    console.print(table(costs))
+    console.print(said(base, costs))
+    console.print(f"picture: {given.out / 'what_matters.png'}")
+
+
+def studies(robots: int, draws: int, cases: tuple[str, ...]) -> list[Study]:
+    """The base with each effect; then one study for every other change. All have the same arms and noise."""
+    if strange := [name for name in cases if name not in {**EFFECTS, **OTHERS}]:
+        raise LabError(f"--cases: '{strange[0]}' is none; there are {', '.join((*EFFECTS, *OTHERS))}")
+    effects = {name: each for name, each in EFFECTS.items() if name in cases}
+    changes = {
+        name: {factor: (value,) for factor, value in change.items()} for name, change in OTHERS.items() if name in cases
+    }
+    base = Study("effects", robots=robots, draws=draws, factors={"effects": (NONE, *effects)}, effects=effects)
+    return [base, *(Study(name, robots=robots, draws=draws, factors=change) for name, change in changes.items())]
+
+
+def together(asked: list[Study], given: Options) -> Arranged:
+    """The campaigns of all studies as those of one, its cells numbered through."""
+    parts, cells = [], []
+    with at_work(given.workers) as run:
+        for study in asked:
+            columns = run(study, given.out / study.name.replace(" ", "-"))[0].columns
+            parts.append({**columns, "cell": columns["cell"] + len(cells)})
+            cells += study.cells
+    return Arranged.of({name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, cells)
+
+
+def sorted_costs(arranged: Arranged, names: list[str]) -> tuple[float, list[Cost]]:
+    """The base's mean error (mm), and what each case adds to it, the dearest first."""
+    base = means(arranged, METRIC)[0].mean
+    group = Group(("case",), {}, tuple(range(len(names))))
+    pairs = [pair for pair in compared(arranged, group, METRIC, "difference").pairs if pair.first == 0]
+    told = holm(np.array([pair.p for pair in pairs])) < LEVEL  # of the pairs with the base alone
+    costs = [
+        Cost(names[pair.second], pair.effect, pair.lower, pair.upper, base, bool(sure), pair.left_out)
+        for pair, sure in zip(pairs, told, strict=True)
+    ]
+    return base, sorted(costs, key=lambda cost: -cost.extra_mm)
+
+
+def table(costs: list[Cost]) -> Table:
+    """The dearest first."""
+    made = Table(title="mean error on fresh poses (95 % intervals over the arms)", title_justify="left")
+    for heading in ("case", "adds, µm", "times the base"):
+        made.add_column(heading, justify="left" if heading == "case" else "right")
+    for cost in costs:
+        made.add_row(cost.name, f"{1e3 * cost.extra_mm:+.2f}".replace("-", "−"), cost.words)
+    return made
+
+
+def said(base: float, costs: list[Cost]) -> str:
+    """The answer in a sentence or two."""
+    dear = [cost for cost in costs if cost.ratio >= 2]
+    small = [cost for cost in costs if abs(cost.ratio - 1) < 0.05 or not cost.told]
+    lost = sum(cost.left_out for cost in costs)
+    return (
+        f"The base has {1e3 * base:.2f} µm. Dearest: "
+        + "; ".join(f"{cost.name} {cost.ratio:.3g} times" for cost in dear)
+        + f". Hardly anything (below 5 %, or not to be told): {', '.join(cost.name for cost in small) or 'none'}."
+        + (f" {lost} campaigns did not converge, and are left out." if lost else "")
+    )
+
+
+if __name__ == "__main__":
+    main()
