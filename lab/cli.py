@@ -331,9 +331,12 @@ def _study(command: Study) -> int:
     except KeyboardInterrupt:
         print(f"lab: interrupted; --resume goes on with what is in {place}", file=sys.stderr)
         return 130
+    from lab.output.study_report import print_study, write_study  # slow to import, as all that draws
+
+    analysis = write_study(done)
     _tell((), done.summary if command.json else None)
     if not command.json:
-        print(f"{study.campaigns} campaigns in {len(study.cells)} cells, in {done.seconds:.1f} s: {place}")
+        print_study(done, analysis)
     return 0
 
 

@@ -137,12 +137,12 @@ def test_the_eight_solutions_of_the_thesis() -> None:
 
 @pytest.mark.parametrize("name", DECOUPLED)
 def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str) -> None:
-    """100,000 poses; TX 40's wrist cannot come within 35 mm of axis 1, which random joints never ask for."""
-    chain = DECOUPLED[name]
-    joints = chain.random_joints(100_000, np.random.default_rng(2))
+    """TX 40's wrist cannot come within 35 mm of axis 1, which random joints never ask for."""
+    chain, count = DECOUPLED[name], 100_000 if name == "irb120" else 20_000
+    joints = chain.random_joints(count, np.random.default_rng(2))
     Ts = flanges(chain, joints)
     found = closed_form(chain).solve(Ts)
-    assert found.joints.shape == (100_000, 8, 6) and not found.gap_m.any() and not found.free.any()
+    assert found.joints.shape == (count, 8, 6) and not found.gap_m.any() and not found.free.any()
     assert np.abs(flanges(chain, found.joints) - Ts[:, None]).max() < 1e-11
     missed = np.abs(difference(found.joints, joints[:, None])).max(axis=2)
     assert missed.min(axis=1).max() < 1e-9

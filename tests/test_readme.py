@@ -30,6 +30,7 @@ def test_every_further_command_runs(tmp_path, monkeypatch, capsys) -> None:
     commands = [line for block in blocks("sh")[1:] for line in block.strip().splitlines()]
     assert len(commands) >= 4
     (tmp_path / "targets.csv").write_text(blocks("csv")[0])
+    (tmp_path / "grid.toml").write_text(blocks("study")[0])
     for command in commands:
         program, *arguments = shlex.split(command)
         assert program == ".venv/bin/lab"

@@ -225,12 +225,19 @@ def test_what_is_not_fitted_and_what_is_not_geometry_costs() -> None:
         ({"factors": {"parameters": ["few"]}}, r"add \[parameters.few\]"),
         ({"effects": {"soft": {"stiffness": 3}}}, "effects.soft: 'stiffness' is no option"),
         ({"factors": {"poses": ["many"]}}, "'many' is no value of option 'poses'"),
+        ({"effects": {"soft": {"lag": 2.0}}}, "effects.soft: --lag is to be below 1"),
         ({"robots": 0}, "robots 0"),
     ],
 )
 def test_a_study_that_is_none_is_told(content: dict, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         study_from(content)
+
+
+def test_one_jacobian_cannot_serve_a_tracker() -> None:
+    study = Study(frozen=True, factors={"poses": (30,), "instrument": ("leica-at960",)})
+    with pytest.raises(ValueError, match="frozen: leica-at960 weighs every arm otherwise"):
+        cell_poses(study, study.cells[0])
 
 
 def test_too_few_poses_are_refused() -> None:

@@ -222,7 +222,7 @@ def test_what_would_be_noticed_is() -> None:
 
 
 def test_the_study_a_little() -> None:
-    found = study("verify_study.py", "--arms", 40, "--files", 0)
+    found = study("verify_study.py", "--arms", 20, "--files", 0)
     assert found["unchanged"]["good"] >= 0.95
     for case in ("base", "tool", "axis 2"):
         assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9

@@ -9,6 +9,7 @@ from lab.study.grid import ANY, FACTORS, Cell
 
 METRICS = {
     "fresh_mean_mm": ("mean error on fresh poses", "mm"),
+    "fresh_p95_mm": ("95 % of the errors on fresh poses", "mm"),
     "fresh_worst_mm": ("worst error on fresh poses", "mm"),
     "length_rms_mm": ("RMS error of the lengths", "mm"),
     "angle_rms_mrad": ("RMS error of the angles", "mrad"),
@@ -17,7 +18,7 @@ METRICS = {
     "before_mm": ("mean error on fresh poses before", "mm"),
     "steps": ("Gauss-Newton steps", ""),
 }
-_UNITS = {"poses": " poses", "position_sigma_mm": " mm", "rotation_sigma_mrad": " mrad"}
+_UNITS = {"poses": " poses", "position_sigma_mm": " mm", "rotation_sigma_mrad": " mrad", "noise": " times the noise"}
 _AXES = {
     "poses": "number of poses",
     "position_sigma_mm": "position σ of the arm, mm",

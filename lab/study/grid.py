@@ -91,6 +91,8 @@ class Study:
     effects: Mapping[str, ArmEffects] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not self.name or Path(self.name).name != self.name:
+            raise LabError(f"name '{self.name}': give a name without slashes")
         whole("seed", self.seed, 0)
         for name in ("robots", "draws", "fresh"):
             whole(name, getattr(self, name), 1)
@@ -101,6 +103,12 @@ class Study:
                 raise LabError(f"factor {kind}: give at least one value, and each once")
         if strange := [each for each in self.factors.get("scaling", ()) if each not in SCALINGS]:
             raise LabError(f"factor scaling: '{strange[0]}' is unknown; there are {', '.join(SCALINGS)}")
+        for kind, sets in (("parameters", self.parameters), ("effects", self.effects)):
+            for name, each in sets.items():
+                try:
+                    each.check()
+                except LabError as error:
+                    raise LabError(f"{kind}.{name}: {error}") from error
         for cell in self.cells:
             whole("factor poses", cell.poses, 1)
             positive("factor noise", cell.noise)

@@ -132,6 +132,11 @@ class _Fitted:
         nominal = model.values_before(arm, model.T_world_tracker)
         free = base_set(arm, nominal, fix=asked.fix, free=asked.free).kept
         effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
+        device = _noisy(instrument(cell.instrument), cell.noise)
+        if study.frozen and device.kind == "spherical":
+            raise LabError(
+                f"frozen: {device.name} weighs every arm otherwise, so one Jacobian cannot serve all; leave it"
+            )
         placed = set(range(6)) <= set(free)
         return cls(
             robot,
@@ -141,7 +146,7 @@ class _Fitted:
             free,
             placed,
             effects,
-            _noisy(instrument(cell.instrument), cell.noise),
+            device,
         )
 
 

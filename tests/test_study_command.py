@@ -1,0 +1,67 @@
+"""``lab study`` from a file to tables, figures and a page."""
+
+import csv
+import json
+import re
+
+import pytest
+
+from lab.cli import main
+
+GRID = """
+name = "a <small> one"
+robots = 6
+draws = 5
+fresh = 40
+
+[factors]
+criterion = ["random", "O1"]
+poses = 12
+"""
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "grid.toml").write_text(GRID)
+    assert main(["study", str(folder / "grid.toml"), "--out", str(folder / "out"), "--workers", "1", "--json"]) == 0
+    return folder
+
+
+def test_the_analysis_is_in_the_folder(done) -> None:
+    names = {path.name for path in (done / "out").iterdir()}
+    assert {"means.csv", "pairs.csv", "ranks.csv", "report.html", "config.json", "manifest.json"} <= names
+    for metric in ("fresh_mean_mm", "fresh_worst_mm"):
+        for kind in ("means", "pairs", "ranks"):
+            assert {f"{metric}-criterion-{kind}.png", f"{metric}-criterion-{kind}.svg"} <= names
+    with (done / "out" / "means.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["metric"] == "fresh_mean_mm"]
+    means = {row["criterion"]: float(row["mean"]) for row in rows}
+    assert len(means) == 2 and means["O1"] < means["random"]
+
+
+def test_the_page_says_it_and_needs_nothing_else(done) -> None:
+    page = (done / "out" / "report.html").read_text()
+    assert "<h1>a &lt;small&gt; one</h1>" in page and "<script" not in page
+    assert not re.search(r'(src|href)="(?!#|data:)', page)
+    assert page.count("<svg") == page.count("<figure") == 6
+    for words in ("60 virtual campaigns", "best is O1", "mean error on fresh poses", "numpy ", "SHA-256"):
+        assert words in page
+
+
+def test_again_it_prints_and_writes_the_same(done, capsys) -> None:
+    before = {path: path.read_bytes() for path in (done / "out").rglob("*") if path.is_file()}
+    flags = ["study", str(done / "grid.toml"), "--out", str(done / "out"), "--resume", "--workers", "1"]
+    assert main(flags) == 0
+    said = capsys.readouterr().out
+    assert "0 of 60 campaigns worked out" in said and "best is O1" in said
+    assert {path: path.read_bytes() for path in (done / "out").rglob("*") if path.is_file()} == before
+    assert main([*flags, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["campaigns"] == 60 and result["computed"] == 0 and len(result["cells"]) == 2
+
+
+def test_a_name_is_one_folder(tmp_path, capsys) -> None:
+    (tmp_path / "grid.toml").write_text('name = "a/b"\n')
+    assert main(["study", str(tmp_path / "grid.toml")]) == 2
+    assert "name 'a/b': give a name without slashes" in capsys.readouterr().err
