@@ -59,7 +59,8 @@ class Page(HTMLParser):
         values = dict(attrs)
         assert len(values) == len(attrs) and not any(name.startswith("on") for name in values)
         for name in ("href", "xlink:href", "src", "action"):
-            assert values.get(name, "#").startswith("#") and values.get(name, "#")[1:] in ["", *self.ids]
+            target = values.get(name, "#")
+            assert target.startswith("data:image/png;base64,") or (target[0] == "#" and target[1:] in ["", *self.ids])
         self.tags.append(tag)
         if "id" in values:
             self.ids.append(values["id"])
@@ -115,6 +116,10 @@ def runs(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     for command in ("calibrate --seed 7 --out run", "design --candidates 200 --starts 1 --poses 12 --out plan"):
         assert main([*command.split()[:-1], str(folder / command.split()[-1]), "--json"]) == 0
+    grid = 'name = "grid"\nrobots = 4\ndraws = 4\nfresh = 20\n[factors]\ncriterion = "random"\nposes = [12, 20]\n'
+    (folder / "grid.toml").write_text(grid)
+    study = ["study", str(folder / "grid.toml"), "--out", str(folder / "study"), "--workers", "1", "--json"]
+    assert main(study) == 0
     return folder
 
 
@@ -387,8 +392,9 @@ def browser(tmp_path_factory):
     return opened
 
 
-@pytest.mark.parametrize("name", ["run", "plan"])
-@pytest.mark.parametrize("width", [1100, 500])
+@pytest.mark.parametrize(
+    ("name", "width"), [("run", 1100), ("run", 500), ("plan", 1100), ("plan", 500), ("study", 1100)]
+)
 def test_a_browser_shows_every_figure(name: str, width: int, runs: Path, browser, tmp_path: Path) -> None:
     """On a desk and on a phone: no complaint, every picture has its size, no text is cut off, nothing scrolls aside."""
     whole = (runs / name / "report.html").read_text(encoding="utf-8")

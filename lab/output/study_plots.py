@@ -6,6 +6,7 @@ matplotlib is slow to import: import this module where a picture is asked for.
 from collections.abc import Callable, Iterable, Sequence
 from math import ceil, isfinite
 from pathlib import Path
+from textwrap import fill
 from typing import Any, TypeVar
 
 import matplotlib
@@ -37,6 +38,7 @@ _FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
 _PALE = 2.2  # certainty is no darker than its figures can be read on
 _SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
+_LETTERS_AN_INCH = 11  # of a title
 _APART = 0.035  # of the axis, between the lines' marks at one level
 _STYLE: Any = {
     "font.size": 10,
@@ -249,5 +251,5 @@ def _panels(
             draw(axes, each)
         for axes in panels[len(shown) :]:
             axes.remove()
-        figure.suptitle(title, fontsize=11)
+        figure.suptitle(fill(title, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=11)
     return figure
