@@ -174,7 +174,7 @@ def test_thesis_tables(tmp_path: Path) -> None:
     fresh = {(row["criterion"], row["scaling"], row["poses"]): row for row in rows if row["metric"] == "fresh_mean_mm"}
     for poses in (10, 20, 40):
         random = fresh["random", "any", poses]["to_o1"]
-        assert random["lower"] > 1.1 and random["p_holm"] < 0.001
+        assert random["lower"] > 1.1 and random["p_holm"] < 0.05  # 153 pairs, of which none is told below 1e-4 alone
         assert all(fresh["O2", scaling, poses]["to_o1"]["lower"] > 1.1 for scaling in ("raw", "length", "whitened"))
         assert 0.85 < fresh["O5", "whitened", poses]["to_o1"]["effect"] < 1.1
         assert fresh["O1", "any", poses]["ranks_95"][0] <= 3
