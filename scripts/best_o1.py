@@ -9,45 +9,15 @@ import time
 
 import numpy as np
 
-from lab.calibration.planning.design import ascend, exchange
-from lab.calibration.planning.observability import Scaling, criterion, indices
-from lab.seeds import stream
-from lab.study.robots import load_robot
+from lab.calibration.planning.observability import indices
+from lab.study.thesis import searched
 
-POSES, CANDIDATES, STARTS = 20, 1000, 12
-DROPPED = (
-    "link2.d",
-    "link2.beta",
-    "link5.d",
-    "link5.a",
-    "link6.theta",
-    "link6.alpha",
-)  # aliased at the flange's origin
+CANDIDATES, STARTS = 1000, 12
 
 
 def best_o1(seed: int, *, limits: bool) -> tuple[np.ndarray, float]:
     """Joint angles ``(20, 6)`` and their O1, the best of several exchanges, each followed by an ascent."""
-    robot = load_robot("irb120")
-    arm = robot.arm(("p1",))
-    values = arm.nominal({"p1": np.zeros(3)})
-    kept = [i for i, name in enumerate(arm.names) if name.startswith("link") and name not in DROPPED]
-    scale = Scaling("raw").columns([arm.names[i] for i in kept], np.empty((0, 3, len(kept))))
-
-    def sensitivity(joints: np.ndarray) -> np.ndarray:
-        return arm.observe(joints, values)[1][:, 0][..., kept] * scale
-
-    goal, rng = criterion("O1", len(kept)), stream(seed, "design")
-    turn = np.full(6, np.pi)
-    lower, upper = (robot.chain.lower, robot.chain.upper) if limits else (-turn, turn)
-    candidates = rng.uniform(lower, upper, (CANDIDATES, 6))
-    jacobian = sensitivity(candidates)
-    bounds = (lower, upper) if limits else (-np.inf * turn, np.inf * turn)
-    best = None
-    for _ in range(STARTS):
-        design = exchange(candidates, jacobian, POSES, goal, rng, starts=1)
-        design = ascend(design, sensitivity, goal, lambda q: np.ones(len(q), dtype=bool), *bounds)
-        if best is None or design.score > best.score:
-            best = design
+    best = searched("O1", seed, CANDIDATES, STARTS, limits=limits)
     return best.joints, float(indices(best.jacobian).o1)
 
 

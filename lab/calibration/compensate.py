@@ -147,7 +147,7 @@ class Compensator:
             going = going[reached]
         ended = reach(self.arm, self.values, wanted, joints, conditions, self.drawing.target)
         turned = nearest_turns(chain, ended.joints, start)
-        excess = np.maximum(np.maximum(chain.lower - turned, turned - chain.upper), 0.0)
+        excess = chain.excess(turned)
         return Attempts(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
 
     def _differential(self, wanted: Wanted, conditions: Array, start: Array) -> Array:

@@ -111,11 +111,11 @@ def of_targets(arm: Arm) -> list[Movement]:
 
 def of_joints(arm: Arm) -> list[Movement]:
     """The zero of each joint: it stands further than its reading says."""
-    chain, names, found = rigid_part(arm).chain, arm.names, []
+    chain, found = rigid_part(arm).chain, []
+    directions = rigid_part(arm).by_joints(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
-        direction = np.zeros((len(names), 1))
-        direction[names.index(f"link{k + 1}.{'d' if slides else 'theta'}")] = chain.sign[k]
         what = f"the zero of joint {k + 1} ({chain.joint_names[k]})"
+        direction = directions[:, k : k + 1]
         found.append(Movement("joint", what, "has moved by", direction, int(not slides), chain.size))
     return found
 

@@ -84,6 +84,10 @@ class Chain:
         """Which readings ``(m, n)`` are beyond the limits by more than ``slack``, a number or ``(n,)``, in rad or m."""
         return (joints < self.lower - slack) | (joints > self.upper + slack)
 
+    def excess(self, joints: Array) -> Array:
+        """How far each of the readings ``(..., n)`` is beyond its limit, zero where it is within, in rad or m."""
+        return np.maximum(np.maximum(self.lower - joints, joints - self.upper), 0.0)
+
     def joins_parallel_axes(self, i: int) -> bool:
         """Whether axes i and i + 1 (0-based joints) are parallel on the drawing."""
         link = i if self.convention == "distal" else i + 1

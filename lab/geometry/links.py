@@ -68,10 +68,9 @@ def link_tree(arm: SerialArm, values: Array) -> LinkTree:
     ``flange``, unless a target is called so.
     """
     one = np.eye(4)
-    base, table, tool = arm.split(values)
+    _, table, tool = arm.split(values)
     root = Link(free_name("instrument", arm.targets), None, one, one)
-    T_instrument_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
-    still = parent = Link(free_name("base", arm.targets), root.name, T_instrument_frame0, one)
+    still = parent = Link(free_name("base", arm.targets), root.name, arm.T_tracker_frame0(values), one)
     moving = []
     for i, row in enumerate(table):
         before, at_joint, after = _parts(arm.chain.convention, row)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.errors import LabError
-from lab.frames import Array, exp, left_jacobian
+from lab.frames import Array, exp, left_jacobian, pose
 from lab.geometry.chain import COLUMNS, Chain
 from lab.geometry.gauge import preferred_columns
 
@@ -84,6 +84,11 @@ class SerialArm:
         table = self.chain.table.astype(values.dtype)
         table[self.table_rows, self.table_columns] = values[6:first_tool]
         return values[:6], table, values[first_tool:].reshape(len(self.targets), 3)
+
+    def T_tracker_frame0(self, values: Array) -> Array:
+        """Pose ``(4, 4)`` of frame 0 in the tracker's frame: what the base's parameters say."""
+        base = self.split(values)[0]
+        return pose(exp(base[3:]), base[:3])
 
     def points(self, joints: Array, values: Array) -> Array:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at readings ``(n, joints)``."""

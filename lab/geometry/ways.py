@@ -81,10 +81,9 @@ class Drawing:
 
     def last_frames(self, wanted: Wanted) -> Array:
         """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there."""
-        base, _, tools = self.arm.split(self.values)
-        T_tracker_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
+        tools = self.arm.split(self.values)[2]
         Ts_tracker_last = frames.pose(wanted.turns, wanted.places - wanted.turns @ tools[self.target])
-        last: Array = frames.inverse(T_tracker_frame0) @ Ts_tracker_last
+        last: Array = frames.inverse(self.arm.T_tracker_frame0(self.values)) @ Ts_tracker_last
         return last
 
     def _by_closed_form(self, wanted: Wanted, reference: Array) -> Solutions:
@@ -141,7 +140,7 @@ def ordered(
     for i, ways in enumerate(solutions.joints):
         near = reference[i] if np.isfinite(reference[i]).all() else last
         turned = nearest_turns(chain, ways, near)
-        beyond = np.maximum(np.maximum(chain.lower - turned, turned - chain.upper), 0.0).sum(axis=1)
+        beyond = chain.excess(turned).sum(axis=1)
         cost = np.abs(turned - near).max(axis=1) + DISLIKE_COST * disliked[i]
         cost += EXCESS_COST * beyond + GAP_COST * solutions.gap_m[i]
         order[i] = np.argsort(cost, kind="stable")

@@ -17,9 +17,14 @@ def arm_files(robot: Robot, arm: SerialArm, values: Array) -> dict[str, str]:
     Args:
         values: parameters ``(p,)`` of the arm, base included, in the instrument's frame.
     """
-    base, table, tool = arm.split(values)
     return {
         MJCF: calibrated_mjcf(robot.model, arm, values) if robot.model else table_mjcf(robot, arm, values),
         URDF: calibrated_urdf(robot, arm, values),
-        TABLE: write_table(arm.chain.with_table(table), base, dict(zip(arm.targets, tool, strict=True))),
+        TABLE: table_text(arm, values),
     }
+
+
+def table_text(arm: SerialArm, values: Array) -> str:
+    """An arm with parameters ``(p,)`` as a table, exact to the bit, with its base and its targets."""
+    base, table, tool = arm.split(values)
+    return write_table(arm.chain.with_table(table), base, dict(zip(arm.targets, tool, strict=True)))

@@ -12,8 +12,7 @@ from rich.table import Table
 from lab import frames
 from lab.calibration.attempts import NEAR_RAD
 from lab.frames import Array
-from lab.geometry.table import write_table
-from lab.output.arm_files import arm_files
+from lab.output.arm_files import arm_files, table_text
 from lab.output.rapid import program_module, why_no_rapid
 from lab.output.result import number
 from lab.output.run import config, write_json
@@ -84,7 +83,8 @@ def write_correction(folder: Path, done: Corrected, options: Correction) -> None
     write_json(folder / "config.json", config("compensate", options, run.robot.sha256))
     _write_csv(folder / JOINTS, done, rows, _joint_columns(done, rows))
     _write_csv(folder / CARTESIAN, done, rows, _cartesian_columns(done, rows) | _joint_columns(done, rows))
-    (folder / NOMINAL).write_text(_nominal_table(done), encoding="utf-8")
+    drawing = run.drawing(done.target)  # what the corrected targets are for
+    (folder / NOMINAL).write_text(table_text(drawing.arm, drawing.values), encoding="utf-8")
     for name, text in arm_files(run.robot, *run.geometry).items():
         (folder / name).write_text(text, encoding="utf-8")
     if why_no_rapid(run.robot.chain) is None and len(rows):
@@ -92,19 +92,11 @@ def write_correction(folder: Path, done: Corrected, options: Correction) -> None
     write_json(folder / "result.json", correction_summary(done))
 
 
-def _nominal_table(done: Corrected) -> str:
-    """What the corrected targets are for: the drawing, with the base and the tool that suit it best."""
-    drawing = done.run.drawing(done.target)
-    base, table, tools = drawing.arm.split(drawing.values)
-    named = dict(zip(drawing.arm.targets, tools, strict=True))
-    return write_table(drawing.arm.chain.with_table(table), base, named)
-
-
 def _program(done: Corrected, rows: NDArray[np.int_]) -> str:
     """The RAPID module, with the base and tool that suit the controller's links."""
     run, drawing = done.run, done.run.drawing(done.target)
-    base, _, tools = drawing.arm.split(drawing.values)
-    T_instrument_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
+    tools = drawing.arm.split(drawing.values)[2]
+    T_instrument_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
     ids = [done.targets.ids[i] for i in rows]
     T_last_tool = frames.pose(run.R_last_tool, tools[done.target])
     return program_module(

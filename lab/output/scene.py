@@ -189,9 +189,7 @@ def _mean_length(vectors: Array) -> Array:
 def world_of(outcome: Outcome) -> Array:
     """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
     arm, values = rigid(outcome, outcome.identification.values)
-    base = arm.split(values)[0]
-    T_instrument_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
-    return _world_frame0(outcome) @ frames.inverse(T_instrument_frame0)
+    return _world_frame0(outcome) @ frames.inverse(arm.T_tracker_frame0(values))
 
 
 def chain_corners(arm: SerialArm, values: Array, joints: Array) -> Array:

@@ -12,11 +12,12 @@ from lab.output.html import Html, capital, element, figure, paragraph, section, 
 from lab.output.study_plots import plot_study
 from lab.output.study_tables import print_analysis, write_csv
 from lab.output.study_words import (
+    behind_words,
     circumstances,
-    effect_words,
     level_words,
     mean_words,
     metric_words,
+    rank_words,
     sentences,
     varying,
 )
@@ -93,15 +94,17 @@ def _ranks(analysis: Analysis, metric: str) -> Html:
 
 
 def _rank_rows(comparison: Comparison, analysis: Analysis) -> list[list[str]]:
-    where, free, ranks = circumstances(comparison.group.shared), comparison.group.free, comparison.ranks
-    rows = []
-    for rank in ranks:
-        places = str(rank.rank) if rank.lowest == rank.highest else f"{rank.rank} ({rank.lowest} to {rank.highest})"
-        first = ranks[0].cell
-        behind = "" if rank.cell == first else effect_words(comparison.against(first, rank.cell), comparison.kind)
-        cell = level_words(analysis.cells[rank.cell], free)
-        rows.append([where, cell, places, f"{100 * rank.chances[0]:.0f}", behind])
-    return rows
+    where, free = circumstances(comparison.group.shared), comparison.group.free
+    return [
+        [
+            where,
+            level_words(analysis.cells[rank.cell], free),
+            rank_words(rank),
+            f"{100 * rank.chances[0]:.0f}",
+            behind_words(comparison, rank),
+        ]
+        for rank in comparison.ranks
+    ]
 
 
 def _picture(folder: Path, name: str) -> Html:

@@ -11,11 +11,12 @@ from rich.table import Table
 
 from lab.errors import LabError
 from lab.output.study_words import (
+    behind_words,
     circumstances,
-    effect_words,
     level_words,
     mean_words,
     metric_words,
+    rank_words,
     sentences,
     varying,
 )
@@ -65,10 +66,8 @@ def _ranks_table(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Ta
         if where := circumstances(each.group.shared):
             table.add_row(f"{where}:")
         for rank in each.ranks:
-            first = each.ranks[0].cell
-            behind = "" if rank.cell == first else effect_words(each.against(first, rank.cell), each.kind)
-            ranks = f"{rank.rank} ({rank.lowest} to {rank.highest})" if rank.lowest < rank.highest else str(rank.rank)
-            table.add_row(level_words(cells[rank.cell], free), ranks, f"{100 * rank.chances[0]:.0f} %", behind)
+            cell, chance = level_words(cells[rank.cell], free), f"{100 * rank.chances[0]:.0f} %"
+            table.add_row(cell, rank_words(rank), chance, behind_words(each, rank))
         table.add_section()
     return table
 

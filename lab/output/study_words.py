@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import floor, isfinite, log10
 from typing import Any
 
-from lab.study.analysis import Analysis, Comparison, Kind, Mean, Pair
+from lab.study.analysis import Analysis, Comparison, Kind, Mean, Pair, Rank
 from lab.study.grid import ANY, FACTORS, Cell
 
 METRICS = {
@@ -82,6 +82,17 @@ def _with_interval(ends: Sequence[float], unit: str) -> str:
         digits += 1
     shown = [f"{end + 0:.{digits}f}" for end in ends]
     return f"{shown[0]}{unit} ({shown[1]} to {shown[2]})".replace("-", "−")
+
+
+def rank_words(rank: Rank) -> str:
+    """A rank with its 95 % set, where that has more than one."""
+    return f"{rank.rank} ({rank.lowest} to {rank.highest})" if rank.lowest < rank.highest else str(rank.rank)
+
+
+def behind_words(comparison: Comparison, rank: Rank) -> str:
+    """By how much a cell is worse than the first of its comparison; nothing of the first."""
+    first = comparison.ranks[0].cell
+    return "" if rank.cell == first else effect_words(comparison.against(first, rank.cell), comparison.kind)
 
 
 def sentences(analysis: Analysis, metric: str) -> list[str]:

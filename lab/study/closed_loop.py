@@ -81,8 +81,7 @@ class Cube:
 
     def poses(self, places: Array, drawing: Drawing) -> Wanted:
         """Places ``(n, 3)`` from the centre as targets in the tracker's frame, where the drawing's base has it."""
-        base = drawing.arm.split(drawing.values)[0]
-        T_tracker_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
+        T_tracker_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
         turns = np.broadcast_to(T_tracker_frame0[:3, :3] @ self.turn, (len(places), 3, 3))
         return Wanted(frames.transform(T_tracker_frame0, self.centre + places), turns)
 

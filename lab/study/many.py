@@ -260,8 +260,7 @@ def _true_values(fitted: _Fitted, real: RealArm, Ts_instrument_drawing: Array) -
     """The robot's parameters ``(b, p)`` in the canonical gauge, the base as each campaign was turned."""
     arm = fitted.stacked.arm
     truth = real.truth(arm).of(arm.names)
-    T_instrument_base = frames.pose(frames.exp(truth[3:6]), truth[:3])
-    Ts = frames.inverse(Ts_instrument_drawing) @ T_instrument_base
+    Ts = frames.inverse(Ts_instrument_drawing) @ arm.T_tracker_frame0(truth)
     values = np.tile(truth, (len(Ts), 1))
     values[:, :3], values[:, 3:6] = Ts[:, :3, 3], frames.log(Ts[:, :3, :3])
     return values

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lab.calibration.planning.design import ascend, exchange
+from lab.calibration.planning.design import Design, ascend, exchange
 from lab.calibration.planning.observability import Scaling, criterion
 from lab.calibration.stacked import Campaigns, fit_many
 from lab.frames import Array
@@ -86,6 +86,15 @@ def thesis_case() -> Case:
 
 def designed(name: str, seed: int = 0) -> Array:
     """Joint angles ``(20, 6)`` chosen by a criterion; the joints turn without limits, as in the thesis."""
+    return searched(name, seed, CANDIDATES, STARTS).joints
+
+
+def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = False) -> Design:
+    """The best of some exchanges among so many random candidates, each followed by an ascent.
+
+    Args:
+        limits: whether the joints keep to theirs; else they turn freely.
+    """
     case = thesis_case()
     scale = Scaling("raw").columns(tuple(OFF), np.empty((0, 3, len(OFF))))
 
@@ -94,20 +103,21 @@ def designed(name: str, seed: int = 0) -> Array:
         return rates
 
     goal, rng = criterion(name, len(OFF)), stream(seed, "design")
-    candidates = rng.uniform(-np.pi, np.pi, (CANDIDATES, case.arm.chain.size))
-    jacobian, anywhere = sensitivity(candidates), np.full(case.arm.chain.size, np.inf)
+    chain, turn = case.arm.chain, np.full(case.arm.chain.size, np.pi)
+    lower, upper = (chain.lower, chain.upper) if limits else (-turn, turn)
+    candidates = rng.uniform(lower, upper, (count, chain.size))
+    jacobian, bounds = sensitivity(candidates), (lower, upper) if limits else (-np.inf * turn, np.inf * turn)
     found = [
         ascend(
             exchange(candidates, jacobian, POSES, goal, rng, starts=1),
             sensitivity,
             goal,
             lambda joints: np.ones(len(joints), dtype=np.bool_),
-            -anywhere,
-            anywhere,
+            *bounds,
         )
-        for _ in range(STARTS)
+        for _ in range(starts)
     ]
-    return max(found, key=lambda design: design.score).joints
+    return max(found, key=lambda design: design.score)
 
 
 def aliasing() -> dict[str, dict[str, float]]:

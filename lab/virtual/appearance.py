@@ -80,11 +80,10 @@ def body_poses(robot: RobotModel, arm: SerialArm, values: Array, joints: Array) 
 
 def _tracker_stand(robot: RobotModel, arm: SerialArm, values: Array) -> Array:
     """World pose ``(4, 4)`` of the tracker's body."""
-    base, nominal = arm.split(values)[0], at_zero(robot.model)
-    T_tracker_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
+    nominal = at_zero(robot.model)
     T_world_body = body_pose(nominal, int(robot.model.site(TRACKER).bodyid[0]))
     T_tracker_body = frames.inverse(site_pose(robot.model, nominal, TRACKER)) @ T_world_body
-    return robot.T_world_frame0 @ frames.inverse(T_tracker_frame0) @ T_tracker_body
+    return robot.T_world_frame0 @ frames.inverse(arm.T_tracker_frame0(values)) @ T_tracker_body
 
 
 def _name(model: mujoco.MjModel, body: int) -> str:

@@ -79,9 +79,7 @@ def calibrated_mjcf(robot: RobotModel, arm: SerialArm, values: Array) -> str:
             spec.body(robot.carrier).add_site(name=target)
     model = spec.compile()
     place_bodies(model, robot, arm, values)
-    base = arm.split(values)[0]
-    T_tracker_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
-    place_tracker(model, robot, robot.T_world_frame0 @ frames.inverse(T_tracker_frame0))
+    place_tracker(model, robot, robot.T_world_frame0 @ frames.inverse(arm.T_tracker_frame0(values)))
     root = ET.fromstring(spec.to_xml())
     _write_in_full(root, model)
     ET.indent(root)
