@@ -109,7 +109,7 @@ def by_scipy(arm: SerialArm, data: Measurements, start: Identification) -> None:
 def kernels() -> dict[str, float]:
     """Milliseconds of the parts, and megabytes of the large batch."""
     robot, options = load_robot("irb120"), VirtualCampaign(seed=7)
-    model, arm, tracker = robot.needed_model(), robot.arm(("p1",)), instrument("uniform-8um")
+    model, arm, tracker = robot.model, robot.arm(("p1",)), instrument("uniform-8um")
     real, nominal = perturbed_arm(robot, options), arm.nominal(robot.tool)
     data = track(real, random_poses(model, 50, stream(7, "poses")), ("p1",), tracker, stream(7, "noise"))
     many = robot.chain.random_joints(100_000, stream(7, "fresh"))
@@ -132,7 +132,7 @@ def planning() -> dict[str, float]:
     """Milliseconds of the parts of a plan."""
     options = PlannedCampaign(poses=30, candidates=10_000)
     problem, tracker = pose_problem(options), instrument(options.instrument)
-    model = problem.robot.needed_model()
+    model = problem.robot.model
 
     def candidates() -> Any:
         return draw_candidates(model, options.targets, tracker, options.candidates, stream(0, "candidates"))
@@ -149,7 +149,7 @@ def effects() -> dict[str, float]:
     soft = ArmEffects(1e5, (0.0, 3.0), harmonic_mrad=0.2, backlash_mrad=0.05, drift_mm_per_h=0.05)
     robot, targets, tracker = load_robot("irb120"), ("p1", "p2", "p3"), instrument("uniform-8um")
     real = perturbed_arm(robot, VirtualCampaign(seed=7, effects=soft))
-    poses, rng = random_poses(robot.needed_model(), 1000, stream(7, "poses")), stream(7, "noise")
+    poses, rng = random_poses(robot.model, 1000, stream(7, "poses")), stream(7, "noise")
     there = random_conditions(robot.chain, real.effects, 1000, stream(7, "conditions"), soft.payload_kg, HOUR_S)
     data = track(real, poses, targets, tracker, rng, conditions=there)
     fitter = Fitter(robot, targets, data, Observing(), Noise(tracker), Fitting("auto"), False, 7)

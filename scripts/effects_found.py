@@ -88,7 +88,7 @@ def drawing() -> Robot:
 def designed() -> tuple[Array, Array]:
     """Readings ``(60, joints)`` and payloads ``(60,)`` kg, D-optimal for geometry and both groups."""
     robot = drawing()
-    model, arm = robot.needed_model(), robot.arm_with(TARGETS, GROUPS)
+    model, arm = robot.model, robot.arm_with(TARGETS, GROUPS)
     drawn = draw_candidates(model, TARGETS, DEVICE, CANDIDATES, stream(0, "candidates")).joints
     settings = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in PAYLOADS_KG])
     rigid = model.values_before(robot.arm(TARGETS), model.T_world_tracker)

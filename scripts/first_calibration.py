@@ -14,7 +14,7 @@ from lab.virtual.real import random_perturbation, random_tracker, real_arm, trac
 SEED = 7
 
 robot = load_robot("irb120")
-model, arm = robot.needed_model(), robot.arm(("p1",))  # the drawing, in MuJoCo and as equations
+model, arm = robot.model, robot.arm(("p1",))  # the drawing, in MuJoCo and as equations
 tracker = instrument("uniform-8um")
 
 # The "real" robot: every body off by 0.5 mm and 1.5 mrad, before a tracker set up somewhere.

@@ -48,6 +48,7 @@ def chain_of(
         low,
         high,
         np.full(n, np.nan),
+        np.full(n, np.nan),
         parallel_links(convention, alpha),
     )
 

@@ -18,6 +18,7 @@ import pytest
 from lab.cli import main
 from lab.geometry.serial import SerialArm
 from lab.geometry.table import read_table
+from lab.study.robots import load_robot, load_virtual
 
 ROWS = 24
 
@@ -329,7 +330,6 @@ COMMAND_LINE = [
     Case("robot: a folder", "inspect folder.xml", ("folder.xml", "irb120"), {"folder.xml/x": ""}),
     Case("robot: a file of another kind", "inspect good.csv", ("good.csv", ".xml, .urdf or .toml")),
     Case("robot: no such file", "identify good.csv --robot gone.xml", ("gone.xml", "irb120")),
-    Case("robot: a table has no bodies", "calibrate --robot arm.toml", ("three", "MJCF or a URDF")),
     Case("out: is a file", f"{CALIBRATE} --out good.csv", ("good.csv", "is a file", "--out")),
     Case("out: below a file", f"{CALIBRATE} --out good.csv/run", ("good.csv/run", "cannot be written", "--out")),
     Case("out: nowhere to write", "identify good.csv --robot arm.toml --out /proc/run", ("/proc/run", "--out")),
@@ -529,7 +529,7 @@ TABLES = [
     ),
     toml("unknown key of a joint", swapped(ARM_TOML, "a_mm", "offset = 1\na_mm"), "joint q1", "'offset'", "theta_deg"),
     toml("a slide in degrees", swapped(ARM_TOML, "upper_mm", "upper_deg"), "joint rail", "give upper_mm"),
-    toml("unknown key on top", "units = 1\n" + ARM_TOML, "'units'", "convention, joint, name, tool"),
+    toml("unknown key on top", "units = 1\n" + ARM_TOML, "'units'", "convention, height_mm, joint, name, tool"),
     toml("a word for a number", swapped(ARM_TOML, "d_mm = 300", 'd_mm = "300"'), "joint q1", "d_mm is '300'", "finite"),
     toml("a truth for a number", swapped(ARM_TOML, "d_mm = 300", "d_mm = true"), "joint q1", "d_mm is True", "finite"),
     toml("infinite", swapped(ARM_TOML, "d_mm = 300", "d_mm = inf"), "joint q1", "d_mm is inf", "finite number"),
@@ -538,6 +538,29 @@ TABLES = [
     ),
     toml("two joints of one name", swapped(ARM_TOML, '"q2"', '"q1"'), "joints 1 and 2", "named q1", "rename"),
     toml("a joint without a name", swapped(ARM_TOML, '"q2"', '""'), "joint 2", "empty name", "name it"),
+    toml(
+        "a speed of zero",
+        swapped(ARM_TOML, "a_mm = 270", "a_mm = 270\nspeed_deg_per_s = 0"),
+        "q2",
+        "speed is 0",
+        "zero",
+    ),
+    toml(
+        "an acceleration of zero",
+        swapped(ARM_TOML, "a_mm = 270", "a_mm = 270\nacceleration_rad_per_s2 = 0.0"),
+        "joint q2",
+        "acceleration is 0",
+        "more than zero",
+    ),
+    toml(
+        "a slide's speed in degrees",
+        swapped(ARM_TOML, "upper_mm", "speed_deg_per_s = 9\nupper_mm"),
+        "joint rail",
+        "'speed_deg_per_s'",
+        "of a slide _mm or _m",
+    ),
+    toml("a mass below zero", swapped(ARM_TOML, "a_mm = 270", "a_mm = 270\nmass_kg = -1"), "q2", "mass is -1", "zero"),
+    toml("a height in words", 'height_mm = "high"\n' + ARM_TOML, "height_mm is 'high'", "above the floor"),
     toml("a target of two numbers", ARM_TOML + "[tool]\np1 = [0.1, 0.2]\n", "[tool] p1", "three numbers", "metres"),
     toml("a target of NaN", ARM_TOML + "[tool]\np1 = [0.1, 0.2, nan]\n", "[tool] p1", "three numbers"),
     toml("a tool that is a number", "tool = 5\n" + ARM_TOML, "tool is 5", "[tool]"),
@@ -630,6 +653,24 @@ MODELS = [
         suffix="urdf",
     ),
     model(
+        "a link with two parents",
+        swapped(
+            ARM_URDF,
+            "</robot>",
+            '<joint name="q3" type="revolute"><parent link="base"/><child link="l2"/><axis xyz="0 1 0"/>'
+            '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>',
+        ),
+        "multiple parents",
+        "mend",
+        suffix="urdf",
+    ),
+    model(
+        "links in a ring",
+        swapped(ARM_URDF, '<parent link="base"/>', '<parent link="l2"/>'),
+        "mend",
+        suffix="urdf",
+    ),
+    model(
         "a mimic joint",
         swapped(
             ARM_URDF, 'velocity="1"/>\n  </joint>\n</robot>', 'velocity="1"/><mimic joint="q1"/>\n  </joint>\n</robot>'
@@ -638,7 +679,6 @@ MODELS = [
         "remove",
         suffix="urdf",
     ),
-    model("no masses", ARM_URDF.replace(INERTIA, ""), "mass and inertia", "'l1'", "mend", suffix="urdf"),
 ]
 
 CASES = [*COMMAND_LINE, *FITTING, *MEASUREMENTS, *TABLES, *MODELS]
@@ -909,19 +949,30 @@ def test_a_small_urdf_works(capfd: pytest.CaptureFixture[str]) -> None:
     assert run("calibrate --robot arm.urdf --poses 12 --json") == 0
 
 
-@pytest.mark.parametrize("command", ["inspect {} --json", "calibrate --robot {} --poses 12 --json"])
+def test_a_urdf_of_axes_alone_becomes_a_virtual_arm(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    write(folder, {"robot.urdf": ARM_URDF.replace(INERTIA, "")})
+    assert run("calibrate --robot robot.urdf --poses 20 --json") == 0
+    assert "drawn as rods and weigh what rods would" in capfd.readouterr().err
+    assert load_robot("robot.urdf").loads is None  # measurements of a real arm are not explained by guessed masses
+    loads = load_virtual("robot.urdf").loads
+    assert loads is not None and (loads.mass_kg > 0.01).all()
+
+
 @pytest.mark.parametrize("suffix", ["urdf", "xml"])
-def test_a_missing_mesh_is_left_out_and_told(
-    suffix: str, command: str, folder: Path, capfd: pytest.CaptureFixture[str]
+def test_a_missing_mesh_is_told_and_a_virtual_arm_needs_it(
+    suffix: str, folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     mesh = '<visual><geometry><mesh filename="package://arm/gone.dae"/></geometry></visual>'
     urdf = swapped(ARM_URDF, '<link name="l2">', '<link name="l2">' + mesh + mesh.replace("visual", "collision"))
     mjcf = swapped(ARM_XML, "<worldbody>", '<asset><mesh name="m" file="gone.stl"/></asset><worldbody>')
     mjcf = swapped(mjcf, '<geom type="box" size=".02 .02 .02" mass="1"/>', '<geom type="mesh" mesh="m"/>')
     write(folder, {"robot.urdf": urdf, "robot.xml": mjcf})
-    assert run(command.format(f"robot.{suffix}")) == 0
+    assert run(f"inspect robot.{suffix} --json") == 0
     warning = "\n".join(warnings_of(capfd.readouterr().err))
     assert f"robot.{suffix}" in warning and "gone." in warning and "left out" in warning
+    assert run(f"calibrate --robot robot.{suffix} --poses 12 --out run") == 2
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert f"robot.{suffix}" in line and "gone." in line and "put them there" in line and not Path("run").exists()
 
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

@@ -22,9 +22,10 @@ from lab.virtual.candidates import (
     sight,
 )
 from lab.virtual.feasible import collides, random_poses
-from lab.virtual.robot import RobotModel, load_model
+from lab.virtual.model_file import load_model
+from lab.virtual.robot import RobotModel
 
-MODEL = IRB120.needed_model()
+MODEL = IRB120.model
 EXACT, LEICA = INSTRUMENTS["exact"], INSTRUMENTS["leica-at960"]
 TARGETS = ("p1", "p2", "p3")
 ZERO = np.zeros((1, 2))

@@ -61,7 +61,7 @@ def test_the_cube_is_within_reach_and_touches_nothing() -> None:
     for course in (loop.targets, loop.circle, loop.line):
         assert course.errors[0].mean() > 0.3e-3 and course.errors[1].mean() < 0.03e-3
     for course in (loop.poses, loop.circle, loop.line):
-        assert not collides(IRB120.needed_model(), course.corrected).any()
+        assert not collides(IRB120.model, course.corrected).any()
     jumps = np.abs(np.diff(loop.circle.corrected, axis=0)).max()
     assert jumps < 0.2  # one branch all the way round
 

@@ -33,7 +33,7 @@ ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).kept)
 SCALE = Scaling("length").columns([ARM.names[i] for i in KEPT], np.empty((0, 3, 27)))
 CHAIN = IRB120.chain
-MODEL = IRB120.needed_model()
+MODEL = IRB120.model
 
 
 def sensitivity(joints: np.ndarray) -> np.ndarray:

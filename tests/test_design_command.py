@@ -101,7 +101,7 @@ def test_identify_takes_the_filled_template_and_refuses_the_empty_one(folder: Pa
     """Measured by a virtual arm, the cells typed in as a person would, to a tenth of a micrometre."""
     chain, device = IRB120.chain, instrument("uniform-8um")
     read = read_measurements(folder / "plan.csv", chain.joint_names, chain.prismatic, points=False)
-    model = IRB120.needed_model()
+    model = IRB120.model
     off = random_perturbation(model, 0.5e-3, 1.5e-3, stream(0, "arm"))
     real = real_arm(model, off, random_tracker(model, stream(0, "tracker")))
     points = track(real, read.joints, ("p1",), device, stream(0, "noise")).points

@@ -93,7 +93,7 @@ def test_derivatives_of_an_arm_with_effects(groups: tuple[str, ...]) -> None:
 
 def test_torques_are_those_of_mujoco() -> None:
     """qfrc_bias at rest is what holds the arm; a payload adds J'mg at the last frame's origin."""
-    robot, loads = IRB120.needed_model(), IRB120.loads
+    robot, loads = IRB120.model, IRB120.loads
     assert loads is not None
     rng = np.random.default_rng(2)
     joints, payload = IRB120.chain.random_joints(50, rng), rng.choice([0.0, 1.5, 3.0], 50)
@@ -133,7 +133,7 @@ def test_torques_are_what_the_weight_loses(chain: Chain) -> None:
 
 def published_loads() -> Loads:
     """Of the links' published masses (facts.md, section 1), without the motors and covers of the lab's model."""
-    robot = IRB120.needed_model()
+    robot = IRB120.model
     model = copy.deepcopy(robot.model)
     for body in range(model.nbody):
         if model.body(body).name.startswith(("motor", "covers")):

@@ -15,10 +15,11 @@ from lab.frames import Array
 from lab.geometry.chain import Chain
 from lab.geometry.links import link_tree
 from lab.geometry.serial import SerialArm
-from lab.geometry.table import read_table
+from lab.geometry.table import RobotTable, read_table
 from lab.output.arm_files import arm_files
 from lab.output.rapid import program_module
 from lab.study.robots import Robot, load_robot
+from lab.virtual.model_table import table_model
 
 TARGETS = ("p1", "p2", "p3")
 TOLERANCE_M = 1e-12
@@ -35,7 +36,9 @@ ROBOTS = ["irb120", *CHAINS, "ur10.toml", "panda.toml"]
 
 
 def as_table(chain: Chain) -> Robot:
-    return Robot(chain.name, chain, {}, None, "")
+    """A robot of which only the table is known."""
+    model = table_model(Path("arm.toml"), RobotTable(chain, None, {}, None, np.full(chain.size, np.nan), ()))
+    return Robot(chain.name, chain, model.tool, model, "")
 
 
 def write_arm(folder: Path, robot: Robot, arm: SerialArm, values: Array) -> None:
@@ -158,22 +161,28 @@ def test_the_lab_reads_the_mjcf_of_a_table_as_a_robot(exported) -> None:
     if robot.model or arm.targets != TARGETS:
         pytest.skip("a robot with a model, or with names that mean something else in one")
     loaded = load_robot(str(folder / "calibrated.xml"))
-    model, joints = loaded.needed_model(), poses_of(arm.chain)
+    model, joints = loaded.model, poses_of(arm.chain)
     again = loaded.arm(TARGETS)
     points = again.points(joints, model.values_before(again, np.eye(4)))
     np.testing.assert_allclose(points, arm.points(joints, values), rtol=0, atol=TOLERANCE_M)
 
 
 def test_the_lab_reads_the_urdf_as_a_robot(exported) -> None:
-    """The same axes. The last frame is the last link's: a URDF has no sites to place a flange and targets."""
+    """The same axes; the last frame stands on the last one, at the foot of the link ``flange``."""
     folder, _, arm, values = exported
     loaded = load_robot(str(folder / "calibrated.urdf"))
-    model, joints = loaded.needed_model(), poses_of(arm.chain)
+    model, joints = loaded.model, poses_of(arm.chain)
     assert loaded.chain.joint_names == arm.chain.joint_names and loaded.chain.prismatic == arm.chain.prismatic
     again = loaded.arm(("p1",))
     seen = again.flange(joints, model.values_before(again, np.eye(4)))
     expected = arm.flange(joints, values) @ frames.inverse(link_tree(arm, values).flange.T_parent_link)
-    np.testing.assert_allclose(seen[:, :3, 2:], expected[:, :3, 2:], rtol=0, atol=TOLERANCE_M)
+    np.testing.assert_allclose(seen[:, :3, 2], expected[:, :3, 2], rtol=0, atol=TOLERANCE_M)
+    z, apart = seen[:, :3, 2], seen[:, :3, 3] - expected[:, :3, 3]
+    across = apart - np.sum(apart * z, axis=1, keepdims=True) * z
+    np.testing.assert_allclose(across, 0.0, rtol=0, atol=TOLERANCE_M)
+    if "flange" not in arm.targets:  # else the measured point of that name says where along the axis
+        along = np.sum((seen - arm.flange(joints, values))[:, :3, 3] * z, axis=1)
+        np.testing.assert_allclose(along, 0.0, rtol=0, atol=TOLERANCE_M)
 
 
 def test_the_masses_of_the_urdf_weigh_what_the_drawing_says(tmp_path: Path) -> None:

@@ -10,15 +10,20 @@ import pytest
 import trimesh
 from arms import IRB120, ROOT
 
+from lab.study.robots import load_robot
+
 FOLDERS = sorted(path for path in (ROOT / "models").iterdir() if path.is_dir())
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_the_folder_is_complete_and_its_readme_names_sources(folder) -> None:
     names = {path.name for path in folder.iterdir()}
-    assert {"robot.xml", "scene.xml", "README.md"} <= names <= {"robot.xml", "scene.xml", "README.md", "assets"}
     text = (folder / "README.md").read_text()
     assert re.search("source", text, re.IGNORECASE) and len(text) > 1000
+    if "robot.toml" in names:
+        assert names == {"robot.toml", "README.md"} and load_robot(folder.name).warnings == ()
+        return
+    assert {"robot.xml", "scene.xml", "README.md"} <= names <= {"robot.xml", "scene.xml", "README.md", "assets"}
     used = set(re.findall(r'file="([^"]+\.stl)"', (folder / "robot.xml").read_text()))
     assert used == {path.name for path in (folder / "assets").iterdir()}
     assert sum(path.stat().st_size for path in folder.rglob("*")) < 2_000_000
@@ -26,7 +31,7 @@ def test_the_folder_is_complete_and_its_readme_names_sources(folder) -> None:
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_the_scene_steps_a_second_without_a_warning(folder) -> None:
-    model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+    model = load_robot(folder.name).model.model
     data = mujoco.MjData(model)
     for _ in range(int(1.0 / model.opt.timestep)):
         mujoco.mj_step(model, data)
@@ -35,7 +40,7 @@ def test_the_scene_steps_a_second_without_a_warning(folder) -> None:
 
 
 def test_the_irb120_weighs_25_kg_and_its_links_18() -> None:
-    model = IRB120.needed_model().model
+    model = IRB120.model.model
     robot = [body for body in range(1, model.nbody) if not model.body(body).name.startswith("tracker")]
     assert model.body_mass[robot].sum() == pytest.approx(25.0, abs=1e-9)
     links = {
@@ -86,7 +91,7 @@ def test_the_shells_are_what_the_script_builds(tmp_path) -> None:
 
 
 def test_the_shells_are_closed_and_near_the_collision_shapes() -> None:
-    model = IRB120.needed_model().model
+    model = IRB120.model.model
     for path in (ROOT / "models" / "irb120" / "assets").iterdir():
         shell = trimesh.load_mesh(path)
         assert shell.is_watertight and shell.volume > 0, path.name

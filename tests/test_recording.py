@@ -23,7 +23,8 @@ from lab.output.scene import MOST_POSES, chain_corners, drawn_rows, magnificatio
 from lab.study.campaign import MeasuredCampaign, VirtualCampaign, run_measured, run_virtual
 from lab.study.option_groups import ArmEffects, Fitting
 from lab.virtual.appearance import body_poses, shells
-from lab.virtual.robot import FLANGE, load_model
+from lab.virtual.model_file import load_model
+from lab.virtual.robot import FLANGE
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 DRIVERS = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
@@ -97,8 +98,7 @@ def in_world(outcome, points):
     """Points (n, 3) of the tracker's frame in the world, by the identified base."""
     base = outcome.identification.values[:6]
     T_tracker_frame0 = frames.pose(frames.exp(base[3:]), base[:3])
-    frame0 = np.eye(4) if outcome.robot.model is None else outcome.robot.model.T_world_frame0
-    return frames.transform(frame0 @ frames.inverse(T_tracker_frame0), points)
+    return frames.transform(outcome.robot.model.T_world_frame0 @ frames.inverse(T_tracker_frame0), points)
 
 
 def test_rerun_verifies_it(recording, home):
@@ -250,14 +250,14 @@ def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home
 
 
 @needs_data
-def test_a_table_is_drawn_as_a_chain_and_many_poses_are_thinned_out(tmp_path, home):
+def test_a_table_is_drawn_with_rods_and_many_poses_are_thinned_out(tmp_path, home):
     outcome = run_measured(MeasuredCampaign(DATA / "ur10_ipa_D.csv", robot=str(DATA / "ur10.toml")))
     path = tmp_path / "table.rrd"
     record(path, outcome)
     assert rrd(home, "verify", path).returncode == 0
-    index, strips = column(path, "/world/arm/links", "LineStrips3D:strips")
+    index, places = column(path, "/world/arm/flange", "Transform3D:translation")
     assert len(index) == MOST_POSES and (index[0], index[-1]) == (0, len(outcome.fitted) - 1)
-    hands = np.array([strip[0][-1] for strip in strips])
+    hands = np.array(places)[:, 0]
     Ts = outcome.identification.model.flange(outcome.fitted.joints[index], outcome.identification.values)
     np.testing.assert_allclose(hands, in_world(outcome, Ts[:, :3, 3]), rtol=0, atol=4 * FLOAT32)  # m, of about 2 m
     assert len(column(path, "/error_mm/before", "Scalars:scalars")[0]) == len(outcome.fitted)

@@ -100,7 +100,7 @@ def test_a_rigid_arm_stays_rigid() -> None:
 
 def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
     """60 random poses with 0 or 3 kg; scripts/effects_found.py does so for many arms at designed poses."""
-    robot, device = IRB120.needed_model(), instrument("uniform-8um")
+    robot, device = IRB120.model, instrument("uniform-8um")
     for seed in range(3):
         rng = np.random.default_rng(seed)
         sizes = EffectSizes(stiffness_nm_per_rad={2: 1e5, 3: 1e5}, harmonic_rad=0.2e-3)

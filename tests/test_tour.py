@@ -33,7 +33,7 @@ from lab.seeds import stream
 from lab.virtual.candidates import draw_candidates, path_check
 from lab.virtual.feasible import collides, random_poses
 
-MODEL = IRB120.needed_model()
+MODEL = IRB120.model
 SPEED = IRB120.chain.speed
 FLAT = np.ones(2)  # speeds of a point in a plane
 

@@ -29,9 +29,10 @@ from lab.virtual.real import (
     track,
     track_knowing,
 )
-from lab.virtual.robot import RobotModel, load_model
+from lab.virtual.model_file import load_model
+from lab.virtual.robot import RobotModel
 
-MODEL, CHAIN = IRB120.needed_model(), IRB120.chain
+MODEL, CHAIN = IRB120.model, IRB120.chain
 TARGETS = ("p1", "p2", "p3")
 OFF = Effects.none(6)
 OUTSTRETCHED = np.deg2rad([[0.0, 90.0, -90.0, 0.0, 0.0, 0.0]])

@@ -62,7 +62,7 @@ def chain_from_axes(
     axes: JointAxes,
     base: Array,
     flange: Array,
-    limits: tuple[Array, Array, Array],
+    limits: tuple[Array, Array, Array, Array],
 ) -> tuple[Chain, Array]:
     """The distal table of an arm, and the pose ``(4, 4)`` of its frame 0 where the axes are given.
 
@@ -72,7 +72,7 @@ def chain_from_axes(
     the last axis at the foot of ``flange``, with z as near the flange's as the axis allows.
 
     Args:
-        limits: lower, upper and speed, each ``(n,)``.
+        limits: lower, upper, speed and acceleration, each ``(n,)``.
     """
     n = len(joint_names)
     z, origin = axes.directions[0], axes.origins[0]
@@ -91,10 +91,9 @@ def chain_from_axes(
         table[i], x = _link(x, z, position, next_x, next_z, foot)
         z, position = next_z, foot
     table[np.abs(table) < 1e-14] = 0.0
-    lower, upper, speed = limits
     parallel = parallel_links("distal", table[:, 3])
     table[~np.array(parallel), 4] = 0.0
-    chain = Chain(name, "distal", joint_names, prismatic, table, np.ones(n), lower, upper, speed, parallel)
+    chain = Chain(name, "distal", joint_names, prismatic, table, np.ones(n), *limits, parallel)
     return chain, frame0
 
 

@@ -30,7 +30,7 @@ class Chain:
         table: ``(n, 5)``, a row a link: theta (rad), d (m), a (m), alpha (rad), beta (rad).
         sign: ``(n,)``, +1 or -1, how a joint's reading counts.
         lower, upper: ``(n,)`` limits of the readings, rad or m.
-        speed: ``(n,)`` largest joint speeds, rad/s or m/s; NaN where unknown.
+        speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
         parallel: links with a beta, because they join nominally parallel axes.
     """
 
@@ -43,6 +43,7 @@ class Chain:
     lower: Array
     upper: Array
     speed: Array
+    acceleration: Array
     parallel: tuple[bool, ...]
 
     def __post_init__(self) -> None:
@@ -51,8 +52,9 @@ class Chain:
             raise LabError(f"robot '{self.name}' has no joint: give it at least one")
         if len(set(self.joint_names)) < n:
             raise LabError(f"robot '{self.name}': two joints share a name; rename one of {', '.join(self.joint_names)}")
-        shapes = (self.table.shape, self.sign.shape, self.lower.shape, self.upper.shape, self.speed.shape)
-        assert shapes == ((n, 5), (n,), (n,), (n,), (n,)) and len(self.prismatic) == len(self.parallel) == n
+        vectors = (self.sign, self.lower, self.upper, self.speed, self.acceleration)
+        assert self.table.shape == (n, 5) and all(vector.shape == (n,) for vector in vectors)
+        assert len(self.prismatic) == len(self.parallel) == n
         for name, row, lower, upper in zip(self.joint_names, self.table, self.lower, self.upper, strict=True):
             if not np.isfinite([*row, lower, upper]).all():
                 raise LabError(f"robot '{self.name}', joint {name}: a value is not finite")
@@ -73,7 +75,7 @@ class Chain:
         cut = slice(0, size)
         return Chain(
             self.name, self.convention, self.joint_names[cut], self.prismatic[cut], self.table[cut],
-            self.sign[cut], self.lower[cut], self.upper[cut], self.speed[cut], (True,) * size,
+            self.sign[cut], self.lower[cut], self.upper[cut], self.speed[cut], self.acceleration[cut], (True,) * size,
         )  # fmt: skip
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:

@@ -18,8 +18,10 @@ from lab.geometry.chain import COLUMNS, Chain, parallel_links
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _QUANTITIES = {"theta": _ANGLES, "alpha": _ANGLES, "beta": _ANGLES, "d": _LENGTHS, "a": _LENGTHS}
+_RATES = {"speed": "per_s", "acceleration": "per_s2"}
+_MASS = {"kg": 1.0}
 _LARGEST = 1e15  # of any number in a table; squares of more overflow
-_TOP_KEYS = {"name", "convention", "joint", "base", "tool"}
+_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool"}
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,16 @@ class RobotTable:
     Attributes:
         base: ``(6,)`` of an identified arm, as ``base.x y z rx ry rz``; None in a drawing.
         tool: targets (m, in the last frame).
+        height_m: of frame 0 above the floor that the arm stands on; None where there is none.
+        mass_kg: ``(n,)`` of the links that the joints move; NaN where unknown.
         warnings: what a user should be told.
     """
 
     chain: Chain
     base: Array | None
     tool: dict[str, Array]
+    height_m: float | None
+    mass_kg: Array
     warnings: tuple[str, ...]
 
 
@@ -61,6 +67,8 @@ def read_table(path: Path) -> RobotTable:
         if table[i, 4] != 0 and not parallel[i]:
             raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out here")
     signs = np.array([reader.sign() for reader in readers])
+    speed, acceleration = (np.array([reader.rate(name) for reader in readers]) for name in _RATES)
+    mass_kg = np.array([reader.positive("mass", _MASS) for reader in readers])
     for reader in readers:
         reader.refuse_the_rest()
     name = document.get("name", path.stem)
@@ -73,11 +81,13 @@ def read_table(path: Path) -> RobotTable:
         sign=signs,
         lower=np.array([low for low, _ in limits]),
         upper=np.array([high for _, high in limits]),
-        speed=np.full(len(readers), np.nan),
+        speed=speed,
+        acceleration=acceleration,
         parallel=tuple(parallel),
     )
     base = _read_base(path, document["base"]) if "base" in document else None
-    return RobotTable(chain, base, _read_tool(path, document.get("tool", {})), tuple(warnings))
+    tool = _read_tool(path, document.get("tool", {}))
+    return RobotTable(chain, base, tool, _height(path, document), mass_kg, tuple(warnings))
 
 
 def _document(path: Path) -> dict[str, Any]:
@@ -161,6 +171,18 @@ class _Joint:
             raise LabError(f"{self.where}: {keys[0]} is {number!r}; give a finite number")
         return float(number) * units[keys[0].removeprefix(quantity + "_")]
 
+    def positive(self, quantity: str, units: dict[str, float]) -> float:
+        """A number above zero; NaN where there is none."""
+        found = self.optional(quantity, units)
+        if found is not None and not found > 0:
+            raise LabError(f"{self.where}: {quantity} is {found:g}; give more than zero, or leave it out")
+        return np.nan if found is None else found
+
+    def rate(self, quantity: str) -> float:
+        """The largest speed or acceleration; NaN where it is not given."""
+        units = _LENGTHS if self.prismatic else _ANGLES
+        return self.positive(quantity, {f"{unit}_{_RATES[quantity]}": factor for unit, factor in units.items()})
+
     def sign(self) -> float:
         sign = self.take("sign", 1)
         if sign not in (1, -1) or isinstance(sign, bool):
@@ -184,8 +206,16 @@ class _Joint:
         if self.unread:
             raise LabError(
                 f"{self.where}: unknown key '{sorted(self.unread)[0]}'; known are name, type, sign, theta_deg, d_mm, "
-                "a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg, _rad, _mm or _m"
+                "a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad (of a slide _mm or _m), "
+                "speed with _per_s and acceleration with _per_s2 after that, mass_kg"
             )
+
+
+def _height(path: Path, document: dict[str, Any]) -> float | None:
+    height = document.get("height_mm")
+    if height is not None and not _is_number(height):
+        raise LabError(f"{path}: height_mm is {height!r}; give frame 0's height above the floor, or leave it out")
+    return None if height is None else float(height) / 1e3
 
 
 def _refuse_doubled_names(path: Path, names: list[str]) -> None:

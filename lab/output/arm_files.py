@@ -3,7 +3,6 @@
 from lab.frames import Array
 from lab.geometry.serial import SerialArm
 from lab.geometry.table import write_table
-from lab.output.mjcf import table_mjcf
 from lab.output.urdf import calibrated_urdf
 from lab.study.robots import Robot
 from lab.virtual.placement import calibrated_mjcf
@@ -18,7 +17,7 @@ def arm_files(robot: Robot, arm: SerialArm, values: Array) -> dict[str, str]:
         values: parameters ``(p,)`` of the arm, base included, in the instrument's frame.
     """
     return {
-        MJCF: calibrated_mjcf(robot.model, arm, values) if robot.model else table_mjcf(robot, arm, values),
+        MJCF: calibrated_mjcf(robot.model, arm, values),
         URDF: calibrated_urdf(robot, arm, values),
         TABLE: table_text(arm, values),
     }

@@ -89,7 +89,7 @@ def loop_scene(outcome: Outcome, loop: ClosedLoop) -> LoopScene:
     Raises:
         LabError: nothing of circle, line and cube was reached.
     """
-    model, (arm, values) = outcome.robot.needed_model(), rigid(outcome, outcome.identification.values)
+    model, (arm, values) = outcome.robot.model, rigid(outcome, outcome.identification.values)
     run = {"circle": (loop.circle, 1), "line": (loop.line, 1), "poses": (loop.poses, HOLD)}
     if not sum(len(course.wanted) for course, _ in run.values()):
         raise LabError(f"robot {outcome.robot.name}: nothing of circle, line and test cube was reached")

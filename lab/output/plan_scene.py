@@ -55,7 +55,7 @@ class PlanScene:
 def plan_scene(plan: Plan) -> PlanScene:
     """The scene of a plan, the arm as drawn and the tracker where the model has it."""
     problem, stops = plan.problem, plan.tour.stops
-    model, arm, values = problem.robot.needed_model(), problem.arm, problem.values
+    model, arm, values = problem.robot.model, problem.arm, problem.values
     tracker, frame0 = model.T_world_tracker, model.T_world_frame0
     points = moved(tracker, arm.points(stops, values))
     share = np.linspace(0, 1, _LOOKS, endpoint=False)[None, :, None]

@@ -40,8 +40,6 @@ from lab.output.narrative import parameter_table, times, wording
 from lab.output.scene import Scene, scene
 from lab.study.campaign import Outcome
 
-_STEEL, _JOINT = (150, 155, 165), (242, 97, 15)
-
 
 def record(path: Path, outcome: Outcome) -> None:
     """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
@@ -49,8 +47,6 @@ def record(path: Path, outcome: Outcome) -> None:
     with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
         recording.send_blueprint(blueprint(outcome, shown))
         draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
-        if not shown.shells:
-            _chain(recording, shown)
         _instrument(recording, outcome, shown)
         _points(recording, shown)
         _off_poses(recording, shown)
@@ -71,22 +67,6 @@ def _identity(outcome: Outcome) -> str:
 
 def _poses(rows: NDArray[np.int_]) -> Times:
     return [rr.TimeColumn("pose", sequence=rows)]
-
-
-def _chain(recording: rr.RecordingStream, shown: Scene) -> None:
-    """A robot without a body: its links and tool as lines, its frames' origins as balls."""
-    strips = []
-    for corners, hand, targets in zip(shown.corners, shown.origins[:, -1], shown.after, strict=True):
-        strips += [corners, *(np.stack([hand, target]) for target in targets)]
-    each = 1 + shown.after.shape[1]
-    links = rr.LineStrips3D.columns(strips=strips).partition([each] * len(shown.rows))
-    recording.send_columns("world/arm/links", _poses(shown.at), links)
-    style = rr.LineStrips3D.from_fields(colors=_STEEL, radii=0.018 * shown.reach_m)
-    recording.log("world/arm/links", style, static=True)
-    count, each = shown.origins.shape[:2]
-    joints = rr.Points3D.columns(positions=shown.origins.reshape(-1, 3)).partition([each] * count)
-    recording.send_columns("world/arm/joints", _poses(shown.at), joints)
-    recording.log("world/arm/joints", rr.Points3D.from_fields(colors=_JOINT, radii=0.03 * shown.reach_m), static=True)
 
 
 def _instrument(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:

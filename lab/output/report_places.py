@@ -132,7 +132,7 @@ def arm_places(outcome: Outcome) -> ArmPlaces:
     fitted, identification = outcome.fitted, outcome.identification
     rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, MOST_ARMS)).astype(np.int_))
     arm, values = rigid(outcome, identification.values)
-    T_world_frame0 = np.eye(4) if outcome.robot.model is None else outcome.robot.model.T_world_frame0
+    T_world_frame0 = outcome.robot.model.T_world_frame0
     corners = moved(T_world_frame0, chain_corners(arm, values, fitted.joints[rows]))
     tips = _predicted(outcome, fitted.take(rows))
     first = int(np.argmax(np.abs(corners[:, -1, 0] - corners[:, 0, 0])))

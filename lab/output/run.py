@@ -126,7 +126,7 @@ def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | Measure
     write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
     write_json(folder / "parameters.json", parameters(outcome))
     write_covariance(folder / "covariance.csv", outcome.identification)
-    kept = TABLE if robot.model is None else MJCF  # the others are lab compensate's, of runs that are good
+    kept = TABLE if robot.is_table else MJCF  # the others are lab compensate's, of runs that are good
     text = arm_files(robot, *rigid(outcome, likely(outcome)))[kept]
     (folder / kept).write_text(text, encoding="utf-8")
     write_json(folder / "result.json", summary(outcome))

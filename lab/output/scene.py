@@ -1,7 +1,4 @@
-"""What a recording shows of a campaign, as arrays in the world: magnified so that a person can see it.
-
-The world is the model's where there is one; for a robot given as a table it is frame 0.
-"""
+"""What a recording shows of a campaign, as arrays in the model's world: magnified so that a person can see it."""
 
 from dataclasses import dataclass
 
@@ -68,9 +65,8 @@ class Scene:
         error_before, error_after: ``(n,)`` m, mean over the targets seen at each fitted pose, NaN where none was.
         factor_before, factor_after: magnification of the error arrows.
         uncertainty: None where the noise is not known, or there was none.
-        shells: of the bodies in ``bodies``; empty for a robot given as a table.
+        shells: of the bodies in ``bodies``.
         bodies: world poses ``(m, 4, 4)`` by name.
-        corners: ``(m, 2 joints + 1, 3)`` of the chain as a strip of lines, base outward to the last frame.
         origins: ``(m, joints + 1, 3)`` of the table's frames.
     """
 
@@ -91,7 +87,6 @@ class Scene:
     uncertainty: Drawn | None
     shells: tuple[Shell, ...]
     bodies: dict[str, Array]
-    corners: Array
     origins: Array
 
     @property
@@ -136,7 +131,6 @@ def scene(outcome: Outcome) -> Scene:
         _uncertainty(identification, settings[rows], after[rows, 0], T_world_instrument),
         visible,
         bodies,
-        strip,
         strip[:, ::2],
     )
 
@@ -213,7 +207,7 @@ def chain_corners(arm: SerialArm, values: Array, joints: Array) -> Array:
 
 
 def _world_frame0(outcome: Outcome) -> Array:
-    return np.eye(4) if outcome.robot.model is None else outcome.robot.model.T_world_frame0
+    return outcome.robot.model.T_world_frame0
 
 
 def moved(T_a_b: Array, points: Array) -> Array:
@@ -226,8 +220,6 @@ def _bodies(
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
     """What is seen of the robot; of the instrument only where it is known: a virtual one."""
     robot = outcome.robot.model
-    if robot is None:
-        return (), {}
     hidden = instrument_body(robot) if outcome.real is None else ""
     visible = tuple(shell for shell in shells(robot) if shell.body != hidden)
     poses = body_poses(robot, arm, values, joints)

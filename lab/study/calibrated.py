@@ -16,7 +16,7 @@ from lab.geometry.affected import AffectedArm, Arm, rigid_part
 from lab.geometry.effects import OF_ITS_CAMPAIGN
 from lab.geometry.serial import SerialArm
 from lab.geometry.ways import Drawing
-from lab.study.robots import Robot, load_robot
+from lab.study.robots import Robot, load_robot, load_virtual
 
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
 
@@ -115,7 +115,8 @@ def read_calibrated(folder: Path) -> Calibrated:
     if command not in ("calibrate", "identify") or not isinstance(options, dict):
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
     try:
-        robot = load_robot(str(options.get("robot")))
+        load = load_virtual if command == "calibrate" else load_robot
+        robot = load(str(options.get("robot")))
     except LabError as error:
         raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
     if config.get("model_sha256") != robot.sha256:

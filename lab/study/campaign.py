@@ -36,7 +36,7 @@ from lab.seeds import stream
 from lab.study.fitted import Fitted
 from lab.study.fitting import Fitter
 from lab.study.options import MeasuredCampaign, VirtualCampaign
-from lab.study.robots import Robot, load_robot
+from lab.study.robots import Robot, load_robot, load_virtual
 from lab.study.virtual_arm import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
 from lab.virtual.effects import true_parameters
 from lab.virtual.real import RealArm, track_knowing
@@ -82,8 +82,7 @@ class Outcome:
 def run_virtual(options: VirtualCampaign) -> Outcome:
     """A campaign on a virtual arm: perturbed, measured by a tracker, identified, judged on fresh poses."""
     options.check()
-    robot = load_robot(options.robot)
-    robot.needed_model()
+    robot = load_virtual(options.robot)
     robot.refuse_unknown(options.targets)
     device = instrument(options.instrument)
     real = perturbed_arm(robot, options)

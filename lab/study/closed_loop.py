@@ -108,7 +108,7 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
     Raises:
         LabError: there is none.
     """
-    model = robot.needed_model()
+    model = robot.model
     drawing = Drawing(robot.arm((target,)), robot.arm((target,)).nominal(robot.tool))
     centres = drawing.tool(random_poses(model, CENTRES, stream(0, "structure")))[0]
     aside = np.abs(centres[:, 1, 3]) + ROTATION_M * np.abs(centres[:, 1, 2])

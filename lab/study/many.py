@@ -25,7 +25,7 @@ from lab.study.option_groups import ArmEffects, Fitting
 from lab.study.options import PlannedCampaign, VirtualCampaign
 from lab.study.plan import best_design
 from lab.study.problem import pose_problem
-from lab.study.robots import Robot, load_robot
+from lab.study.robots import Robot, load_virtual
 from lab.study.virtual_arm import drawn_conditions, perturbed_arm
 from lab.virtual.feasible import random_poses
 from lab.virtual.real import RealArm, track
@@ -60,12 +60,12 @@ def cell_poses(study: Study, cell: Cell) -> Array:
     Raises:
         LabError: there are fewer than the identifiable parameters need.
     """
-    robot = load_robot(study.robot)
+    robot = load_virtual(study.robot)
     needed = -(-len(_Fitted.of(study, cell, robot).free) // (3 * len(study.targets)))
     if cell.poses < needed:
         raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
     if cell.criterion == RANDOM:
-        return random_poses(robot.needed_model(), cell.poses, stream(study.seed, "poses"))
+        return random_poses(robot.model, cell.poses, stream(study.seed, "poses"))
     asked = PlannedCampaign(
         robot=study.robot,
         poses=cell.poses,
@@ -93,9 +93,9 @@ def run_task(study: Study, task: Task, joints: Array) -> Columns:
     Args:
         joints: the cell's poses.
     """
-    robot, cell = load_robot(study.robot), study.cells[task.cell]
+    robot, cell = load_virtual(study.robot), study.cells[task.cell]
     fitted = _Fitted.of(study, cell, robot)
-    fresh = random_poses(robot.needed_model(), study.fresh, stream(study.seed, "fresh"))
+    fresh = random_poses(robot.model, study.fresh, stream(study.seed, "fresh"))
     rows = [_of_robot(study, fitted, number, joints, fresh) for number in range(task.first, task.last)]
     columns = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     numbers = np.repeat(np.arange(task.first, task.last, dtype=np.int32), study.draws)
@@ -128,7 +128,7 @@ class _Fitted:
         asked = Fitting() if cell.parameters == USUAL else study.parameters[cell.parameters]
         if asked != Fitting(fix=asked.fix, free=asked.free):
             raise LabError(f"parameters.{cell.parameters}: a study fits geometry alone, by fix and free")
-        arm, model = robot.arm(study.targets), robot.needed_model()
+        arm, model = robot.arm(study.targets), robot.model
         nominal = model.values_before(arm, model.T_world_tracker)
         free = base_set(arm, nominal, fix=asked.fix, free=asked.free).kept
         effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]

@@ -17,7 +17,7 @@ from lab.instruments import Instrument, instrument
 from lab.measurement_file import read_measurements
 from lab.seeds import stream
 from lab.study.options import PlannedCampaign
-from lab.study.robots import Robot, load_robot
+from lab.study.robots import Robot, load_virtual
 from lab.virtual.candidates import Candidates, draw_candidates, feasibility, path_check
 from lab.virtual.feasible import collides, random_poses
 from lab.virtual.robot import RobotModel
@@ -87,8 +87,8 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     Raises:
         LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
     """
-    robot, device, scaling = load_robot(options.robot), _noisy(options.instrument), Scaling(options.scaling)
-    model = robot.needed_model()
+    robot, device, scaling = load_virtual(options.robot), _noisy(options.instrument), Scaling(options.scaling)
+    model = robot.model
     arm = robot.arm(options.targets)
     values = model.values_before(arm, model.T_world_tracker)
     structure = base_set(arm, values)

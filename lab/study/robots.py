@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,9 @@ from lab.geometry.serial import DEFAULT_TOOL, SerialArm
 from lab.geometry.table import read_table
 from lab.measurements import Measurements
 from lab.virtual.masses import loads_of
-from lab.virtual.robot import RobotModel, load_model
+from lab.virtual.model_file import load_model
+from lab.virtual.model_table import table_model
+from lab.virtual.robot import RobotModel
 
 
 @dataclass(frozen=True)
@@ -27,15 +29,15 @@ class Robot:
 
     Attributes:
         tool: the targets it has (m, in the last frame).
-        model: its MuJoCo model; None for a robot given as a table.
-        loads: its masses, for what gravity does; None where the model has none.
+        model: its MuJoCo model; of a robot given as a table, one that is built from it.
+        loads: its masses, for what gravity does; None where the file gives none.
         sha256: of the files that it was read from.
     """
 
     name: str
     chain: Chain
     tool: dict[str, Array]
-    model: RobotModel | None
+    model: RobotModel
     sha256: str
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
@@ -57,6 +59,11 @@ class Robot:
         """
         return affected(self.arm(targets), [effect(name, self.chain, self.loads, course) for name in groups])
 
+    @property
+    def is_table(self) -> bool:
+        """Whether it was given as a table, not as a model."""
+        return self.model.path.suffix == ".toml"
+
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
         known = self.tool or DEFAULT_TOOL
@@ -75,12 +82,6 @@ class Robot:
                 f"{'m' if chain.prismatic[joint] else 'rad'} is beyond its limits, {chain.lower[joint]:.4g} to "
                 f"{chain.upper[joint]:.4g}; mend the pose, or the column's unit, or take the right --robot"
             )
-
-    def needed_model(self) -> RobotModel:
-        """The MuJoCo model; a LabError where there is none."""
-        if self.model is None:
-            raise LabError(f"robot {self.name} is a table without bodies: a virtual arm needs an MJCF or a URDF")
-        return self.model
 
 
 def models_folder() -> Path:
@@ -105,20 +106,33 @@ def load_robot(robot: str) -> Robot:
         raise LabError(
             f"robot '{robot}': no such model or file; there are {known}, or give a path to .xml, .urdf or .toml"
         )
+    sha256 = _sha256(path)
     if path.suffix == ".toml":
         table = read_table(path)
-        return Robot(table.chain.name, table.chain, table.tool, None, _sha256(path), table.warnings)
-    model = load_model(path)
-    loads = loads_of(model)
-    return Robot(
-        model.chain.name,
-        model.chain,
-        model.tool,
-        model,
-        _sha256(path),
-        model.warnings,
-        loads if loads.mass_kg.any() else None,
-    )
+        model, warnings = table_model(path, table), table.warnings
+    else:
+        model = load_model(path)
+        warnings = (f"{model.missing}, so no shape is shown",) if model.missing else ()
+    loads = None if model.weighed else _some(loads_of(model))
+    return Robot(model.chain.name, model.chain, model.tool, model, sha256, warnings, loads)
+
+
+def load_virtual(robot: str) -> Robot:
+    """Load a robot that is to stand for reality: what its file does not say of shapes and masses is assumed, and told.
+
+    Raises:
+        LabError: it cannot be loaded, or meshes that it needs cannot be read.
+    """
+    found = load_robot(robot)
+    if found.model.missing:
+        raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
+    said = (f"robot {found.name}: {found.model.assumed}",) if found.model.assumed else ()
+    return replace(found, loads=_some(loads_of(found.model)), warnings=(*found.warnings, *said))
+
+
+def _some(loads: Loads) -> Loads | None:
+    """Masses, if there are any."""
+    return loads if loads.mass_kg.any() else None
 
 
 def _sha256(path: Path) -> str:

@@ -14,15 +14,15 @@ from lab.frames import Array
 from lab.geometry.gauge import base_set
 from lab.seeds import stream
 from lab.study.grid import Cell, Study
-from lab.study.robots import load_robot
+from lab.study.robots import load_virtual
 from lab.study.store import read_store
 from lab.virtual.feasible import random_poses
 
 
 def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
     """Root mean square position error (m, per m of noise) at the study's fresh poses, of designs ``(n, joints)``."""
-    robot = load_robot(study.robot)
-    model, arm = robot.needed_model(), robot.arm(study.targets)
+    robot = load_virtual(study.robot)
+    model, arm = robot.model, robot.arm(study.targets)
     values = model.values_before(arm, model.T_world_tracker)
     kept = list(base_set(arm, values).kept)
 

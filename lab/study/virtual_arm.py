@@ -66,7 +66,7 @@ def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
 
 def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
     """The perturbed arm without effects."""
-    model = robot.needed_model()
+    model = robot.model
     place = random_tracker(model, stream(options.seed, "tracker"))
     rng = stream(options.seed, "arm")
     sigmas = options.position_sigma_mm / 1e3, options.rotation_sigma_mrad / 1e3
@@ -81,7 +81,7 @@ def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
 
 def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
     """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings."""
-    model = robot.needed_model()
+    model = robot.model
     if options.plan is None:
         return random_poses(model, options.poses, stream(options.seed, "poses")), {}, ()
     plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)

@@ -1,4 +1,4 @@
-"""Limits and speeds of a model's joints."""
+"""Limits, speeds and accelerations of a model's joints."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -10,14 +10,15 @@ import numpy as np
 from lab.errors import LabError
 from lab.frames import Array
 
-SPEED_KEY = "joint_speed_deg_per_s"  # an MJCF's <custom><numeric>, in joint order; mm/s for a slide
+# an MJCF's <custom><numeric>, in joint order; mm for a slide
+SPEED_KEY, ACCELERATION_KEY = "joint_speed_deg_per_s", "joint_acceleration_deg_per_s2"
 
 
-def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array]:
-    """Lower and upper limits and speeds ``(n,)`` in rad or m (a second); speeds are NaN where not given.
+def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array, Array]:
+    """Lower and upper limits, speeds and accelerations ``(n,)``, rad or m (per s, s^2); NaN where these are not given.
 
     Raises:
-        LabError: a range is crossed, a slide has none, or the speeds are not one for each joint.
+        LabError: a range is crossed, a slide has none, or the speeds are not one for each joint and above zero.
     """
     lower, upper, scale = np.empty(len(names)), np.empty(len(names)), np.empty(len(names))
     for i, name in enumerate(names):
@@ -32,13 +33,26 @@ def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tup
             raise LabError(f"{path}: slide {name} has no range; give it one")
         else:
             lower[i], upper[i] = -np.pi, np.pi
-    keys = [i for i in range(model.nnumeric) if model.numeric(i).name == SPEED_KEY]
-    if not keys:
-        return lower, upper, _urdf_speeds(path, names)
-    speed = np.array(model.numeric(keys[0]).data, dtype=np.float64)
-    if speed.shape != lower.shape:
-        raise LabError(f"{path}: {SPEED_KEY} has {speed.size} values for {len(names)} joints; give one each")
-    return lower, upper, speed * scale
+    speed, acceleration = (_each(path, model, key, names, scale) for key in (SPEED_KEY, ACCELERATION_KEY))
+    return (
+        lower,
+        upper,
+        _urdf_speeds(path, names) if speed is None else speed,
+        (np.full(len(names), np.nan) if acceleration is None else acceleration),
+    )
+
+
+def _each(path: Path, model: mujoco.MjModel, key: str, names: Sequence[str], scale: Array) -> Array | None:
+    """A number of the model for each joint ``(n,)``, in rad or m; None where it has none."""
+    found = [i for i in range(model.nnumeric) if model.numeric(i).name == key]
+    if not found:
+        return None
+    numbers = np.array(model.numeric(found[0]).data, dtype=np.float64)
+    if numbers.shape != scale.shape:
+        raise LabError(f"{path}: {key} has {numbers.size} values for {len(names)} joints; give one each")
+    if (still := np.flatnonzero(~(numbers > 0))).size:
+        raise LabError(f"{path}: {key} of joint {names[still[0]]} is {numbers[still[0]]:g}; give more than zero")
+    return np.asarray(numbers * scale)
 
 
 def _urdf_speeds(path: Path, names: Sequence[str]) -> Array:

@@ -1,14 +1,16 @@
 """Bodies put where a Denavit-Hartenberg chain has its axes, and the result as an exact MJCF."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
 from lab import frames
 from lab.frames import Array
+from lab.geometry.links import free_name
 from lab.geometry.serial import SerialArm
-from lab.virtual.robot import TRACKER, RobotModel, at_zero, body_pose, last_frame
+from lab.virtual.robot import FLANGE, TRACKER, RobotModel, at_zero, body_pose, last_frame
 
 
 def place_bodies(model: mujoco.MjModel, robot: RobotModel, arm: SerialArm, values: Array) -> None:
@@ -74,14 +76,21 @@ def calibrated_mjcf(robot: RobotModel, arm: SerialArm, values: Array) -> str:
     MuJoCo writes six digits, so every number that kinematics uses is written here, in full.
     """
     spec = _without_shells(robot)
-    for target in arm.targets:
+    taken = [name for name in (FLANGE, TRACKER) if name in arm.targets]  # a measured point may be called so
+    placed = replace(arm, targets=tuple(f"{name} as measured" if name in taken else name for name in arm.targets))
+    for target in placed.targets:
         if target not in robot.tool:
             spec.body(robot.carrier).add_site(name=target)
     model = spec.compile()
-    place_bodies(model, robot, arm, values)
+    place_bodies(model, robot, placed, values)
     place_tracker(model, robot, robot.T_world_frame0 @ frames.inverse(arm.T_tracker_frame0(values)))
     root = ET.fromstring(spec.to_xml())
     _write_in_full(root, model)
+    names = {name: free_name(name, arm.targets) for name in taken}
+    names |= dict(zip(placed.targets, arm.targets, strict=True))
+    for site in root.iter("site"):
+        if (name := site.get("name")) in names:
+            site.set("name", names[name])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
