@@ -121,6 +121,29 @@ def roll_pitch_yaw(rotation: Array) -> Array:
     return _stack(roll, pitch, yaw)
 
 
+def rotation_from_roll_pitch_yaw(angles: Array) -> Array:
+    """``R = Rz(z) Ry(y) Rx(x)`` of angles x, y, z (rad) about the fixed axes; ``(..., 3)`` in, ``(..., 3, 3)`` out."""
+    x, y, z = (exp(np.asarray(angles)[..., i, None] * np.eye(3)[i]) for i in range(3))
+    rotation: Array = z @ y @ x
+    return rotation
+
+
+def direction_cosines(rotation: Array) -> Array:
+    """Of the turned x axis and of the turned y axis, six of which three are independent.
+
+    ``(..., 3, 3)`` in, ``(..., 6)`` out; the z axis is across both.
+    """
+    r = np.asarray(rotation, dtype=np.float64)
+    return np.concatenate([r[..., :, 0], r[..., :, 1]], axis=-1)
+
+
+def rotation_from_direction_cosines(cosines: Array) -> Array:
+    """The rotation nearest to the two axes ``(..., 6)``, which may be rounded; ``(..., 3, 3)`` out."""
+    c = np.asarray(cosines, dtype=np.float64)
+    x, y = c[..., :3], c[..., 3:]
+    return nearest_rotation(np.stack([x, y, np.cross(x, y)], axis=-1))
+
+
 def pose(rotation: Array, position: Array) -> Array:
     """Homogeneous matrix of a rotation ``(..., 3, 3)`` and a position ``(..., 3)``."""
     rotation, position = np.asarray(rotation), np.asarray(position)
@@ -145,10 +168,10 @@ def transform(matrix: Array, points: Array) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """The rotation nearest to a 3x3 matrix in the Frobenius norm (Kabsch 1976)."""
+    """The rotations nearest to matrices ``(..., 3, 3)`` in the Frobenius norm (Kabsch 1976)."""
     u, _, vt = np.linalg.svd(matrix)
-    flip = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
-    nearest: Array = u @ flip @ vt
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    nearest: Array = u @ vt
     return nearest
 
 

@@ -96,5 +96,6 @@ def _rotation(angles: Array, meaning: Meaning) -> Array:
     """Rotations ``(n, 3, 3)`` of three angles (rad) each."""
     if meaning == "rotation-vector":
         return frames.exp(angles)
-    x, y, z = (frames.exp(angles[:, i, None] * np.eye(3)[i]) for i in range(3))
-    return np.asarray(x @ y @ z if meaning == "intrinsic-xyz" else z @ y @ x)
+    if meaning == "fixed-xyz":
+        return frames.rotation_from_roll_pitch_yaw(angles)
+    return frames.rotation_from_roll_pitch_yaw(-angles).swapaxes(1, 2)  # Rx(a) Ry(b) Rz(c)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lab import frames
 from lab.frames import Array
@@ -96,15 +97,37 @@ def test_roll_pitch_yaw_at_every_pitch(off_rad: float) -> None:
         roll, yaw = rng.uniform(-np.pi, np.pi, (2, 500))
         pitch = np.full(500, right_angle * (1 - off_rad / (np.pi / 2)))
         angles = np.stack([roll, pitch, yaw], axis=-1)
-        back = frames.roll_pitch_yaw(about_fixed_axes(angles))
-        np.testing.assert_allclose(about_fixed_axes(back), about_fixed_axes(angles), atol=1e-14)
+        rotations = frames.rotation_from_roll_pitch_yaw(angles)
+        np.testing.assert_allclose(rotations, Rotation.from_euler("xyz", angles).as_matrix(), atol=1e-14)
+        back = frames.roll_pitch_yaw(rotations)
+        np.testing.assert_allclose(frames.rotation_from_roll_pitch_yaw(back), rotations, atol=1e-14)
         if off_rad == 1.0:
             np.testing.assert_allclose(back, angles, atol=1e-14)
         if off_rad == 0.0:
             assert (back[:, 2] == 0).all()
 
 
-def about_fixed_axes(angles: Array) -> Array:
-    """Rz Ry Rx of angles x, y, z."""
-    x, y, z = (frames.exp(angles[..., i, None] * np.eye(3)[i]) for i in range(3))
-    return z @ y @ x
+@pytest.mark.parametrize("regime", REGIMES)
+def test_every_way_to_write_a_rotation_leads_back(regime: str) -> None:
+    """Direction cosines, rotation vector, quaternion, angles; the same as another library's."""
+    vectors = rotation_vectors(regime, np.random.default_rng(6))
+    vectors[:3] = np.pi * np.eye(3)  # half a turn about a coordinate axis
+    vectors[3] = 0.0
+    rotations = frames.exp(vectors)
+    np.testing.assert_allclose(rotations, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-15)
+    for there, back in (
+        (frames.direction_cosines, frames.rotation_from_direction_cosines),
+        (frames.log, frames.exp),
+        (frames.quaternion_from_rotation, frames.rotation_from_quaternion),
+        (frames.roll_pitch_yaw, frames.rotation_from_roll_pitch_yaw),
+    ):
+        np.testing.assert_allclose(back(there(rotations)), rotations, atol=1e-14, err_msg=there.__name__)
+        np.testing.assert_allclose(back(there(rotations[7])), rotations[7], atol=1e-14)  # one alone
+
+
+def test_rounded_direction_cosines_give_a_rotation() -> None:
+    rotations = frames.exp(np.random.default_rng(7).normal(size=(200, 3)))
+    rounded = frames.rotation_from_direction_cosines(np.round(frames.direction_cosines(rotations), 4))
+    np.testing.assert_allclose(rounded, rotations, atol=2e-4)
+    np.testing.assert_allclose(rounded @ rounded.swapaxes(1, 2), np.broadcast_to(np.eye(3), (200, 3, 3)), atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(rounded), 1, atol=1e-14)
