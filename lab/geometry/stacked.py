@@ -1,4 +1,4 @@
-"""Many arms of one drawing at the same poses, each with its own parameters: positions and derivatives at once."""
+"""Many arms of one drawing, each with its own parameters: positions and derivatives at once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,11 +22,11 @@ class StackedArm:
 
     def points(self, joints: Array, values: Array) -> Array:
         """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at readings ``(n, joints)``."""
-        return self._walk(joints, values, 3)[1].transpose(2, 1, 0, 3)
+        return self.walk(joints, values, 3)[1].transpose(2, 1, 0, 3)
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
-        motions, points, frame = self._walk(joints, values, 5)
+        motions, points, frame = self.walk(joints, values, 5)
         slot = {parameter: i for i, parameter in enumerate(free)}
         jacobian = np.zeros((len(free), 3, *points.shape[1:]))
         wanted = [replace(motion, column=slot[motion.column]) for motion in motions if motion.column in slot]
@@ -38,8 +38,12 @@ class StackedArm:
                     jacobian[slot[column], :, k] = axis[:3]
         return points[:3].transpose(2, 1, 0, 3), jacobian
 
-    def _walk(self, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, tuple[Array, Array, Array]]:
-        """All motions, the targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y)."""
+    def walk(self, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, tuple[Array, Array, Array]]:
+        """All motions, the targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
+
+        Args:
+            joints: readings ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
+        """
 
         def stacked(vectors: Array) -> Array:
             """Vectors ``(b, 3)`` as ``(rows, b, 1)``."""
@@ -55,7 +59,13 @@ class StackedArm:
         motions = [Motion(i, stacked(np.eye(3)[None, i]), None) for i in range(3)]
         turning = np.moveaxis(frames.left_jacobian(base[:, 3:]), 2, 0)
         motions += [Motion(3 + i, stacked(column), origin) for i, column in enumerate(turning)]
-        links, frame, end = along(arm.chain, (axes[0], axes[1], axes[2]), origin, table, joints.T[:, None])
+        links, frame, end = along(
+            arm.chain,
+            (axes[0], axes[1], axes[2]),
+            origin,
+            table,
+            np.moveaxis(joints if joints.ndim == 3 else joints[None], 2, 0),
+        )
         tool = columns[first_tool:].reshape(len(arm.targets), 3, len(values), 1)
         x, y, z = frame
         points = np.stack([end + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
