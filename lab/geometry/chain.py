@@ -86,6 +86,17 @@ class Chain:
         """Which readings ``(m, n)`` are beyond the limits by more than ``slack``, a number or ``(n,)``, in rad or m."""
         return (joints < self.lower - slack) | (joints > self.upper + slack)
 
+    def shown(self, joint: int, value: float) -> str:
+        """A reading (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
+        return f"{1e3 * value:.6g} mm" if self.prismatic[joint] else f"{np.rad2deg(value):.6g}°"
+
+    def said_beyond(self, joint: int, reading: float) -> str:
+        """That a joint (from 0) stands beyond its limits, in words."""
+        low, high = (self.shown(joint, limit[joint]) for limit in (self.lower, self.upper))
+        return (
+            f"joint {self.joint_names[joint]} is at {self.shown(joint, reading)}, beyond its limits of {low} to {high}"
+        )
+
     def excess(self, joints: Array) -> Array:
         """How far each of the readings ``(..., n)`` is beyond its limit, zero where it is within, in rad or m."""
         return np.maximum(np.maximum(self.lower - joints, joints - self.upper), 0.0)

@@ -11,9 +11,9 @@ from lab.calibration.lift import lift
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import rigid_part
+from lab.geometry.differential import ROTATION_M, singular_distance
 from lab.geometry.effects import OF_ITS_CAMPAIGN
-from lab.geometry.inverse import ROTATION_M, Wanted
-from lab.geometry.singular import singular_distance
+from lab.geometry.inverse import Wanted
 from lab.geometry.ways import Drawing, ordered
 from lab.instruments import Instrument
 from lab.seeds import stream

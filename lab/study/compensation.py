@@ -13,6 +13,8 @@ from lab.study.calibrated import Calibrated, read_calibrated
 from lab.study.options import Correction
 from lab.target_file import Targets, read_targets
 
+UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
+
 
 @dataclass(frozen=True)
 class Corrected:
@@ -104,19 +106,22 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
             f"the exported arm holds geometry alone: without {', '.join(run.groups)} it is off by "
             f"{1e3 * without:.2g} mm at these targets"
         )
+    if found.unturned_rad.max() > UNTURNED_RAD:
+        worst = int(found.unturned_rad.argmax())
+        warnings.append(
+            f"{run.robot.name} has {run.robot.chain.size} joints, which cannot turn the tool anyhow: places are met, "
+            f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
+        )
     said = (*run.warnings, *targets.warnings, *warnings)
     return Corrected(run, targets, wanted, found, settings, without, said)
 
 
 def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:
-    chain = run.robot.chain
-    outside = chain.beyond_limits(targets.joints, 1e-9)
+    outside = run.robot.chain.beyond_limits(targets.joints, 1e-9)
     if outside.any():
-        row, joint = np.argwhere(outside)[0]
-        raise LabError(
-            f"{source}: line {targets.lines[row]}, joint {chain.joint_names[joint]}: beyond its limits; "
-            "mend it, or its unit, or leave the row's joints empty"
-        )
+        row, joint = np.argwhere(outside)[0].tolist()
+        said = run.robot.chain.said_beyond(joint, targets.joints[row, joint])
+        raise LabError(f"{source}: line {targets.lines[row]}, {said}; mend it, or leave the row's joints empty")
 
 
 def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:

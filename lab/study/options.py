@@ -7,7 +7,7 @@ from typing import Literal
 import tyro
 
 from lab.errors import LabError
-from lab.study.option_groups import LARGEST, ArmEffects, Fitting, Flag, Names, positive, whole
+from lab.study.option_groups import LARGEST, ArmEffects, Fitting, Flag, Names, Numbers, positive, whole
 
 
 @dataclass(frozen=True)
@@ -149,6 +149,8 @@ class PlannedCampaign:
     """How many times to choose anew; the best is kept."""
     extend: Path | None = None
     """Poses measured already (CSV), to which these are added."""
+    home: Numbers = ()
+    """Where the measuring day starts and ends: readings in deg (mm of a slide); zero if not given."""
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
 

@@ -1,5 +1,6 @@
 """What a measuring day is planned for: the arm before the nominal tracker, candidates, sensitivities."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from lab.calibration.planning.tour import FreePath
 from lab.calibration.solver import whitening
 from lab.errors import LabError
 from lab.frames import Array
+from lab.geometry.chain import Chain
 from lab.geometry.gauge import BaseSet, base_set
 from lab.geometry.serial import SerialArm
 from lab.instruments import Instrument, instrument
@@ -108,7 +110,7 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     factors = scaling.columns([arm.names[i] for i in kept], pool)
     fresh = random_poses(model, TEST_POSES // len(arm.targets), stream(options.seed, "fresh"))
     test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
-    home, warnings = _home(robot, model, candidates.joints)
+    home, warnings = _home(options, robot.chain, model, candidates.joints)
     already = _measured_before(options, robot)
     return Problem(
         robot=robot,
@@ -136,14 +138,31 @@ def _noisy(name: str) -> Instrument:
     return device
 
 
-def _home(robot: Robot, model: RobotModel, candidates: Array) -> tuple[Array, tuple[str, ...]]:
-    """Zero readings, or the limits nearest to them; the nearest candidate if the arm touches something there."""
-    chain = robot.chain
+def _home(
+    options: PlannedCampaign, chain: Chain, model: RobotModel, candidates: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """What is asked for; else zero readings or the limits nearest to them, or a pose near if the arm touches itself."""
+    if options.home:
+        return _asked_home(options.home, chain, model), ()
     home = np.clip(np.zeros(chain.size), chain.lower, chain.upper)
     if not collides(model, home[None])[0]:
         return home, ()
     nearest = candidates[np.argmin(np.abs(candidates - home).max(axis=1))]
     return nearest, (f"robot {chain.name} touches something at zero readings: the tour starts from a pose near them",)
+
+
+def _asked_home(given: Sequence[float], chain: Chain, model: RobotModel) -> Array:
+    """The readings ``(n,)`` that ``--home`` says."""
+    said = f"--home {','.join(f'{number:g}' for number in given)}"
+    if len(given) != chain.size or not np.isfinite(given).all():
+        raise LabError(f"{said}: give one finite number for each of {', '.join(chain.joint_names)}")
+    scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
+    home = np.array(given) * scale
+    if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
+        raise LabError(f"{said}: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
+    if collides(model, home[None])[0]:
+        raise LabError(f"{said}: the arm touches itself or its surroundings there; start elsewhere")
+    return home
 
 
 def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> Access:

@@ -73,14 +73,12 @@ class Robot:
 
     def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
         """A LabError for readings of a file that are beyond the limits by more than ``slack`` (rad or m)."""
-        chain = self.chain
-        outside = chain.beyond_limits(data.joints, slack)
+        outside = self.chain.beyond_limits(data.joints, slack)
         if outside.any():
-            row, joint = np.argwhere(outside)[0]
+            row, joint = np.argwhere(outside)[0].tolist()
             raise LabError(
-                f"{path}: {data.where(int(row))}, joint {chain.joint_names[joint]}: {data.joints[row, joint]:.4g} "
-                f"{'m' if chain.prismatic[joint] else 'rad'} is beyond its limits, {chain.lower[joint]:.4g} to "
-                f"{chain.upper[joint]:.4g}; mend the pose, or the column's unit, or take the right --robot"
+                f"{path}: {data.where(row)}, {self.chain.said_beyond(joint, data.joints[row, joint])}; mend the pose, "
+                "or the column's unit, or take the right --robot"
             )
 
 
