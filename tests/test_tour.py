@@ -1,6 +1,7 @@
 """The order of measuring: short tours against exact ones, and moves that have to go around something."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,21 +22,24 @@ from lab.calibration.planning.route import (
 from lab.calibration.planning.tour import (
     DEFAULT_SLIDE_SPEED,
     DEFAULT_SPEED,
+    FULL_SPEED_S,
     Roads,
     Tour,
-    joint_speeds,
+    day_of,
     move_seconds,
     plan_tour,
+    rated,
 )
 from lab.errors import LabError
+from lab.geometry.laws import rest_to_rest_seconds
 from lab.instruments import INSTRUMENTS
 from lab.seeds import stream
 from lab.virtual.candidates import draw_candidates, path_check
 from lab.virtual.feasible import collides, random_poses
 
 MODEL = IRB120.model
-SPEED = IRB120.chain.speed
-FLAT = np.ones(2)  # speeds of a point in a plane
+RATES = IRB120.chain.speed, IRB120.chain.acceleration
+FLAT = np.ones(2), np.full(2, 4.0)  # speeds and accelerations of a point in a plane
 
 
 def anywhere(start: np.ndarray, end: np.ndarray) -> bool:
@@ -66,7 +70,7 @@ def held_karp(cost: np.ndarray) -> float:
 
 def true_costs(roads: Roads, free) -> np.ndarray:
     """All moves looked at, and shortest ways over all of them (Floyd 1962)."""
-    cost = move_seconds(roads.places, SPEED if roads.places.shape[1] == 6 else FLAT)
+    cost = move_seconds(roads.places, *(RATES if roads.places.shape[1] == 6 else FLAT))
     for a, b in itertools.combinations(range(len(cost)), 2):
         if not free(roads.places[a], roads.places[b]):
             cost[a, b] = cost[b, a] = np.inf
@@ -75,7 +79,7 @@ def true_costs(roads: Roads, free) -> np.ndarray:
     return cost[: roads.count, : roads.count]
 
 
-def assert_consistent(tour: Tour, joints: np.ndarray, speed: np.ndarray, free) -> None:
+def assert_consistent(tour: Tour, joints: np.ndarray, rates: tuple[np.ndarray, np.ndarray], free) -> None:
     """Every pose once, home at both ends, every move free, and the time that of the stops."""
     np.testing.assert_array_equal(np.sort(tour.order), np.arange(len(joints)))
     np.testing.assert_array_equal(tour.measured[tour.measured >= 0], tour.order)
@@ -83,22 +87,41 @@ def assert_consistent(tour: Tour, joints: np.ndarray, speed: np.ndarray, free) -
     np.testing.assert_array_equal(tour.stops[[0, -1]], 0)
     moves = list(itertools.pairwise(tour.stops))
     assert all(free(a, b) for a, b in moves)
-    assert tour.seconds == pytest.approx(sum((np.abs(b - a) / speed).max() for a, b in moves))
+    assert tour.seconds == pytest.approx(sum(rest_to_rest_seconds(b - a, *rates) for a, b in moves))
 
 
 def test_a_move_lasts_as_long_as_its_slowest_joint() -> None:
-    joints = np.deg2rad([[0, 0, 0, 0, 0, 0], [100, -50, 0, 0, 0, 0], [0, 0, 0, 0, 64, 210]])
-    seconds = move_seconds(joints, SPEED)
-    np.testing.assert_allclose(seconds, [[0, 0.4, 0.5], [0.4, 0, 0.5], [0.5, 0.5, 0]])
+    """Speed / acceleration of every joint of the IRB 120 is 0.3 s: the time at full speed, and one ramp."""
+    joints = np.deg2rad([[0, 0, 0, 0, 0, 0], [100, -50, 0, 0, 0, 0], [0, 0, 0, 0, 128, 420]])
+    seconds = move_seconds(joints, *RATES)
+    np.testing.assert_allclose(seconds, [[0, 0.7, 1.3], [0.7, 0, 1.3], [1.3, 1.3, 0]], rtol=1e-3)
+
+
+def test_the_day_moves_the_joints_through_all_stops() -> None:
+    """Straight between the stops, at rest there as long as is asked, and as quick as the tour says."""
+    chain, _ = rated(SCARA)
+    joints = np.array([[0.3, 0.5, 0.5, 0], [-1, 0.2, 0.3, 1], [1, -2, 0.9, 0.5]])
+    tour = plan_tour(joints, chain.speed, chain.acceleration, anywhere, stream(0, "tour"), np.array([0, 0, 0.3, 0]))
+    waiting = np.where(tour.measured >= 0, 3.0, 0.0)
+    day, arrivals = day_of(chain, tour.stops, waiting)
+    assert day.seconds == pytest.approx(tour.seconds + 9) and arrivals[-1] == pytest.approx(day.seconds)
+    for times in (arrivals, arrivals + waiting):
+        readings, speeds, _ = day.at(times)
+        np.testing.assert_allclose(readings, tour.stops, atol=1e-12)
+        np.testing.assert_allclose(speeds, 0.0, atol=1e-12)
+    between = day.at(0.7 * (arrivals[:-1] + waiting[:-1]) + 0.3 * arrivals[1:])[0]
+    for at, start, end in zip(between, tour.stops, tour.stops[1:], strict=False):
+        share = (at - start) @ (end - start) / ((end - start) @ (end - start))
+        np.testing.assert_allclose(at, start + share * (end - start), atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_twelve_poses_are_ordered_exactly(seed: int) -> None:
     joints = random_poses(MODEL, 12, np.random.default_rng(seed))
     free = path_check(MODEL)
-    tour = plan_tour(joints, SPEED, free, stream(seed, "tour"))
-    assert_consistent(tour, joints, SPEED, free)
-    assert tour.seconds == pytest.approx(held_karp(true_costs(Roads(joints, SPEED, free), free)), abs=1e-9)
+    tour = plan_tour(joints, *RATES, free, stream(seed, "tour"))
+    assert_consistent(tour, joints, RATES, free)
+    assert tour.seconds == pytest.approx(held_karp(true_costs(Roads(joints, *RATES, free), free)), abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -106,10 +129,10 @@ def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
     """A quarter of the moves in the plane are blocked; the optimum is over true costs, detours included."""
     joints = np.random.default_rng(seed).uniform(0, 2, (60, 2))
     joints = joints[np.hypot(*(joints - 1).T) > 0.5][:12]
-    tour = plan_tour(joints, FLAT, around_a_disc, stream(seed, "tour"))
-    roads = Roads(joints, FLAT, around_a_disc)
+    tour = plan_tour(joints, *FLAT, around_a_disc, stream(seed, "tour"))
+    roads = Roads(joints, *FLAT, around_a_disc)
     cost = true_costs(roads, around_a_disc)
-    assert (cost > move_seconds(roads.places, FLAT) + 1e-9).mean() > 0.1
+    assert (cost > move_seconds(roads.places, *FLAT) + 1e-9).mean() > 0.1
     assert_consistent(tour, joints, FLAT, around_a_disc)
     assert tour.seconds == pytest.approx(held_karp(cost), abs=1e-9)
 
@@ -118,9 +141,9 @@ def test_thirty_poses_are_near_the_best_and_far_from_random() -> None:
     """Candidates that a tracker sees: within 3 % of the best of 200 restarts, 33 % below random orders."""
     joints = draw_candidates(MODEL, ("p1",), INSTRUMENTS["leica-at960"], 30, stream(0, "candidates")).joints
     free, rng = path_check(MODEL), np.random.default_rng(0)
-    tour = plan_tour(joints, SPEED, free, stream(0, "tour"))
-    assert_consistent(tour, joints, SPEED, free)
-    roads = Roads(joints, SPEED, free)
+    tour = plan_tour(joints, *RATES, free, stream(0, "tour"))
+    assert_consistent(tour, joints, RATES, free)
+    roads = Roads(joints, *RATES, free)
     orders = [rng.permutation(30) for _ in range(200)]
     at_random = np.mean([roads.seconds(order) for order in orders])
     restarts = improve(true_costs(roads, free), np.array([np.append(0, order + 1) for order in orders]))
@@ -136,11 +159,11 @@ def test_a_plan_holds_when_looked_at_again_in_mujoco(tmp_path: Path) -> None:
     """The IRB 120 among two posts: stops, and 1,000 points of each path, touch nothing."""
     robot = among_posts(tmp_path)
     joints, free = random_poses(robot, 20, np.random.default_rng(0)), path_check(robot)
-    tour = plan_tour(joints, SPEED, free, stream(0, "tour"), safe=random_poses(robot, 10, np.random.default_rng(1)))
-    as_given = Roads(joints, SPEED, free).tour(np.arange(20))
+    tour = plan_tour(joints, *RATES, free, stream(0, "tour"), safe=random_poses(robot, 10, np.random.default_rng(1)))
+    as_given = Roads(joints, *RATES, free).tour(np.arange(20))
     assert len(as_given.stops) > 20 + 2 + 3  # several moves go around a post
     for plan in (tour, as_given):
-        assert_consistent(plan, joints, SPEED, free)
+        assert_consistent(plan, joints, RATES, free)
         paths = np.concatenate([np.linspace(a, b, 1000) for a, b in itertools.pairwise(plan.stops)])
         assert not collides(robot, paths).any()
 
@@ -152,9 +175,9 @@ def test_an_arm_goes_around_a_pillar(tmp_path: Path) -> None:
     free = path_check(robot)
     joints, up = np.deg2rad([[50.0, 0], [130.0, 0]]), np.deg2rad([[90.0, -110]])
     assert not free(*joints) and free(joints[0], up[0]) and free(up[0], joints[1])
-    roads = Roads(joints, FLAT, free, safe=up)
+    roads = Roads(joints, *FLAT, free, safe=up)
     roads.settle(1, 2)
-    assert roads.cost[1, 2] == pytest.approx(2 * np.deg2rad(110))
+    assert roads.cost[1, 2] == pytest.approx(2 * (np.deg2rad(110) + 0.25))  # 0.25 s a ramp
     tour = roads.tour(np.array([0, 1]))
     assert tour.measured.tolist() == [-1, 0, -1, 1, -1, -1]  # and the way home is blocked too
     np.testing.assert_array_equal(tour.stops[[2, 4]], up[[0, 0]])
@@ -164,9 +187,9 @@ def test_an_arm_goes_around_a_pillar(tmp_path: Path) -> None:
 def test_the_fastest_detour_is_taken_and_costs_what_it_takes() -> None:
     """Across the disc from (0.2, 1) to (1.8, 1): by way of (1, 1.7), not (1, 3); largest-coordinate times."""
     joints, safe = np.array([[0.2, 1.0], [1.8, 1.0]]), np.array([[1.0, 3.0], [0.2, 1.8], [1.8, 1.8]])
-    roads = Roads(joints, FLAT, around_a_disc, home=np.array([-2.0, 1.0]), safe=safe)
+    roads = Roads(joints, *FLAT, around_a_disc, home=np.array([-2.0, 1.0]), safe=safe)
     roads.settle(2, 1)
-    assert roads.cost[1, 2] == pytest.approx(0.8 + 1.6 + 0.8)  # by two safe poses; (1, 3) takes 4
+    assert roads.cost[1, 2] == pytest.approx(0.8 + 1.6 + 0.8 + 3 * 0.25)  # by two safe poses; (1, 3) takes 4.5
     tour = roads.tour(np.array([1, 0]))
     np.testing.assert_array_equal(tour.stops[-5:-1], [[1.8, 1.0], [1.8, 1.8], [0.2, 1.8], [0.2, 1.0]])
     assert tour.measured[-5:].tolist() == [1, -1, -1, 0, -1]
@@ -181,13 +204,13 @@ def test_only_moves_that_matter_are_looked_at() -> None:
 
     joints = np.random.default_rng(0).uniform(0, 2, (80, 2))
     joints = joints[np.hypot(*(joints - 1).T) > 0.5][:30]
-    plan_tour(joints, FLAT, free, np.random.default_rng(0))
+    plan_tour(joints, *FLAT, free, np.random.default_rng(0))
     assert 31 <= len(looked) < 0.4 * 31 * 30 / 2
 
 
 def test_one_stream_gives_one_tour() -> None:
     joints = random_poses(MODEL, 20, np.random.default_rng(0))
-    first, again = (plan_tour(joints, SPEED, anywhere, stream(0, "tour")) for _ in range(2))
+    first, again = (plan_tour(joints, *RATES, anywhere, stream(0, "tour")) for _ in range(2))
     np.testing.assert_array_equal(first.order, again.order)
     assert first.seconds == again.seconds
 
@@ -231,40 +254,43 @@ def test_each_move_changes_the_length_by_what_was_predicted() -> None:
 
 def test_kicks_find_what_descents_alone_do_not() -> None:
     joints = random_poses(MODEL, 60, np.random.default_rng(2))
-    cost = Roads(joints, SPEED, anywhere).cost
+    cost = Roads(joints, *RATES, anywhere).cost
     descents = improve(cost, random_starts(cost, stream(0, "tour")))
-    tour = plan_tour(joints, SPEED, anywhere, stream(0, "tour"))
+    tour = plan_tour(joints, *RATES, anywhere, stream(0, "tour"))
     assert tour.seconds < lengths(cost, descents).min() - 1e-6
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 4])
 def test_few_poses_are_toured_too(count: int) -> None:
     joints = np.random.default_rng(count).uniform(-1, 1, (count, 2))
-    tour = plan_tour(joints, FLAT, anywhere, np.random.default_rng(0))
+    tour = plan_tour(joints, *FLAT, anywhere, np.random.default_rng(0))
     assert_consistent(tour, joints, FLAT, anywhere)
-    cost = move_seconds(np.concatenate([np.zeros((1, 2)), joints]), FLAT)
+    cost = move_seconds(np.concatenate([np.zeros((1, 2)), joints]), *FLAT)
     rows = [np.array([0, *order]) for order in itertools.permutations(range(1, count + 1))]
     assert tour.seconds == pytest.approx(lengths(cost, np.array(rows)).min())
 
 
 def test_a_pose_measured_twice_is_no_trouble() -> None:
     joints = np.array([[0.2, 1.0], [1.8, 1.0], [0.2, 1.0], [0.2, 1.8], [1.8, 1.8]])
-    assert_consistent(plan_tour(joints, FLAT, around_a_disc, np.random.default_rng(0)), joints, FLAT, around_a_disc)
+    assert_consistent(plan_tour(joints, *FLAT, around_a_disc, np.random.default_rng(0)), joints, FLAT, around_a_disc)
 
 
 def test_what_cannot_be_reached_or_timed_is_refused() -> None:
     joints = np.array([[0.2, 0.1], [1.0, 1.0]])  # the second one is in the disc
     with pytest.raises(LabError, match=r"no free way to pose 1, .*safe poses.*leave that pose out"):
-        plan_tour(joints, FLAT, around_a_disc, np.random.default_rng(0))
+        plan_tour(joints, *FLAT, around_a_disc, np.random.default_rng(0))
     with pytest.raises(LabError, match=r"no free way to home, .*another home"):
-        plan_tour(joints[:1], FLAT, around_a_disc, np.random.default_rng(0), home=joints[1])
-    with pytest.raises(LabError, match="joint speeds"):
-        plan_tour(joints, np.array([1.0, np.nan]), anywhere, np.random.default_rng(0))
+        plan_tour(joints[:1], *FLAT, around_a_disc, np.random.default_rng(0), home=joints[1])
+    with pytest.raises(LabError, match="joint 2: its largest speed is nan"):
+        plan_tour(joints, np.array([1.0, np.nan]), np.ones(2), anywhere, np.random.default_rng(0))
 
 
-def test_unknown_speeds_are_assumed_and_said() -> None:
-    speed, warnings = joint_speeds(SCARA)
-    np.testing.assert_array_equal(speed, [DEFAULT_SPEED, DEFAULT_SPEED, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED])
-    assert len(warnings) == 1 and "q1, q2, q3, q4" in warnings[0] and "180 deg/s" in warnings[0]
-    speed, warnings = joint_speeds(IRB120.chain)
-    assert warnings == () and np.array_equal(speed, SPEED)
+def test_unknown_rates_are_assumed_and_said() -> None:
+    chain, warnings = rated(SCARA)
+    np.testing.assert_array_equal(chain.speed, [DEFAULT_SPEED, DEFAULT_SPEED, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED])
+    np.testing.assert_allclose(chain.acceleration, chain.speed / FULL_SPEED_S)
+    assert len(warnings) == 1 and "no speed for any joint" in warnings[0] and "180 deg/s" in warnings[0]
+    known, warnings = rated(IRB120.chain)
+    assert warnings == () and np.array_equal(known.speed, RATES[0])
+    slow = replace(IRB120.chain, acceleration=np.array([1.0, np.nan, 1, 1, np.nan, 1]))
+    assert rated(slow)[1] == ("robot irb120 gives no acceleration for q2, q5: the tour assumes full speed in 0.3 s",)

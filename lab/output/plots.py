@@ -113,7 +113,7 @@ def _poses_figure(plan: Plan, shown: PlanScene) -> Figure:
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
     n, robot = len(plan.joints), plan.problem.robot.name
     figure.suptitle(
-        f"{robot}: {n} poses in {plan.tour.seconds:.1f} s of moves at full joint speed, "
+        f"{robot}: {n} poses in {plan.tour.seconds:.1f} s of moves at full joint speed and acceleration, "
         "numbered from first (dark) to last (light)"
     )
     return figure

@@ -11,7 +11,7 @@ from lab.calibration.planning.accuracy import Prediction, predict, smallest_coun
 from lab.calibration.planning.certificate import Certificate, certify
 from lab.calibration.planning.design import Design, ascend, exchange, information
 from lab.calibration.planning.observability import Indices, indices
-from lab.calibration.planning.tour import Tour, joint_speeds, plan_tour
+from lab.calibration.planning.tour import Tour, plan_tour, rated
 from lab.errors import LabError
 from lab.frames import Array
 from lab.seeds import stream
@@ -97,9 +97,11 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.before])
     progress("tour")
-    speed, warnings = joint_speeds(problem.robot.chain)
+    chain, warnings = rated(problem.robot.chain)
     home, safe = problem.access.hubs[0], problem.access.hubs[1:]
-    tour = plan_tour(design.joints, speed, problem.access.free, stream(options.seed, "tour"), home, safe)
+    tour = plan_tour(
+        design.joints, chain.speed, chain.acceleration, problem.access.free, stream(options.seed, "tour"), home, safe
+    )
     return Plan(
         options=options,
         problem=problem,

@@ -1,6 +1,7 @@
 """The shortest measuring day: a closed tour from home through all poses and back.
 
-A move lasts the largest |dq| over that joint's speed (all joints start and stop together). Whether its path
+A move lasts what the quickest one does that all joints begin, cruise and end together, at rest at both ends
+(``geometry.laws``): a straight path of the readings. Whether that
 is free is asked of a plain callable, and only for the moves that a tour wants to use. A move that is not
 free goes by way of other free poses and costs what that detour takes; the order is then sought again with
 the costs so corrected. Costs only ever rise, so an order that is best among costs of which all of its own
@@ -8,7 +9,7 @@ are known is best among the true ones.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,9 +20,12 @@ from lab.calibration.planning.route import improve, kicked, lengths, random_star
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import Chain
+from lab.geometry.laws import rest_to_rest_seconds
+from lab.geometry.trajectory import Trajectory, common_phases, joined
 
 DEFAULT_SPEED = np.pi  # rad/s; small arms' axes reach 2.5 to 7
 DEFAULT_SLIDE_SPEED = 0.5  # m/s
+FULL_SPEED_S = 0.3  # after which a joint whose acceleration is unknown has its full speed
 FreePath = Callable[[Array, Array], bool]
 Indices = NDArray[np.int_]
 _PATIENCE = 20  # rounds of kicks without a shorter tour
@@ -52,18 +56,22 @@ class Roads:
     """
 
     def __init__(
-        self, joints: Array, speed: Array, free: FreePath, home: Array | None = None, safe: Array | None = None
+        self,
+        joints: Array,
+        speed: Array,
+        acceleration: Array,
+        free: FreePath,
+        home: Array | None = None,
+        safe: Array | None = None,
     ) -> None:
-        """Joints ``(m, n)``, speed ``(n,)`` in rad/s or m/s, home ``(n,)`` (zero readings), safe ``(k, n)``."""
+        """Joints ``(m, n)``, their largest rates ``(n,)``, home ``(n,)`` (zero readings), safe ``(k, n)``."""
         size = joints.shape[1]
         start = np.zeros(size) if home is None else home
         extra = np.empty((0, size)) if safe is None else safe
-        if not (np.isfinite(speed) & (speed > 0)).all():
-            raise LabError(f"joint speeds {speed} are not all known and above zero: give each, or use joint_speeds")
         self.places = np.concatenate([start[None], joints, extra])
         self.count = 1 + len(joints)
         self._free, self._known = free, np.eye(len(self.places), dtype=bool)
-        self._graph = move_seconds(self.places, speed)  # inf: not free
+        self._graph = move_seconds(self.places, speed, acceleration)  # inf: not free
         self.cost = self._graph[: self.count, : self.count].copy()  # (m + 1, m + 1): direct until looked at
         self._settled = np.eye(self.count, dtype=bool)
         self._routes: dict[tuple[int, int], tuple[int, ...]] = {}
@@ -138,26 +146,52 @@ class Roads:
         return bool(np.isfinite(self._graph[a, b]))
 
 
-def joint_speeds(chain: Chain) -> tuple[Array, tuple[str, ...]]:
-    """The joints' largest speeds ``(n,)``, with representative ones where unknown, and a warning then."""
-    unknown = ~np.isfinite(chain.speed)
-    speed = np.where(unknown, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
-    if not unknown.any():
-        return speed, ()
-    names = ", ".join(np.array(chain.joint_names)[unknown])
-    assumed = f"{np.rad2deg(DEFAULT_SPEED):.0f} deg/s ({DEFAULT_SLIDE_SPEED:g} m/s for a slide)"
-    return speed, (f"robot {chain.name} gives no speed for {names}: the tour assumes {assumed}",)
+def rated(chain: Chain) -> tuple[Chain, tuple[str, ...]]:
+    """The chain with representative speeds and accelerations where they are unknown, and a warning then."""
+    slow, sudden = np.isnan(chain.speed), np.isnan(chain.acceleration)
+    speed = np.where(slow, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
+    acceleration = np.where(sudden, speed / FULL_SPEED_S, chain.acceleration)
+    said = []
+    if slow.any():
+        assumed = f"{np.rad2deg(DEFAULT_SPEED):.0f} deg/s ({DEFAULT_SLIDE_SPEED:g} m/s for a slide)"
+        said.append(f"no speed for {_named(chain, slow)}: the tour assumes {assumed}")
+    if sudden.any():
+        said.append(f"no acceleration for {_named(chain, sudden)}: the tour assumes full speed in {FULL_SPEED_S:g} s")
+    words = (f"robot {chain.name} gives {'; '.join(said)}",) if said else ()
+    return replace(chain, speed=speed, acceleration=acceleration), words
 
 
-def move_seconds(joints: Array, speed: Array) -> Array:
-    """``(m, m)``: how long each move between readings ``(m, n)`` takes at speeds ``(n,)``."""
-    seconds: Array = (np.abs(joints[:, None] - joints[None]) / speed).max(axis=-1)
-    return seconds
+def _named(chain: Chain, which: NDArray[np.bool_]) -> str:
+    return "any joint" if which.all() else ", ".join(np.array(chain.joint_names)[which])
+
+
+def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
+    """``(m, m)``: how long each move between readings ``(m, n)`` takes, by the joints' largest rates ``(n,)``."""
+    return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
+
+
+def day_of(chain: Chain, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
+    """How the joints move through stops, and when they arrive at each ``(s,)`` s.
+
+    Args:
+        chain: with known rates.
+        stops: readings ``(s, n)``, from rest to rest.
+        waiting: ``(s,)`` s, how long the arm stands at each.
+    """
+    parts, arrivals = [], [0.0]
+    for (start, end), stand in zip(pairwise(stops), waiting, strict=False):
+        still = np.zeros((1, chain.size))
+        wait = Trajectory(np.array([stand]), still, start, still[0])
+        move = common_phases(chain, start, end)
+        parts += [wait, move]
+        arrivals.append(arrivals[-1] + wait.seconds + move.seconds)
+    return joined(parts), np.array(arrivals)
 
 
 def plan_tour(
     joints: Array,
     speed: Array,
+    acceleration: Array,
     free: FreePath,
     rng: np.random.Generator,
     home: Array | None = None,
@@ -170,16 +204,16 @@ def plan_tour(
 
     Args:
         joints: ``(m, n)`` readings, rad or m.
-        speed: ``(n,)`` largest joint speeds, rad/s or m/s (see ``joint_speeds``).
+        speed, acceleration: ``(n,)`` largest ones of the joints (see ``rated``).
         free: whether the straight joint path between two readings ``(n,)`` is free, the same both ways.
         rng: one state gives one tour.
         home: ``(n,)`` readings; zero if not given.
         safe: ``(k, n)`` further readings that detours may pass through.
 
     Raises:
-        LabError: a pose cannot be reached, or a speed is unknown.
+        LabError: a pose cannot be reached, or a speed or an acceleration is unknown.
     """
-    roads = Roads(joints, speed, free, home, safe)
+    roads = Roads(joints, speed, acceleration, free, home, safe)
     tours = improve(roads.cost, random_starts(roads.cost, rng))
     quiet = 0
     while True:
