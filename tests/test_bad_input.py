@@ -491,7 +491,7 @@ MEASUREMENTS = [
         {"v.csv": joined("use", "reference")},
     ),
     planned("out of limits", plan((10, 10, 10), (10, 10, 171)), "line 3", "joint q3", "beyond its limits", "mend"),
-    planned("degrees called radians", plan((1, 1, 10)).replace("deg", "rad"), "line 2", "q3", "10 rad", "unit"),
+    planned("degrees called radians", plan((1, 1, 10)).replace("deg", "rad"), "line 2", "q3", "572.958°", "unit"),
     planned("colliding", plan((10, 10, 10), (0, 108, 0)), "line 3", "collides", "take it out"),
     planned("empty", "", "empty", "header"),
     planned("no pose", "q1_deg,q2_deg,q3_deg\n", "no rows", "one row a pose"),

@@ -37,7 +37,7 @@ ROBOTS = ["irb120", *CHAINS, "ur10.toml", "panda.toml"]
 
 def as_table(chain: Chain) -> Robot:
     """A robot of which only the table is known."""
-    model = table_model(Path("arm.toml"), RobotTable(chain, None, {}, None, np.full(chain.size, np.nan), ()))
+    model = table_model(Path("arm.toml"), RobotTable(chain, None, {}, None, *np.full((2, chain.size), np.nan), ()))
     return Robot(chain.name, chain, model.tool, model, "")
 
 

@@ -19,7 +19,6 @@ _ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _QUANTITIES = {"theta": _ANGLES, "alpha": _ANGLES, "beta": _ANGLES, "d": _LENGTHS, "a": _LENGTHS}
 _RATES = {"speed": "per_s", "acceleration": "per_s2"}
-_MASS = {"kg": 1.0}
 _LARGEST = 1e15  # of any number in a table; squares of more overflow
 _TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool"}
 
@@ -33,6 +32,7 @@ class RobotTable:
         tool: targets (m, in the last frame).
         height_m: of frame 0 above the floor that the arm stands on; None where there is none.
         mass_kg: ``(n,)`` of the links that the joints move; NaN where unknown.
+        torque: ``(n,)`` largest ones of the joints, Nm or N; NaN where unknown.
         warnings: what a user should be told.
     """
 
@@ -41,6 +41,7 @@ class RobotTable:
     tool: dict[str, Array]
     height_m: float | None
     mass_kg: Array
+    torque: Array
     warnings: tuple[str, ...]
 
 
@@ -68,7 +69,8 @@ def read_table(path: Path) -> RobotTable:
             raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out here")
     signs = np.array([reader.sign() for reader in readers])
     speed, acceleration = (np.array([reader.rate(name) for reader in readers]) for name in _RATES)
-    mass_kg = np.array([reader.positive("mass", _MASS) for reader in readers])
+    mass_kg = np.array([reader.positive("mass", {"kg": 1.0}) for reader in readers])
+    torque = np.array([reader.torque() for reader in readers])
     for reader in readers:
         reader.refuse_the_rest()
     name = document.get("name", path.stem)
@@ -87,7 +89,7 @@ def read_table(path: Path) -> RobotTable:
     )
     base = _read_base(path, document["base"]) if "base" in document else None
     tool = _read_tool(path, document.get("tool", {}))
-    return RobotTable(chain, base, tool, _height(path, document), mass_kg, tuple(warnings))
+    return RobotTable(chain, base, tool, _height(path, document), mass_kg, torque, tuple(warnings))
 
 
 def _document(path: Path) -> dict[str, Any]:
@@ -183,6 +185,10 @@ class _Joint:
         units = _LENGTHS if self.prismatic else _ANGLES
         return self.positive(quantity, {f"{unit}_{_RATES[quantity]}": factor for unit, factor in units.items()})
 
+    def torque(self) -> float:
+        """The largest torque, of a slide force; NaN where it is not given."""
+        return self.positive("force", {"n": 1.0}) if self.prismatic else self.positive("torque", {"nm": 1.0})
+
     def sign(self) -> float:
         sign = self.take("sign", 1)
         if sign not in (1, -1) or isinstance(sign, bool):
@@ -207,7 +213,7 @@ class _Joint:
             raise LabError(
                 f"{self.where}: unknown key '{sorted(self.unread)[0]}'; known are name, type, sign, theta_deg, d_mm, "
                 "a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad (of a slide _mm or _m), "
-                "speed with _per_s and acceleration with _per_s2 after that, mass_kg"
+                "speed with _per_s and acceleration with _per_s2 after that, torque_nm (force_n), mass_kg"
             )
 
 

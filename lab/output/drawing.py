@@ -50,7 +50,13 @@ def draw_shells(recording: rr.RecordingStream, at: Times, shells: Sequence[Shell
             vertex_colors=shell.rgba,
         )
         recording.log(entity, mesh, static=True)
-        _move(recording, entity, at, bodies[shell.body])
+        draw_moving(recording, at, {shell.body: bodies[shell.body]})
+
+
+def draw_moving(recording: rr.RecordingStream, at: Times, bodies: Mapping[str, Array]) -> None:
+    """Further poses ``(m, 4, 4)`` of bodies that are drawn already."""
+    for name, Ts in bodies.items():
+        _move(recording, f"world/arm/{rr.escape_entity_path_part(name)}", at, Ts)
 
 
 def _move(recording: rr.RecordingStream, entity: str, at: Times, Ts: Array) -> None:

@@ -1,7 +1,7 @@
 """A plan as a rerun recording: the arm on its tour, the targets in order, and what each pose shows.
 
 What moves is on the timeline ``stop``: 0 is home, then every pose of the tour and every pose that
-is only passed, and home again.
+is only passed, and home again; and on ``time``, where the arm moves from one to the next at its full speed.
 """
 
 import hashlib
@@ -12,6 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from lab.frames import Array
 from lab.output import plan_tables as said
 from lab.output.blueprint import MAPPING, MEASURED, SUMMARY, UNCERTAINTY, bars, close_view, eye, layout, main_view
 from lab.output.drawing import (
@@ -19,6 +20,7 @@ from lab.output.drawing import (
     draw_beams,
     draw_ellipsoid,
     draw_instrument,
+    draw_moving,
     draw_shells,
     draw_tag,
     markdown,
@@ -39,12 +41,15 @@ _FIRST, _LAST = np.array([70, 110, 255]), np.array(MEASURED)  # colours of the t
 def record_plan(path: Path, plan: Plan) -> None:
     """Write a plan's recording, with the blueprint that shows it, to ``path``."""
     shown = plan_scene(plan)
-    at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured)))]
+    at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
     with recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
         recording.send_blueprint(_blueprint(shown))
         draw_shells(recording, at, shown.shells, shown.bodies)
+        draw_moving(recording, [_seconds(shown.times)], shown.moving)
         draw_instrument(recording, "tracker", shown.T_world_tracker)
         draw_beams(recording, at, shown.head, np.where(shown.measured[:, None, None], shown.points, np.nan))
+        gone = rr.LineStrips3D.columns(strips=[]).partition([0] * len(shown.departures))
+        recording.send_columns("world/instrument/beam", [_seconds(shown.departures)], gone)
         _targets(recording, at, shown)
         recording.send_columns("world/focus", at, rr.Transform3D.columns(translation=shown.points[:, 0]))
         draw_ellipsoid(recording, "mapping", at, shown.mapping, MAPPING)
@@ -52,6 +57,10 @@ def record_plan(path: Path, plan: Plan) -> None:
         _curve(recording, plan)
         recording.log(SUMMARY, markdown(_summary(plan, shown)), static=True)
         recording.log(POSES, markdown(_pose_table(plan, shown)), static=True)
+
+
+def _seconds(times: Array) -> rr.TimeColumn:
+    return rr.TimeColumn("time", duration=times)
 
 
 def _identity(plan: Plan) -> str:
@@ -78,6 +87,8 @@ def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None
     recording.log("world/way", way, static=True)
     here = rr.Points3D.columns(positions=shown.points.reshape(-1, 3)).partition([k] * len(shown.points))
     recording.send_columns("world/targets/here", at, here)
+    underway = rr.Points3D.columns(positions=shown.moving_points.reshape(-1, 3)).partition([k] * len(shown.times))
+    recording.send_columns("world/targets/here", [_seconds(shown.times)], underway)
     recording.log("world/targets/here", rr.Points3D.from_fields(colors=_HERE, radii=1.2 * radius), static=True)
     if (passed := _passed(shown)).any():
         place = shown.points[passed, 0]
@@ -110,6 +121,7 @@ def _summary(plan: Plan, shown: PlanScene) -> str:
         "## What is shown",
         "- **numbered points**: targets at the poses, blue first to yellow last; **grey**: the way between them",
         "- **white**: the target at this stop; **red**: the tracker's beam, where the stop is measured",
+        "- **timeline `time`**: the day as it goes, the arm at full speed, waiting where it is measured",
         "- **blue**, mapping ellipsoid: onto what J maps the unit ball of scaled parameters, "
         f"{times(shown.mapping.factor)}",
         f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, "

@@ -6,13 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.planning.design import information
+from lab.calibration.planning.tour import day_of, rated
 from lab.calibration.uncertainty import ellipsoids
 from lab.frames import Array
 from lab.output.plan import pose_ids
+from lab.output.rapid import WAIT_S
 from lab.output.scene import Drawn, chain_corners, drawn, moved
 from lab.study.plan import Plan
 from lab.virtual.appearance import Shell, body_poses, shells
 
+STEP_S = 0.1  # between two pictures of the moving arm
 _LOOKS = 16  # points drawn of the path between two stops
 
 
@@ -31,6 +34,9 @@ class PlanScene:
         origins: ``(s, joints + 1, 3)`` of the table's frames.
         mapping: onto what a pose maps the unit ball of scaled parameters.
         uncertainty: predicted 1 sigma of the first target after calibration.
+        arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
+        times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name, and
+            ``moving_points`` ``(t, k, 3)``.
     """
 
     measured: NDArray[np.bool_]
@@ -44,6 +50,11 @@ class PlanScene:
     origins: Array
     mapping: Drawn
     uncertainty: Drawn
+    arrivals: Array
+    departures: Array
+    times: Array
+    moving: dict[str, Array]
+    moving_points: Array
 
     @property
     def head(self) -> Array:
@@ -62,6 +73,13 @@ def plan_scene(plan: Plan) -> PlanScene:
     between = stops[:-1, None] + share * (stops[1:] - stops[:-1])[:, None]  # (s - 1, looks, joints)
     way = np.concatenate([between.reshape(-1, stops.shape[1]), stops[-1:]])
     mapping, uncertainty = _shapes(plan)
+    waiting = np.where(plan.tour.measured >= 0, float(WAIT_S), 0.0)
+    day, arrivals = day_of(rated(problem.robot.chain)[0], stops, waiting)
+    times = np.concatenate(
+        [np.arange(left, came, STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]
+    )
+    on_the_way = day.at(times)[0]
+    visible, way_poses = tuple(shells(model)), body_poses(model, arm, values, on_the_way)
     return PlanScene(
         np.asarray(plan.tour.measured >= 0),
         pose_ids(plan),
@@ -69,11 +87,16 @@ def plan_scene(plan: Plan) -> PlanScene:
         moved(tracker, arm.points(way, values))[:, 0],
         tracker,
         float(np.linalg.norm(points - frame0[:3, 3], axis=-1).max()),
-        tuple(shells(model)),
+        visible,
         body_poses(model, arm, values, stops),
         moved(frame0, chain_corners(arm, values, stops))[:, ::2],
         drawn(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker),
         drawn(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker),
+        arrivals,
+        arrivals + waiting,
+        times,
+        {shell.body: way_poses[shell.body] for shell in visible},
+        moved(tracker, arm.points(on_the_way, values)),
     )
 
 

@@ -42,6 +42,7 @@ def table_model(path: Path, table: RobotTable) -> RobotModel:
             type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
             axis=[0.0, 0.0, link.sign],
             range=[chain.lower[i], chain.upper[i]],
+            **({} if np.isnan(table.torque[i]) else {"actfrcrange": [-table.torque[i], table.torque[i]]}),
         )
     hand = _add_body(body, tree.flange.name, tree.flange.T_parent_link)
     hand.add_site(name=FLANGE)
