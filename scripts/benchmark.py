@@ -24,7 +24,7 @@ from lab.calibration.statistics.null import Shape
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.statistics.selection import select
 from lab.calibration.weights import Noise, weighed
-from lab.geometry.closed_form import SphericalWrist
+from lab.geometry.closed_form import closed_form_of
 from lab.geometry.effects import HOUR_S
 from lab.geometry.gauge import base_set
 from lab.geometry.inverse import Wanted
@@ -196,7 +196,7 @@ def compensation() -> dict[str, float]:
     """Milliseconds of the inverse of the drawing and of a calibrated arm."""
     outcome = run_virtual(VirtualCampaign(seed=7))
     chain, compensator = outcome.robot.chain, compensator_of(outcome)
-    closed_form = SphericalWrist.of(chain)
+    closed_form = closed_form_of(chain)
     assert closed_form is not None
     joints, nothing = chain.random_joints(10_000, stream(7, "targets")), np.empty((10_000, 0))
     Ts, _ = compensator.arm.tool(joints, compensator.values)

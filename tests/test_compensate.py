@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import IRB120, SCARA, perturbed, somewhere, table_robot
+from arms import IRB120, perturbed, somewhere, table_robot
 
 from lab import frames
 from lab.calibration.attempts import AGREED_M
@@ -15,7 +15,7 @@ from lab.geometry.affected import rigid_part
 from lab.geometry.inverse import Wanted
 from lab.geometry.serial import SerialArm
 from lab.geometry.ways import Drawing
-from lab.study.robots import Robot
+from lab.study.robots import Robot, load_robot
 from lab.target_file import read_targets
 
 GROUPS = [(), ("compliance", "harmonics", "backlash")]
@@ -162,15 +162,75 @@ def test_order_of_what_is_given_does_not_change_what_fails() -> None:
     assert [i for i, reason in enumerate(found.reasons) if reason] == [7]
 
 
-def test_four_joints_cannot_turn_the_tool_anyhow() -> None:
-    rng = np.random.default_rng(15)
-    arm = SerialArm(SCARA)
-    of = Compensator(Drawing(arm, arm.nominal()), arm, perturbed(arm, arm.nominal(), rng, 0.5e-3, 1.5e-3))
-    Ts, _ = of.drawing.tool(SCARA.random_joints(10, rng))
-    poses = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]))
-    assert all("its rotation is out of reach of 4 joints by 0." in reason for reason in poses.reasons)
-    places = corrected(of, Wanted(Ts[:, :3, 3], np.full((10, 3, 3), np.nan)))
-    assert sum("rotation" in reason for reason in places.reasons) == 0
+def other_compensator(name: str, seed: int) -> tuple[Compensator, Array]:
+    """An arm off by 0.5 mm and 1 mrad in every parameter, and readings of its."""
+    rng, chain = np.random.default_rng(seed), load_robot(name).chain
+    arm = SerialArm(chain)
+    before = somewhere(arm, rng)
+    return Compensator(Drawing(arm, before), arm, perturbed(arm, before, rng, 0.5e-3, 1e-3)), chain.random_joints(
+        1000, rng
+    )
+
+
+@pytest.mark.parametrize("name", ["scara", "versatran"])
+@pytest.mark.parametrize("drawn", [False, True], ids=["its own poses", "the drawing's poses"])
+def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool) -> None:
+    """The SCARA's axes are tilted: it cannot take the drawing's rotations, but their places and their turn about z."""
+    of, joints = other_compensator(name, 1)
+    joints = np.clip(joints, of.drawing.arm.chain.lower + 0.02, of.drawing.arm.chain.upper - 0.02)
+    if name == "scara":
+        joints[:, 1] = np.where(np.abs(joints[:, 1]) < 0.25, 0.25, joints[:, 1])  # short of the outstretched arm
+    Ts, _ = of.drawing.tool(joints) if drawn else of.arm.tool(joints, of.values)
+    wanted = Wanted(Ts[:, :3, 3], Ts[:, :3, :3])
+    found = corrected(of, wanted)
+    assert found.converged.mean() >= 0.995
+    assert all("singularity" in reason or "joint limit" in reason for reason in found.reasons if reason)
+    done = np.flatnonzero(found.converged)
+    axis_z = of.drawing.arm.T_tracker_frame0(of.drawing.values)[:3, 2]
+    for readings in (found.joints, found.differential, found.cartesian):
+        missing = wanted.take(done).errors(of.arm.tool(readings[done], of.values)[0])
+        assert np.linalg.norm(missing[:, :3], axis=1).max() < 1.5e-9
+        if name == "versatran":
+            assert np.linalg.norm(missing[:, 3:], axis=1).max() < 1.5e-9
+        else:
+            assert np.abs(missing[:, 3:] @ axis_z).max() < 5e-5  # of a tilt of some mrad, about axes that are askew
+            apart = np.linalg.norm(missing[:, 3:], axis=1) - found.unturned_rad[done]
+            assert np.abs(apart).max() < 1e-8
+    assert found.apart_m[done].max() < 1e-8
+    if name == "versatran":
+        assert not found.unturned_rad.any()
+    else:
+        assert 1e-4 < found.unturned_rad[done].mean() < 10e-3
+    drawn_there = of.drawing.tool(found.cartesian[done])[0]  # what the controller computes for the corrected targets
+    np.testing.assert_allclose(drawn_there[:, :3, 3], found.places[done], atol=1e-8)
+
+
+def test_places_alone_need_no_rotation() -> None:
+    of, joints = other_compensator("scara", 2)
+    Ts, _ = of.drawing.tool(joints[:50])
+    found = corrected(of, Wanted(Ts[:, :3, 3], np.full((50, 3, 3), np.nan)))
+    assert found.converged.mean() >= 0.9 and not found.unturned_rad.any()
+    assert not any("°" in reason and "out of reach" in reason for reason in found.reasons)
+
+
+def test_a_scara_s_turn_that_is_out_of_reach_is_told() -> None:
+    """At the edge the tool's place can still be met, but not turned as well."""
+    of, joints = other_compensator("scara", 3)
+    joints[:, 1] = 1e-3
+    Ts, _ = of.drawing.tool(joints[:30])
+    Ts[:, :3, :3] = frames.exp(np.array([0, 0, 0.2])) @ Ts[:, :3, :3]
+    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]))
+    assert not found.converged.all() and np.isfinite(found.joints).all()
+    assert any(reason.startswith("out of reach by ") and reason.split(",")[0].endswith("°") for reason in found.reasons)
+
+
+def test_two_joints_cannot_be_compensated_and_say_so_in_one_line() -> None:
+    arm = load_robot("course2r").arm(("p1",))
+    with pytest.raises(
+        LabError, match=r"robot 'course2r': its joints \(q1, q2\) move p1 in 2 of three directions"
+    ) as told:
+        Compensator(Drawing(arm, arm.nominal()), arm, arm.nominal())
+    assert "\n" not in str(told.value)
 
 
 def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:

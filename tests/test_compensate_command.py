@@ -14,7 +14,7 @@ from arms import IRB120, ROOT, perturbed, somewhere
 from lab import frames
 from lab.cli import main
 from lab.frames import Array
-from lab.geometry.singular import singular_distance
+from lab.geometry.differential import singular_distance
 from lab.geometry.table import read_table
 from lab.study.calibrated import Calibrated, read_calibrated
 from lab.study.robots import load_robot
@@ -258,6 +258,39 @@ def test_measured_orientations_turn_the_tool(tmp_path, capsys) -> None:
     back = arm.tool(np.deg2rad(degrees), values)[0]
     np.testing.assert_allclose(back[:, :3, 3], Ts[:8, :3, 3], atol=1e-7)
     np.testing.assert_allclose(back[:, :3, :3] @ askew, Ts[:8, :3, :3], atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["scara", "course2r"])
+def test_arms_with_few_joints_say_what_they_cannot_do(name: str, tmp_path, capsys) -> None:
+    """A SCARA whose axes are askew meets places, not tilts; two joints meet no place that is off by a little."""
+    rng, robot = np.random.default_rng(0), load_robot(name)
+    chain, arm = robot.chain, robot.arm(("p1", "p2", "p3"))
+    nominal = arm.nominal(robot.tool)
+    values = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1e-3)
+    joints = 0.8 * chain.random_joints(40, rng)
+    units = ["m" if slides else "rad" for slides in chain.prismatic]
+    header = [f"{joint}_{unit}" for joint, unit in zip(chain.joint_names, units, strict=True)]
+    header += [f"{target}_{axis}_m" for target in arm.targets for axis in "xyz"]
+    rows = np.concatenate([joints, arm.points(joints, values).reshape(40, -1)], axis=1)
+    np.savetxt(tmp_path / "points.csv", rows, delimiter=",", header=",".join(header), comments="")
+    run, out = tmp_path / "run", tmp_path / "out"
+    flags = ["--robot", name, "--noise-mm", "0.001", "--out", str(run), "--json"]
+    assert main(["identify", str(tmp_path / "points.csv"), *flags]) == 0
+    drawn = np.concatenate([values[:6], nominal[6:]])
+    joints[:, 1], joints[:, 2:3] = 0.8, 0.1  # clear of limits and of the outstretched arm
+    write_targets(tmp_path / "targets.csv", arm.tool(joints[:20], drawn)[0])
+    capsys.readouterr()
+    if name == "course2r":
+        assert main(["compensate", str(tmp_path / "targets.csv"), "--run", str(run), "--out", str(out)]) == 2
+        said = capsys.readouterr().err
+        assert "its joints (q1, q2) move p1 in 2 of three directions" in said and said.count("\n") == 1
+        assert not out.exists()
+        return
+    code, result = compensated(capsys, tmp_path / "targets.csv", run, out)
+    assert code == 0 and result["converged"] == 20 and result["schemes_apart_mm"] < 1e-5
+    assert re.search(
+        r"scara has 4 joints.*places are met, rotations missed by up to 0\.\d+° \(target t\d+\)", result["warnings"][0]
+    )
 
 
 @pytest.mark.parametrize("inside", ["run", "targets"])

@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from lab.frames import Array
 from lab.geometry.chain import Chain
-from lab.geometry.inverse import ROTATION_M
 
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
 EDGE_M = 1e-3  # missed by less, a target is at the edge of the workspace
-FREEDOMS = 6  # of a tool in space
 LIMIT_SLACK = 1e-9  # rad or m: rounding
 
 
@@ -24,7 +22,7 @@ class Attempts:
         start: ``(n, joints)`` the drawing's readings, of its ways ``branch`` ``(n,)``.
         joints: ``(n, joints)`` the identified arm's.
         errors: ``(n, 6)`` what is missing, m and rad.
-        arrived: ``(n,)`` whether nothing is.
+        arrived: ``(n,)`` whether nothing is, or nothing that so many joints could make up for.
         excess: ``(n, joints)`` beyond limits.
         steps: ``(n,)``.
     """
@@ -69,10 +67,6 @@ class Attempts:
         if self.arrived[i]:
             return f"{near}, where the schemes of compensation do not meet"
         short, turned = (float(np.linalg.norm(part)) for part in (self.errors[i, :3], self.errors[i, 3:]))
-        if chain.size < FREEDOMS and ROTATION_M * turned > short:
-            return (
-                f"its rotation is out of reach of {chain.size} joints by {_rounded(np.rad2deg(turned))}°: leave it out"
-            )
         missed = f"{_rounded(1e3 * short)} mm" if short > AGREED_M else f"{_rounded(np.rad2deg(turned))}°"
         edge = f", {near}" if distance < NEAR_RAD and short < EDGE_M else ""
         return f"out of reach by {missed}{edge}"

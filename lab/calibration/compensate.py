@@ -4,6 +4,8 @@
 the drawing's Jacobian J and the error dX evaluated anew where they then stand. (c) Targets corrected in space,
 X_C = X_R - dX, for a controller that goes on computing with the drawing; dX is evaluated at the joints that it
 finds for X_C. The last two are how elastic errors are compensated (e.g. Khalil & Besnard 2002; Klimchik 2011).
+
+An arm with fewer than six joints is brought to the place, and as near to the rotation as it can be turned there.
 """
 
 from collections.abc import Callable
@@ -13,17 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.attempts import LIMIT_SLACK, Attempts
+from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import Arm
 from lab.geometry.closed_form import Solutions
-from lab.geometry.inverse import Wanted, reach, shortest_step
-from lab.geometry.singular import singular_distance
+from lab.geometry.differential import SINGULAR_M, singular_distance
+from lab.geometry.inverse import FREEDOMS, Wanted, reach, shortest_step, within_reach
 from lab.geometry.ways import Drawing, nearest_turns, ordered
+from lab.seeds import stream
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
 AIMINGS = 3  # of the drawing's inverse at what the arm misses, before Newton's method begins
 ROUNDS = 50  # of the schemes (b) and (c)
 SETTLED_M, SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
+TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
 Moved = Callable[[NDArray[np.int_], Array, Array], Array]  # rows, their readings, what is missing: to new readings
 
@@ -43,6 +48,8 @@ class Compensation:
         singular_rad: ``(n,)`` distance to the nearest singularity (m of a slide), and ``singular_joint`` the joint
             that leads there.
         steps: ``(n,)`` of scheme (a), from the drawing's inverse.
+        unturned_rad: ``(n,)`` by how much the rotation is missed because it takes more joints than the arm has; zero
+            where it has six, where any rotation will do, and where a target is not reached.
     """
 
     joints: Array
@@ -56,6 +63,7 @@ class Compensation:
     singular_rad: Array
     singular_joint: NDArray[np.int_]
     steps: NDArray[np.int_]
+    unturned_rad: Array
 
     @property
     def converged(self) -> NDArray[np.bool_]:
@@ -70,11 +78,25 @@ class Compensator:
     Attributes:
         drawing: nominal links, base and tool: the controller's.
         arm, values: as identified, with its effects.
+
+    Raises:
+        LabError: the arm cannot bring its tool to places all around it.
     """
 
     drawing: Drawing
     arm: Arm
     values: Array
+
+    def __post_init__(self) -> None:
+        arm, chain = self.drawing.arm, self.drawing.arm.chain
+        _, jacobian = self.drawing.tool(chain.random_joints(TRIED, stream(0, "structure")))
+        ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
+        if ways < 3:
+            raise LabError(
+                f"robot '{chain.name}': its joints ({', '.join(chain.joint_names)}) move "
+                f"{arm.targets[self.drawing.target]} in {ways} of three directions, so it cannot be brought to a "
+                "place that is off by a little; compensation takes three joints that do"
+            )
 
     def __call__(self, wanted: Wanted, conditions: Array, reference: Array) -> Compensation:
         """Correct targets, each by itself.
@@ -109,6 +131,7 @@ class Compensator:
             distance,
             joint,
             found.steps,
+            np.where(found.fits & (chain.size < FREEDOMS), np.linalg.norm(found.errors[:, 3:], axis=1), 0.0),
         )
 
     def _first_that_fits(self, wanted: Wanted, conditions: Array, reference: Array) -> Attempts:
@@ -172,15 +195,19 @@ class Compensator:
         return aimed, self._iterated(wanted, conditions, start, moved)
 
     def _as_poses(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
-        """Where any rotation will do, the one that scheme (a) ends with: a controller is to be told one."""
-        Ts = self._tool(joints, conditions)[0]
-        return Wanted(wanted.places, np.where(wanted.turned[:, None, None], wanted.turns, Ts[:, :3, :3]))
+        """Where any rotation will do, or that which is wanted may not, the one that scheme (a) ends with: a controller
+        is to be told one.
+        """
+        Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
+        return Wanted(wanted.places, np.where(kept[:, None, None], wanted.turns, Ts[:, :3, :3]))
 
     def _iterated(self, wanted: Wanted, conditions: Array, start: Array, moved: Moved) -> Array:
         """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted."""
         joints, going = start.copy(), np.arange(len(wanted))
         for _ in range(ROUNDS):
-            missing = wanted.take(going).errors(self._tool(joints[going], conditions[going])[0])
+            some = wanted.take(going)
+            Ts, jacobian = self._tool(joints[going], conditions[going])
+            missing = within_reach(jacobian, some.errors(Ts), some.turned)
             far = ~_settled(missing)
             going = going[far]
             if not going.size:

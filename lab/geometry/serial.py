@@ -137,7 +137,8 @@ class SerialArm:
 
         Returns:
             ``(n, 4, 4)`` in the tracker's frame; and the geometric Jacobian ``(n, 6, joints)``: velocity of the
-            target (m) and angular velocity (rad), both in the tracker's frame, by the readings.
+            target (m) and angular velocity (rad), both in the tracker's frame, by the readings. It is the direct
+            differential model: twist = J rates. ``differential.rates`` is the inverse one.
         """
         joints = self._checked(joints)
         motions, frame, origin = self._walk(joints, values)

@@ -9,15 +9,18 @@ from scipy.spatial import cKDTree
 from lab import frames
 from lab.frames import Array
 from lab.geometry.chain import Chain
-from lab.geometry.closed_form import BRANCHES, Solutions, SphericalWrist
-from lab.geometry.inverse import ROTATION_M, Wanted, reach
+from lab.geometry.closed_form import ClosedForm, Solutions, closed_form_of
+from lab.geometry.differential import ROTATION_M
+from lab.geometry.inverse import FREEDOMS, Wanted, reach
 from lab.geometry.serial import SerialArm
 from lab.seeds import stream
 
 SAMPLES = 20_000  # random poses among which a search starts
+SEARCHED = 8  # from the nearest of which
 DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad
 EXCESS_COST = 100.0  # of a joint beyond its limits by 1 rad, beside a move of 1 rad
 GAP_COST = 1e4  # of a pose missed by 1 m
+TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's could take it
 
 
 @dataclass(frozen=True)
@@ -32,25 +35,32 @@ class Drawing:
     arm: SerialArm
     values: Array
     target: int = 0
-    closed_form: SphericalWrist | None = field(init=False, repr=False)
+    closed_form: ClosedForm | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         chain = self.arm.chain.with_table(self.arm.split(self.values)[1])
-        object.__setattr__(self, "closed_form", SphericalWrist.of(chain))
+        object.__setattr__(self, "closed_form", closed_form_of(chain))
 
     def ways(self, wanted: Wanted, reference: Array) -> Solutions:
-        """Some ways to reach each ``(n, k, joints)``, all eight where the closed form has them.
+        """Some ways to reach each ``(n, k, joints)``, all of the closed form where there is one.
+
+        A target with fewer ways than others has the rest at readings zero, with an infinite gap.
 
         Args:
             reference: readings ``(n, joints)`` near which to look, NaN where none are given.
         """
-        shape = (len(wanted), BRANCHES, self.arm.chain.size)
-        found = Solutions(np.empty(shape), np.empty(shape[:2]), np.zeros(shape, dtype=np.bool_))
         exact = wanted.turned & (self.closed_form is not None)
-        for rows, by in ((np.flatnonzero(exact), self._by_closed_form), (np.flatnonzero(~exact), self._searched)):
-            if rows.size:
-                part = by(wanted.take(rows), reference[rows])
-                found.joints[rows], found.gap_m[rows], found.free[rows] = part.joints, part.gap_m, part.free
+        parts = [
+            (rows, by(wanted.take(rows), reference[rows]))
+            for rows, by in ((np.flatnonzero(exact), self._by_closed_form), (np.flatnonzero(~exact), self._searched))
+            if rows.size
+        ]
+        shape = (len(wanted), max((part.gap_m.shape[1] for _, part in parts), default=0), self.arm.chain.size)
+        free = np.zeros(shape, dtype=np.bool_)
+        found = Solutions(np.zeros(shape), np.full(shape[:2], np.inf), np.zeros(shape[:2]), free)
+        for rows, part in parts:
+            for name in ("joints", "gap_m", "tilt_rad", "free"):
+                getattr(found, name)[rows, : part.gap_m.shape[1]] = getattr(part, name)
         return found
 
     def again(self, wanted: Wanted, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
@@ -80,11 +90,11 @@ class Drawing:
         return self.arm.tool(joints, self.values, self.target)
 
     def last_frames(self, wanted: Wanted) -> Array:
-        """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there."""
+        """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there, turned as near as the arm can."""
         tools = self.arm.split(self.values)[2]
-        Ts_tracker_last = frames.pose(wanted.turns, wanted.places - wanted.turns @ tools[self.target])
-        last: Array = frames.inverse(self.arm.T_tracker_frame0(self.values)) @ Ts_tracker_last
-        return last
+        Ts: Array = frames.inverse(self.arm.T_tracker_frame0(self.values)) @ frames.pose(wanted.turns, wanted.places)
+        turns = Ts[:, :3, :3] if self.closed_form is None else self.closed_form.nearest_turns(Ts[:, :3, :3])
+        return frames.pose(turns, Ts[:, :3, 3] - turns @ tools[self.target])
 
     def _by_closed_form(self, wanted: Wanted, reference: Array) -> Solutions:
         assert self.closed_form is not None
@@ -95,21 +105,24 @@ class Drawing:
         chain = self.arm.chain
         samples = chain.random_joints(SAMPLES, stream(0, "structure"))
         Ts = self.arm.tool(samples, self.values, self.target)[0]
-        near = np.empty((len(wanted), BRANCHES), dtype=np.int_)
+        near = np.empty((len(wanted), SEARCHED), dtype=np.int_)
         for turned in (True, False):
             rows = np.flatnonzero(wanted.turned == turned)
             if rows.size:
                 tree = cKDTree(_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
-                near[rows] = tree.query(_landmarks(wanted.places[rows], wanted.turns[rows], turned), k=BRANCHES)[1]
+                near[rows] = tree.query(_landmarks(wanted.places[rows], wanted.turns[rows], turned), k=SEARCHED)[1]
         starts = samples[near]
         given = np.isfinite(reference).all(axis=1)
         starts[given, 0] = reference[given]
         shape = starts.shape
-        each = wanted.take(np.repeat(np.arange(len(wanted)), BRANCHES))
+        each = wanted.take(np.repeat(np.arange(len(wanted)), SEARCHED))
         flat = starts.reshape(-1, chain.size)
         ended = reach(self.arm, self.values, each, flat, np.empty((len(each), 0)), self.target)
-        gap = np.where(ended.arrived, 0.0, np.linalg.norm(ended.errors[:, :3], axis=1))
-        return Solutions(ended.joints.reshape(shape), gap.reshape(shape[:2]), np.zeros(shape, dtype=np.bool_))
+        missed, turned_off = (np.linalg.norm(part, axis=1) for part in (ended.errors[:, :3], ended.errors[:, 3:]))
+        gap = np.where(ended.arrived, 0.0, missed)
+        tilt = turned_off if chain.size < FREEDOMS else np.zeros(len(each))
+        free = np.zeros(shape, dtype=np.bool_)
+        return Solutions(ended.joints.reshape(shape), gap.reshape(shape[:2]), tilt.reshape(shape[:2]), free)
 
 
 def _landmarks(places: Array, turns: Array, turned: bool) -> Array:
@@ -142,7 +155,7 @@ def ordered(
         turned = nearest_turns(chain, ways, near)
         beyond = chain.excess(turned).sum(axis=1)
         cost = np.abs(turned - near).max(axis=1) + DISLIKE_COST * disliked[i]
-        cost += EXCESS_COST * beyond + GAP_COST * solutions.gap_m[i]
+        cost += EXCESS_COST * beyond + GAP_COST * solutions.gap_m[i] + TILT_COST * solutions.tilt_rad[i]
         order[i] = np.argsort(cost, kind="stable")
         joints[i] = turned[order[i]]
         last = joints[i, 0]

@@ -1,0 +1,1 @@
+"""Inverses in closed form, a module for each shape of arm."""
