@@ -15,9 +15,9 @@ from lab.study.options import VirtualCampaign
 from lab.study.robots import load_robot
 from lab.study.virtual_arm import perturbed_arm
 from lab.virtual.feasible import collides, random_poses
+from lab.virtual.model_file import load_model
 from lab.virtual.placement import calibrated_mjcf
 from lab.virtual.real import Perturbation, perturbed_bodies, random_perturbation, random_tracker, real_arm, track
-from lab.virtual.model_file import load_model
 
 MODEL = IRB120.model
 TARGETS = ("p1", "p2", "p3")

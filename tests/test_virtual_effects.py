@@ -20,6 +20,7 @@ from lab.virtual.effect_draws import LEVER_M, EffectSizes, random_conditions, ra
 from lab.virtual.effects import Effects, true_parameters
 from lab.virtual.flexible import FlexibleArm
 from lab.virtual.masses import loads_of
+from lab.virtual.model_file import load_model
 from lab.virtual.real import (
     Perturbation,
     RealArm,
@@ -29,7 +30,6 @@ from lab.virtual.real import (
     track,
     track_knowing,
 )
-from lab.virtual.model_file import load_model
 from lab.virtual.robot import RobotModel
 
 MODEL, CHAIN = IRB120.model, IRB120.chain

@@ -17,6 +17,7 @@ from lab.seeds import stream
 from lab.study.advice import changes
 from lab.study.option_groups import LARGEST
 from lab.study.robots import Robot
+from lab.study.shape import LEAST, shape_of
 
 POSES = 200
 
@@ -67,6 +68,30 @@ def inspection(question: Question) -> dict[str, Any]:
             )
         },
         "poses_needed": poses_needed(arm, nominal, structure),
+        **_of_shape(robot),
+    }
+
+
+def _of_shape(robot: Robot) -> dict[str, Any]:
+    """Reach, ways to a pose, the Jacobian's determinant, and an example of each singularity."""
+    shape, names = shape_of(robot.chain), robot.chain.joint_names
+    scale = np.where(robot.chain.prismatic, 1e3, 180 / np.pi)
+    return {
+        "reach_mm": _tidy(1e3 * shape.reach_m),
+        "ways": shape.ways,
+        "determinant": shape.determinant or None,
+        "singularities": [
+            {
+                "name": each.factor.name,
+                "where": each.factor.text,
+                "example": None if each.joints is None else [_tidy(value) for value in each.joints * scale],
+                "free": [
+                    {name: _tidy(part) for name, part in zip(names, parts, strict=True) if abs(part) > LEAST}
+                    for parts in each.free
+                ],
+            }
+            for each in shape.singularities
+        ],
     }
 
 
@@ -105,6 +130,7 @@ def print_inspection(question: Question) -> None:
     order = "Rz(θ) Tz(d) Tx(a) Rx(α)" if seen["convention"] == "distal" else "Rx(α) Tx(a) Rz(θ) Tz(d)"
     console.print(f"{robot.name}: Denavit-Hartenberg, {seen['convention']}, {order}; mm and °")
     console.print(_drawn_table(seen["joints"]))
+    _print_shape(console, seen)
     console.print(
         f"{seen['rank']} of {seen['parameters']} parameters can be identified from positions of "
         f"{', '.join(seen['targets'])}, from {seen['poses_needed']} poses or more:"
@@ -133,6 +159,24 @@ def print_inspection(question: Question) -> None:
         )
     for words, condition in seen["changes"].items():
         console.print(f"  with {words} the condition would be {condition:.1f}")
+
+
+def _print_shape(console: Console, seen: dict[str, Any]) -> None:
+    """How far the arm reaches, and where it is singular."""
+    ways = "" if seen["ways"] is None else f"; {seen['ways']} ways to a pose"
+    console.print(f"reach {_number(seen['reach_mm'])} mm from axis 1 to the last frame{ways}")
+    if seen["determinant"] is None:
+        return
+    text = seen["determinant"].replace("-", "−").replace("*", "·")
+    console.print(f"det J = {text} (m), singular where a factor is zero:", soft_wrap=True)
+    for each in seen["singularities"]:
+        where = f"  {each['name']}, {each['where']} = 0".replace("-", "−")
+        if each["example"] is None:
+            console.print(f"{where}: not within the limits")
+            continue
+        parts = " or ".join(" ".join(f"{part:+.3g} {name}" for name, part in one.items()) for one in each["free"])
+        at = ", ".join(f"{value:.1f}" for value in np.round(each["example"], 1) + 0.0)
+        console.print(f"{where}: e.g. at ({at}), {parts} moves nothing".replace("-", "−"), soft_wrap=True)
 
 
 def _drawn_table(joints: list[dict[str, Any]]) -> Table:
