@@ -238,7 +238,7 @@ def test_a_drawn_arm_comes_back_from_its_axes() -> None:
         axes = axes_of(arm, values)
         base = frames.pose(frames.exp(values[3:6]), values[:3])
         flange = arm.flange(np.zeros((1, chain.size)), values)[0]
-        limits = chain.lower, chain.upper, chain.speed
+        limits = chain.lower, chain.upper, chain.speed, chain.acceleration
         drawn, T_frame0 = chain_from_axes("drawn", chain.joint_names, chain.prismatic, axes, base, flange, limits)
         again = SerialArm(drawn)
         table = drawn.table

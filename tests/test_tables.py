@@ -162,7 +162,7 @@ def test_a_model_with_shapes_keeps_them() -> None:
     assert not IRB120.model.drawn and not IRB120.model.weighed and IRB120.model.assumed == ""
 
 
-@pytest.mark.parametrize("name", ["rx130", "scara", "rx130.urdf"])
+@pytest.mark.parametrize("name", ["scara", "rx130.urdf"])
 def test_design_calibrate_and_compensate_take_it(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     robot = path_of(name, tmp_path)
