@@ -15,7 +15,14 @@ import tyro
 from lab.errors import LabError
 from lab.study.config_file import read_options
 from lab.study.option_groups import Fitting, Flag, Names, Numbers
-from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, Verification, VirtualCampaign
+from lab.study.options import (
+    Correction,
+    MeasuredCampaign,
+    PayloadTask,
+    PlannedCampaign,
+    Verification,
+    VirtualCampaign,
+)
 
 
 @dataclass(frozen=True)
@@ -94,6 +101,17 @@ class Compensate:
 
 
 @dataclass(frozen=True)
+class Payload:
+    """Identify the load at the hand: its mass, centre of mass and inertia, each with its interval."""
+
+    task: tyro.conf.OmitArgPrefixes[PayloadTask]
+    out: Path | None = None
+    """The folder for all files: runs/payload-FILE by default, numbered if taken; an earlier run here is replaced."""
+    json: Flag = False
+    """Print the result as one JSON object."""
+
+
+@dataclass(frozen=True)
 class Study:
     """Run many virtual campaigns: a grid of factors, times robots, times draws of the noise."""
 
@@ -111,7 +129,7 @@ class Study:
     """Print the result as one JSON object."""
 
 
-Command = Calibrate | Identify | Inspect | Design | Compensate | Verify | Study
+Command = Calibrate | Identify | Inspect | Design | Compensate | Verify | Payload | Study
 _COMMANDS: dict[str, type[Command]] = {
     "calibrate": Calibrate,
     "identify": Identify,
@@ -119,6 +137,7 @@ _COMMANDS: dict[str, type[Command]] = {
     "design": Design,
     "compensate": Compensate,
     "verify": Verify,
+    "payload": Payload,
     "study": Study,
 }
 _CONFIGURED = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign, "design": PlannedCampaign}
@@ -134,6 +153,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _verify(command)
         elif isinstance(command, Compensate):
             code = _compensate(command)
+        elif isinstance(command, Payload):
+            code = _payload(command)
         elif isinstance(command, Study):
             code = _study(command)
         else:
@@ -306,6 +327,28 @@ def _verify(command: Verify) -> int:
     if not command.json:
         print_verification(run, out)
     return 0 if run.verified.good else 1
+
+
+def _payload(command: Payload) -> int:
+    """Identify, write and print; 1 where the load's weight is not told, or the residuals say not to believe it."""
+    from lab.output.payload import payload_summary, print_payload, write_payload
+    from lab.study.payload import run_payload
+
+    asked = command.task
+    with _written(command.out, f"payload-{asked.file.stem}", asked.file, asked.sensor, asked.run) as (folder, out):
+        run = run_payload(asked)
+        write_payload(folder, run, asked)
+        from lab.output.payload_report import write_payload_report  # slow to import, as all that draws
+
+        write_payload_report(folder / "report.html", run, asked)
+        if run.records is not None:
+            from lab.output.payload_recording import record_payload
+
+            record_payload(folder / "recording.rrd", run)
+    _tell(run.warnings, payload_summary(run) if command.json else None)
+    if not command.json:
+        print_payload(run, out)
+    return 0 if run.trusted else 1
 
 
 def _study(command: Study) -> int:

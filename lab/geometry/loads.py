@@ -1,6 +1,6 @@
 """What gravity does to an arm's joints: the generalized forces of link masses and a payload, in closed form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,12 +20,14 @@ class Loads:
         mass_kg: ``(n,)``, of what turns with each joint.
         centre_m: ``(n, 3)``, their centres in the frames of the table that turn with them.
         gravity: ``(3,)`` m/s^2 in frame 0.
+        payload_at_m: ``(3,)``, a payload's centre of mass in the last frame.
     """
 
     chain: Chain
     mass_kg: Array
     centre_m: Array
     gravity: Array
+    payload_at_m: Array = field(default_factory=lambda: np.zeros(3))
 
     def forces(self, joints: Array, payload_kg: Array) -> tuple[Array, Array]:
         """Gravity's generalized forces and their derivatives by the joints.
@@ -36,7 +38,7 @@ class Loads:
 
         Args:
             joints: readings ``(n, joints)``.
-            payload_kg: ``(n,)`` at the last frame's origin.
+            payload_kg: ``(n,)`` at ``payload_at_m``.
 
         Returns:
             ``(n, joints)`` Nm (N of a slide), positive where gravity pushes the reading up; and the
@@ -72,7 +74,7 @@ class Loads:
         return tuple(int(j) for j in np.flatnonzero(size > np.maximum(BEARS * largest, LEAST_FORCE)))
 
     def _walk(self, joints: Array) -> tuple[Array, Array, Array, Array]:
-        """Axes, anchors and the masses' centres ``(n, joints, 3)``, and the last origin ``(n, 3)``, in frame 0."""
+        """Axes, anchors and the masses' centres ``(n, joints, 3)``, and the payload's ``(n, 3)``, in frame 0."""
         count, kind = len(joints), np.result_type(joints, float)
         turn = np.broadcast_to(np.eye(3), (count, 3, 3)).astype(kind)
         place = np.zeros((count, 3), dtype=kind)
@@ -92,7 +94,7 @@ class Loads:
                 place = place + a * turn[:, :, 0]
                 turn = turn @ _about(0, alpha) @ _about(1, beta)
             centres.append(place + turn @ self.centre_m[i])
-        return np.stack(axes, 1), np.stack(anchors, 1), np.stack(centres, 1), place
+        return np.stack(axes, 1), np.stack(anchors, 1), np.stack(centres, 1), place + turn @ self.payload_at_m
 
 
 def _about(axis: int, angle: Array) -> Array:

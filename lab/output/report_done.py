@@ -7,10 +7,17 @@ from typing import Any
 
 from lab.output.html import Html, command, element, paragraph, section, table, together
 from lab.output.run import config
-from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, Verification, VirtualCampaign
+from lab.study.options import (
+    Correction,
+    MeasuredCampaign,
+    PayloadTask,
+    PlannedCampaign,
+    Verification,
+    VirtualCampaign,
+)
 
-Options = VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction
-_POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",)}
+Options = VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction | PayloadTask
+_POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",), "payload": ("file",)}
 _SHOWN = ("robot", "instrument", "seed")  # also where they are as usual
 _AGAIN = ("calibrate", "identify", "design")  # that take --config
 

@@ -19,7 +19,15 @@ from lab.measurement_file import write_measurements
 from lab.output.arm_files import MJCF, TABLE, arm_files
 from lab.output.result import likely, parameters, rigid, summary
 from lab.study.campaign import Outcome
-from lab.study.options import Correction, MeasuredCampaign, PlannedCampaign, Verification, VirtualCampaign
+from lab.study.hand_load import LOAD_FILE, read_hand_load
+from lab.study.options import (
+    Correction,
+    MeasuredCampaign,
+    PayloadTask,
+    PlannedCampaign,
+    Verification,
+    VirtualCampaign,
+)
 
 _FILES = {
     "config.json",
@@ -27,6 +35,7 @@ _FILES = {
     "parameters.json",
     "covariance.csv",
     "result.json",
+    LOAD_FILE,
     "calibrated.xml",
     "calibrated.toml",
 }
@@ -126,6 +135,8 @@ def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | Measure
     write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
     write_json(folder / "parameters.json", parameters(outcome))
     write_covariance(folder / "covariance.csv", outcome.identification)
+    if options.fitting.load is not None:
+        read_hand_load(options.fitting.load).write(folder)
     kept = TABLE if robot.is_table else MJCF  # the others are lab compensate's, of runs that are good
     text = arm_files(robot, *rigid(outcome, likely(outcome)))[kept]
     (folder / kept).write_text(text, encoding="utf-8")
@@ -141,7 +152,7 @@ def write_covariance(path: Path, identification: Identification) -> None:
 
 def config(
     command: str,
-    options: VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction,
+    options: VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction | PayloadTask,
     model_sha256: str,
 ) -> dict[str, Any]:
     """Every option, and what else the numbers depend on."""

@@ -16,6 +16,7 @@ from lab.geometry.affected import AffectedArm, Arm, rigid_part
 from lab.geometry.effects import OF_ITS_CAMPAIGN
 from lab.geometry.serial import SerialArm
 from lab.geometry.ways import Drawing
+from lab.study.hand_load import LOAD_FILE, HandLoad, read_hand_load
 from lab.study.robots import Robot, load_robot, load_virtual
 
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
@@ -35,6 +36,7 @@ class Calibrated:
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
         result: what ``result.json`` holds.
         options: of the run.
+        load: at the hand, where that was identified.
     """
 
     folder: Path
@@ -48,6 +50,7 @@ class Calibrated:
     left_out: tuple[str, ...]
     result: dict[str, Any]
     options: dict[str, Any]
+    load: HandLoad | None
 
     @property
     def geometry(self) -> tuple[SerialArm, Array]:
@@ -59,6 +62,12 @@ class Calibrated:
         """What its controller computes with, to bring a target somewhere."""
         arm = rigid_part(self.arm)
         return Drawing(arm, self.before[: len(arm.names)], target)
+
+    @property
+    def compliance(self) -> Array:
+        """The joints' compliances ``(joints,)`` rad/Nm (m/N) that were identified; zero of joints without one."""
+        found = dict(zip(self.arm.names, self.values.tolist(), strict=True))
+        return np.array([found.get(f"joint{i + 1}.compliance", 0.0) for i in range(self.robot.chain.size)])
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -104,8 +113,12 @@ class Calibrated:
             )
 
 
-def read_calibrated(folder: Path) -> Calibrated:
+def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
     """Read a run of ``lab calibrate`` or ``lab identify``.
+
+    Args:
+        load: the folder of a run of ``lab payload``, whose load it carries from now on; by default that which it was
+            identified with, if any.
 
     Raises:
         LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
@@ -115,8 +128,8 @@ def read_calibrated(folder: Path) -> Calibrated:
     if command not in ("calibrate", "identify") or not isinstance(options, dict):
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
     try:
-        load = load_virtual if command == "calibrate" else load_robot
-        robot = load(str(options.get("robot")))
+        loading = load_virtual if command == "calibrate" else load_robot
+        robot = loading(str(options.get("robot")))
     except LabError as error:
         raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
     if config.get("model_sha256") != robot.sha256:
@@ -124,6 +137,9 @@ def read_calibrated(folder: Path) -> Calibrated:
             f"{folder}: is a run of another robot: the files of '{options.get('robot')}' are not those that it was "
             "made with; identify again"
         )
+    carried = load or (folder if (folder / LOAD_FILE).is_file() else None)
+    hand = None if carried is None else read_hand_load(carried)
+    robot = robot if hand is None else hand.carried_by(robot)
     rows = {row["name"]: row for row in _rows(folder)}
     targets = tuple(name.split(".")[1] for name in rows if name.startswith("tool.") and name.endswith(".x"))
     if not targets:
@@ -137,7 +153,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     turn = np.array([rows[name]["exported"] for name in _TURN]) if set(_TURN) <= set(rows) else np.zeros(3)
     names, covariance = _covariance(folder / "covariance.csv", arm.names)
     return Calibrated(
-        folder, robot, arm, exported, before, frames.exp(turn), names, covariance, left_out, result, options
+        folder, robot, arm, exported, before, frames.exp(turn), names, covariance, left_out, result, options, hand
     )
 
 

@@ -35,6 +35,8 @@ from lab.measurements import Measurements
 from lab.seeds import stream
 from lab.study.fitted import Fitted
 from lab.study.fitting import Fitter
+from lab.study.hand_load import HandLoad, read_hand_load
+from lab.study.option_groups import Fitting
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.robots import Robot, load_robot, load_virtual
 from lab.study.virtual_arm import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
@@ -82,7 +84,7 @@ class Outcome:
 def run_virtual(options: VirtualCampaign) -> Outcome:
     """A campaign on a virtual arm: perturbed, measured by a tracker, identified, judged on fresh poses."""
     options.check()
-    robot = load_virtual(options.robot)
+    robot, _ = _carrying(load_virtual(options.robot), options.fitting)
     robot.refuse_unknown(options.targets)
     device = instrument(options.instrument)
     real = perturbed_arm(robot, options)
@@ -120,9 +122,9 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
 def run_measured(options: MeasuredCampaign) -> Outcome:
     """The same from a measurement file, judged by a hold-out, another file, or cross-validation."""
     options.check()
-    robot = load_robot(options.robot)
-    read = _read(robot, options.file, options)
-    other = None if options.validate is None else _seen(_read(robot, options.validate, options))
+    robot, load = _carrying(load_robot(options.robot), options.fitting)
+    read = _read(robot, options.file, options, load)
+    other = None if options.validate is None else _seen(_read(robot, options.validate, options, load))
     with _naming(options.file):
         fitter = _fitter(robot, read, options)
         data, observed = fitter.data, fitter.observed()
@@ -210,8 +212,17 @@ def _with_anchors(fitter: Fitter) -> Fitter:
     return replace(fitter, data=replace(with_sessions(data, starts), warnings=(*data.warnings, said)))
 
 
-def _read(robot: Robot, path: Path, options: MeasuredCampaign) -> Measurements:
-    return read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
+def _carrying(robot: Robot, fitting: Fitting) -> tuple[Robot, HandLoad | None]:
+    """The robot with payloads where the load hangs that the options name, and that load."""
+    if fitting.load is None:
+        return robot, None
+    load = read_hand_load(fitting.load)
+    return load.carried_by(robot), load
+
+
+def _read(robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None) -> Measurements:
+    read = read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
+    return read if load is None else load.weighed(read)
 
 
 def _seen(data: Measurements) -> Measurements:

@@ -1,10 +1,11 @@
 """Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lab.calibration.compensate import Compensation, Compensator
+from lab.calibration.load.cost import sag_uncertainty
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.inverse import Wanted
@@ -47,7 +48,21 @@ class Corrected:
         lacking, larger, _ = run.lacking((run.result["noise_mm"] or 0.0) / 1e3)
         jacobian = run.arm.observe(self.settings, run.values)[1][:, self.target]
         rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
-        return np.asarray(np.sqrt(larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2))
+        known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
+        return np.asarray(np.sqrt(known + self.load_m**2))
+
+    @property
+    def load_m(self) -> Array:
+        """``(n,)`` what of that is the uncertainty of an identified load that the arm carries there."""
+        run, (arm, values) = self.run, self.run.geometry
+        joints = self.settings[:, : arm.chain.size]
+        if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
+            return np.zeros(len(joints))
+        off = sag_uncertainty(
+            arm, values, run.compliance, joints, run.robot.loads.gravity, run.load.covariance, self.target
+        )
+        carried = self.settings[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
+        return np.asarray(np.where(carried, off, 0.0))
 
     @property
     def target(self) -> int:
@@ -62,7 +77,7 @@ class Corrected:
 
 def run_correction(options: Correction) -> Corrected:
     """Correct the targets of a file for the arm of a run."""
-    run = read_calibrated(options.run)
+    run = read_calibrated(options.run, options.load)
     if not options.force:
         run.refuse_unfit("compensation")
     chain = run.robot.chain
@@ -113,7 +128,12 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
             f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
         )
     said = (*run.warnings, *targets.warnings, *warnings)
-    return Corrected(run, targets, wanted, found, settings, without, said)
+    done = Corrected(run, targets, wanted, found, settings, without, said)
+    if run.load is not None and found.converged.any():
+        size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
+        words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
+        return replace(done, warnings=(*said, words))
+    return done
 
 
 def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:
@@ -126,16 +146,18 @@ def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> Non
 
 def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:
     """What the arm's effects ask for at each target ``(n, c)``, and what was taken for granted."""
+    given, said = targets.conditions, []
+    if run.load is not None and "payload_kg" in run.arm.conditions and "payload_kg" not in given:
+        given = {**given, "payload_kg": np.full(len(targets), run.load.mass_kg)}
+        said.append(f"every target carries the load that was identified, {run.load.mass_kg:.4g} kg")
     try:
         columns = [
-            asked(targets.conditions, name, len(targets), lambda row: f"line {targets.lines[row]}")
-            for name in run.arm.conditions
+            asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}") for name in run.arm.conditions
         ]
     except LabError as error:
         raise LabError(f"{source}: {error}") from error
-    said = []
     if unused := [name for name in targets.conditions if name not in run.arm.conditions]:
         said.append(f"{source}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
-    if "payload_kg" in run.arm.conditions and "payload_kg" not in targets.conditions:
+    if "payload_kg" in run.arm.conditions and "payload_kg" not in given:
         said.append(f"{source}: no column payload_kg: nothing is taken to hang at the flange at any target")
     return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said

@@ -1,6 +1,7 @@
 """Options that campaigns share: how parameters are fitted, and what of a virtual arm is not geometry."""
 
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -52,6 +53,8 @@ class Fitting:
     """Manufacturing tolerance of lengths (1σ): of the prior, and by which aliased errors are shared in exports."""
     tolerance_mrad: float = 1.5
     """The same of angles."""
+    load: Path | None = None
+    """The folder of a run of lab payload: payloads hang where its load does, and rows without payload_kg carry it."""
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""

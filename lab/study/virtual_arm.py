@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,6 +34,8 @@ USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
     """The virtual arm of these options, before its tracker, with its effects."""
     effects = random_effects(robot.chain, _sizes(robot, options.effects), stream(options.seed, "effects"))
+    if robot.loads is not None:
+        effects = replace(effects, payload_at_m=robot.loads.payload_at_m)
     return _geometry(robot, options).with_effects(effects)
 
 

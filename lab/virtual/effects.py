@@ -44,6 +44,7 @@ class Effects:
         growth_per_h: how much all lengths of the arm grow about its foot in an hour, relative.
         bad_share: how likely a pose's reading is bad: all of its points displaced alike.
         bad_range_m: least and largest displacement of a bad reading; log-uniform between, in any direction.
+        payload_at_m: ``(3,)``, payloads' centre of mass in the last frame.
     """
 
     compliance_rad_per_nm: Array
@@ -59,6 +60,7 @@ class Effects:
     growth_per_h: float
     bad_share: float
     bad_range_m: tuple[float, float]
+    payload_at_m: Array
 
     def __post_init__(self) -> None:
         n = len(self.gear)
@@ -68,6 +70,7 @@ class Effects:
             "coupling": (n, n),
             "drift_per_h": (6,),
             "bump": (6,),
+            "payload_at_m": (3,),
         }
         for name, shape in shapes.items():
             value = getattr(self, name)
@@ -101,6 +104,7 @@ class Effects:
             growth_per_h=0.0,
             bad_share=0.0,
             bad_range_m=(1e-3, 1e-3),
+            payload_at_m=np.zeros(3),
         )
 
     @property

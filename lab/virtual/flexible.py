@@ -39,14 +39,15 @@ class Stand:
 class FlexibleArm:
     """A copy of an arm's model on which loads are hung and whose links bend; each question sets all it needs."""
 
-    def __init__(self, model: mujoco.MjModel, robot: RobotModel) -> None:
+    def __init__(self, model: mujoco.MjModel, robot: RobotModel, payload_at_m: Array | None = None) -> None:
+        """Payloads' centre ``(3,)`` m is given in the last frame; at its origin if not given."""
         self._model = copy.deepcopy(model)
         self._data = mujoco.MjData(self._model)
         joints = [model.joint(name) for name in robot.chain.joint_names]
         self._qpos, self._dof = [int(j.qposadr[0]) for j in joints], [int(j.dofadr[0]) for j in joints]
         self._bodies = [int(model.body(name).id) for name in robot.bodies]
         self._carriers = model.body_parentid[self._bodies].tolist()
-        self._payload = _Payload.carried_by(self._model, robot)
+        self._payload = _Payload.carried_by(self._model, robot, np.zeros(3) if payload_at_m is None else payload_at_m)
         self._straight = model.body_quat[self._bodies].copy()
 
     def straight(self, joints: Array) -> Stand:
@@ -54,7 +55,7 @@ class FlexibleArm:
         return Stand(joints, np.broadcast_to(self._straight, (*joints.shape, 4)))
 
     def settled(self, driven: Array, compliance: Array, bending: Array, payload_kg: Array) -> Stand:
-        """Where the arm stands under its weight and a payload at the origin of its last frame.
+        """Where the arm stands under its weight and a payload.
 
         Args:
             driven: ``(m, n)``, where the motors put the joints, rad or m.
@@ -130,8 +131,8 @@ class _Payload:
     subtree: Array
 
     @classmethod
-    def carried_by(cls, model: mujoco.MjModel, robot: RobotModel) -> "_Payload":
-        """The last frame's place on the flange's carrier, as drawn."""
+    def carried_by(cls, model: mujoco.MjModel, robot: RobotModel, payload_at_m: Array) -> "_Payload":
+        """A place ``(3,)`` in the last frame on the flange's carrier, as drawn."""
         line = [int(model.body(robot.carrier).id)]
         while line[-1]:
             line.append(int(model.body_parentid[line[-1]]))
@@ -139,7 +140,8 @@ class _Payload:
         T_carrier_last = frames.inverse(body_pose(at_zero(robot.model), line[0])) @ T_world_last
         model.body_sameframe[line[0]] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else its centre cannot move
         mass, centre = float(model.body_mass[line[0]]), model.body_ipos[line[0]].copy()
-        return cls(line, T_carrier_last[:3, 3], mass, centre, model.body_subtreemass[line].copy())
+        place = frames.transform(T_carrier_last, payload_at_m[None])[0]
+        return cls(line, place, mass, centre, model.body_subtreemass[line].copy())
 
     def hang(self, model: mujoco.MjModel, payload_kg: float) -> None:
         """Give the body the mass and the centre that it has with a payload: at rest, inertia does not matter."""

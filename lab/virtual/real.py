@@ -130,7 +130,7 @@ class RealArm:
     def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
         if self.effects.yielding:
-            arm = FlexibleArm(self.model, self.robot)
+            arm = FlexibleArm(self.model, self.robot, self.effects.payload_at_m)
             compliance, bending = self.effects.compliance_rad_per_nm, self.effects.bending_rad_per_nm
             return arm.positions(arm.settled(driven, compliance, bending, payload_kg), sites)
         data = mujoco.MjData(self.model)

@@ -1,0 +1,180 @@
+"""The load at the hand, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.load.cost import sag_uncertainty
+from lab.calibration.load.estimate import LoadEstimate
+from lab.calibration.load.physical import physical_estimate
+from lab.calibration.load.sag import Soft, from_sag
+from lab.calibration.load.torques import from_torques
+from lab.calibration.load.wrench import from_wrench
+from lab.errors import LabError
+from lab.frames import Array
+from lab.load_file import read_loads, read_mounting
+from lab.load_records import LoadRecords, Mounting
+from lab.measurement_file import read_measurements
+from lab.measurements import Measurements
+from lab.seeds import stream
+from lab.study.calibrated import read_calibrated
+from lab.study.hand_load import HandLoad
+from lab.study.options import PayloadTask
+from lab.study.robots import Robot, load_robot
+from lab.virtual.feasible import random_poses
+from lab.virtual.load import drawn_mounting, own_dynamics
+
+COSTED = 200  # poses over which the cost of an uncertain load is averaged
+SAME_RAD = 1e-6  # rad or m: readings of one pose
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What became of a file.
+
+    Attributes:
+        records: what was read; None of tracker measurements (``sag``).
+        fitted: by least squares; ``estimate`` is the physical one where that was asked for.
+        compliance: ``(joints,)`` rad/Nm (m/N), by which the cost is reckoned.
+        targets: the tracked points (``sag``).
+        cost_m: root mean square over the workspace of how far a corrected point is off by the load's uncertainty
+            (1 sigma); NaN where the load's weight was not identified.
+    """
+
+    robot: Robot
+    records: LoadRecords | None
+    mounting: Mounting
+    fitted: LoadEstimate
+    estimate: LoadEstimate
+    compliance: Array
+    cost_m: float
+    warnings: tuple[str, ...]
+    targets: tuple[str, ...] = ()
+
+    @property
+    def trusted(self) -> bool:
+        """Whether mass and centre of mass are told, and the residuals are what noise explains."""
+        return bool(np.isfinite(self.estimate.phi[:4]).all() and self.estimate.adequate is not False)
+
+    @property
+    def load(self) -> HandLoad:
+        """What gravity acts on."""
+        return HandLoad.of(self.estimate)
+
+
+def run_payload(options: PayloadTask) -> Weighed:
+    """Identify the load of a file.
+
+    Raises:
+        LabError: the file lacks what the method needs, or does not tell.
+    """
+    options.check()
+    if options.run is not None:
+        return _by_sag(options)
+    robot = load_robot(options.robot)
+    chain = robot.chain
+    records = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    method = options.method or ("torques" if records.wrench is None else "wrench")
+    mounting = drawn_mounting(robot.model)
+    if options.sensor is not None:
+        mounting = read_mounting(options.sensor, sensor=method == "wrench")
+    elif method == "wrench":
+        raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
+    arm = robot.arm(("p1",))
+    try:
+        fitted = _fitted(options, robot, records, mounting, method)
+    except LabError as error:
+        raise LabError(f"{options.file}: {error}") from error
+    estimate = physical_estimate(fitted) if options.physical else fitted
+    compliance = _compliance(robot, options.stiffness_nm_per_rad)
+    cost = _cost(robot, arm.nominal(robot.tool), compliance, mounting, estimate)
+    warnings = (*robot.warnings, *records.warnings, *_said(estimate))
+    return Weighed(robot, records, mounting, fitted, estimate, compliance, cost, warnings)
+
+
+def _fitted(options: PayloadTask, robot: Robot, records: LoadRecords, mounting: Mounting, method: str) -> LoadEstimate:
+    arm = robot.arm(("p1",))
+    values = arm.nominal(robot.tool)
+    if method == "wrench":
+        _refuse(options, "friction", options.friction, "torques")
+        return from_wrench(arm, values, records, mounting, tilt=options.tilt, turn=options.turn, delay=options.delay)
+    _refuse(options, "tilt", options.tilt, "wrench")
+    _refuse(options, "turn", options.turn, "wrench")
+    if robot.loads is None:
+        raise LabError(
+            f"robot {robot.name} has no masses, so its own torques cannot be told from the load's; give mass_kg of its "
+            "joints, or measure with a wrist sensor"
+        )
+    own = own_dynamics(robot.model, mounting.gravity)
+    return from_torques(arm, values, records, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
+
+
+def _refuse(options: PayloadTask, name: str, given: bool, method: str) -> None:
+    if given:
+        raise LabError(f"--{name} is for --method {method}: leave it out")
+
+
+def _by_sag(options: PayloadTask) -> Weighed:
+    """From tracker positions with and without the load, and the compliances of a calibrated arm."""
+    assert options.run is not None
+    run = read_calibrated(options.run)
+    robot, (arm, values) = run.robot, run.geometry
+    data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
+    if data.targets != arm.targets:
+        raise LabError(
+            f"{options.file}: targets {', '.join(data.targets)}, but {options.run} identified "
+            f"{', '.join(arm.targets)}; give the file of that tool"
+        )
+    compliance = run.compliance
+    assert robot.loads is not None
+    joints, unloaded, loaded = _paired(options, data)
+    try:
+        fitted = from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded)
+    except LabError as error:
+        raise LabError(f"{options.file}: {error}") from error
+    estimate = physical_estimate(fitted) if options.physical else fitted
+    mounting = Mounting(robot.loads.gravity)
+    cost = _cost(robot, values, compliance, mounting, estimate)
+    said = (*run.warnings, *data.warnings, *_said(estimate))
+    return Weighed(robot, None, mounting, fitted, estimate, compliance, cost, said, data.targets)
+
+
+def _paired(options: PayloadTask, data: Measurements) -> tuple[Array, Array, Array]:
+    """Readings ``(n, joints)``, and points without and with the load ``(n, k, 3)``, at the same poses in one order."""
+    column = data.other.get("run")
+    if column is None or set(column) - {"loaded", "unloaded"}:
+        raise LabError(f"{options.file}: say in a column run of each row whether it is loaded or unloaded")
+    with_it, without = (
+        np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
+    )
+    if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > SAME_RAD:
+        raise LabError(f"{options.file}: give the same readings loaded and unloaded, in one order")
+    return data.joints[with_it], data.points[without], data.points[with_it]
+
+
+def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
+    """Of the joints that bear the arm's weight (or would, if it had a mass), all alike."""
+    compliance = np.zeros(robot.chain.size)
+    bearing = range(robot.chain.size) if robot.loads is None else robot.loads.bearing(stream(0, "structure"))
+    compliance[[j for j in bearing if not robot.chain.prismatic[j]]] = 1 / stiffness_nm_per_rad
+    return compliance
+
+
+def _cost(robot: Robot, values: Array, compliance: Array, mounting: Mounting, estimate: LoadEstimate) -> float:
+    covariance = HandLoad.of(estimate).covariance
+    if not np.isfinite(covariance).all():
+        return float("nan")
+    joints = random_poses(robot.model, COSTED, stream(0, "fresh"))
+    arm = robot.arm(("p1",))
+    off = sag_uncertainty(arm, values[: len(arm.names)], compliance, joints, mounting.gravity, covariance)
+    return float(np.sqrt((off**2).mean()))
+
+
+def _said(estimate: LoadEstimate) -> list[str]:
+    """What whoever uses the estimate should be told."""
+    said = []
+    if estimate.adequate is False:
+        said.append(estimate.verdict.words)
+    if estimate.physical is False:
+        said.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
+    return said
