@@ -6,7 +6,6 @@ The TOML: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) and ``gravity_m_
 
 import csv
 import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.load_records import GRAVITY, LoadRecords, Mounting
 from lab.measurement_file import PoseReader
+from lab.toml_file import read_toml
 
 RUNS = ("loaded", "unloaded")
 WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -223,12 +223,7 @@ def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
     Raises:
         LabError: the file is missing or malformed, has no sign, or a gravity that is not the Earth's.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise LabError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise LabError(f"{path}: not a TOML file: {' '.join(str(error).split())}") from error
+    document = read_toml(path)
     for name, section in document.items():
         keys = _TOML_KEYS.get(name)
         if keys is None or not isinstance(section, dict):

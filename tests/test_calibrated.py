@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from undrawn import nothing_drawn  # noqa: F401
 
 from lab.cli import main
 from lab.errors import LabError

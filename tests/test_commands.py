@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from arms import IRB120, ROOT, data_file
+from undrawn import nothing_drawn  # noqa: F401
 
 from lab import frames
 from lab.cli import main

@@ -363,6 +363,19 @@ def test_a_delay_and_a_share_of_friction_are_found_with_their_intervals():
     assert all(abs(each.value - 0.05) < 1.5 * each.half_width for each in shares)
 
 
+def test_intervals_of_centre_and_inner_inertia_are_those_of_their_derivatives():
+    found = clean(3).identified(np.random.default_rng(10))
+
+    def derived(phi: Array) -> Array:
+        return np.append(phi[1:4] / phi[0], inertia_about_centre(phi))
+
+    steps = 1e-3 * found.half_width * np.eye(10)
+    slopes = np.array([derived(found.phi + step) - derived(found.phi - step) for step in steps]) / 2
+    slopes = slopes.T / (1e-3 * found.half_width)
+    widths = np.append(found.com_half_width, found.inertia_com_half_width)
+    assert_allclose(widths, 1.9605 * np.sqrt(np.diag(slopes @ found.covariance @ slopes.T)), rtol=5e-3)
+
+
 def test_what_is_wrong_is_named():
     rng = np.random.default_rng(9)
     for name, word in (("lag", "(delay)"), ("shifted path", "(own)")):

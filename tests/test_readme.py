@@ -4,12 +4,20 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 from arms import ROOT
 
 from lab.cli import main
 from lab.geometry.table import read_table
+from lab.load_file import read_mounting, write_loads
+from lab.load_records import Mounting
+from lab.study.robots import load_virtual
+from lab.virtual.feasible import random_poses
+from lab.virtual.load import RigidLoad
+from lab.virtual.load_runs import LoadBench, RunErrors
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -25,12 +33,24 @@ def test_the_first_two_commands_are_what_ci_runs() -> None:
     assert second == ".venv/bin/pytest"
 
 
+def write_load(path: Path, mounting: Mounting) -> None:
+    """What a wrist sensor reads at twenty poses with a load and without it."""
+    robot, noise = load_virtual("tx40"), RunErrors(force_noise_n=0.05, moment_noise_nm=0.002)
+    load = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
+    poses = random_poses(robot.model, 20, np.random.default_rng(0))
+    records = LoadBench(robot.model, load, mounting, noise).resting(poses, np.random.default_rng(1))
+    write_loads(path, records, robot.chain.joint_names, robot.chain.prismatic)
+
+
 def test_every_further_command_runs(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     commands = [line for block in blocks("sh")[1:] for line in block.strip().splitlines()]
     assert len(commands) >= 4
     (tmp_path / "targets.csv").write_text(blocks("csv")[0])
     (tmp_path / "grid.toml").write_text(blocks("study")[0])
+    (sensor,) = (block for block in blocks("text") if block.startswith("[base]"))
+    (tmp_path / "sensor.toml").write_text(sensor)
+    write_load(tmp_path / "load.csv", read_mounting(tmp_path / "sensor.toml"))
     for command in commands:
         program, *arguments = shlex.split(command)
         assert program == ".venv/bin/lab"

@@ -576,7 +576,10 @@ NONSENSE = {
 }
 
 
-@pytest.mark.parametrize(("kind", "columns", "cell"), NONSENSE.values(), ids=NONSENSE)
+@pytest.mark.parametrize(
+    ("kind", "columns", "cell"),
+    [pytest.param(*case, id=name, marks=[pytest.mark.slow] * ("three" in name)) for name, case in NONSENSE.items()],
+)
 def test_random_poses_are_of_no_place(kind, columns, cell, tmp_path) -> None:
     """Arm and places shrink together until all residuals are zero: that is no calibration."""
     joints = np.rad2deg(IRB120.chain.random_joints(60, np.random.default_rng(0)))

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from arms import DATA, IRB120
+from undrawn import nothing_drawn  # noqa: F401
 
 from lab import frames
 from lab.cli import main

@@ -9,6 +9,7 @@ import pytest
 from arms import IRB120, data_file, somewhere
 from scipy import stats
 from test_studies import study
+from undrawn import nothing_drawn  # noqa: F401
 
 from lab import frames
 from lab.calibration.identify import identify

@@ -4,7 +4,6 @@ Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. Wha
 (``theta_rad``, ``d_m``, ``beta_rad``, …, ``[base]``, ``[tool]``) reads back to the bit.
 """
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import COLUMNS, Chain, parallel_links
+from lab.toml_file import read_toml
 
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
@@ -94,12 +94,7 @@ def read_table(path: Path) -> RobotTable:
 
 def _document(path: Path) -> dict[str, Any]:
     """The file's content, if it is TOML and has no unknown key."""
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise LabError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise LabError(f"{path}: not a TOML file: {error}") from error
+    document = read_toml(path)
     if unknown := set(document) - _TOP_KEYS:
         raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(sorted(_TOP_KEYS))}")
     return document

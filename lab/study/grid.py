@@ -1,7 +1,6 @@
 """What a study asks: a grid of factors, times robots, times draws of the noise; and how it is cut into tasks."""
 
 import itertools
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Final, Literal, get_args, get_type_hints
 from lab.errors import LabError
 from lab.study.config_file import options_from
 from lab.study.option_groups import ArmEffects, Fitting, positive, whole
+from lab.toml_file import read_toml
 
 ANY: Final = "any"  # the scaling of what is the same in each
 NONE = "none"  # the effects of a rigid arm
@@ -155,12 +155,7 @@ def read_study(path: Path) -> Study:
     Raises:
         LabError: the file cannot be read, or asks for what there is not.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise LabError(f"{path}: cannot be read ({error.strerror}); give a study's TOML") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise LabError(f"{path}: not TOML ({error}); mend it there") from error
+    content = read_toml(path)
     try:
         return study_from(content)
     except LabError as error:

@@ -1,0 +1,26 @@
+"""Commands without their pictures: for tests of what a run's other files hold. Drawing has tests of its own."""
+
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+_WRITES = {
+    "lab.output.recording": ("record", ""),
+    "lab.output.report": ("write_report", ""),
+    "lab.output.plan_recording": ("record_plan", ""),
+    "lab.output.plan_report": ("write_plan_report", "report.html"),
+}  # by module: what it is asked for, and which file that writes into a folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_drawn() -> Iterator[None]:
+    """Recordings and reports are empty files."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, (function, file) in _WRITES.items():
+            module = types.ModuleType(name)
+            setattr(module, function, lambda path, *_, file=file: Path(path, file).write_bytes(b""))
+            patch.setitem(sys.modules, name, module)
+        yield
