@@ -272,9 +272,7 @@ def test_plans_of_any_kind_keep_what_they_predict(options: PlannedCampaign) -> N
     assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.12)
 
 
-@pytest.mark.parametrize(
-    ("limits", "least"), [(False, 12.25), pytest.param(True, 12.03, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("limits", "least"), [(False, 12.25), pytest.param(True, 12.03, marks=pytest.mark.slow)])
 def test_the_best_o1_of_the_thesis_case(limits: bool, least: float) -> None:
     flags = [] if limits else ["--ignore-limits"]
     found = best_o1(*flags)
