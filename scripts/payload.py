@@ -307,7 +307,9 @@ def main() -> None:
             writer.writeheader()
             writer.writerows(table)
     seconds = time.perf_counter() - began
-    told = f"{report(rows, biases)}\n{seconds:.0f} s; tables and picture: {given.out}"
+    condition, by_chance = (predicted(path, by_torques, DIFFERENCE).condition for path in (plan.path, plan.random))
+    said = f"condition of the torques' information: D-optimal path {condition:.3g}, by chance {by_chance:.3g}"
+    told = f"{report(rows, biases)}\n{said}\n{seconds:.0f} s; tables and picture: {given.out}"
     print(json.dumps({"rows": rows, "biases": biases, "seconds": seconds}) if given.json else told)
 
 
