@@ -241,8 +241,11 @@ def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
     turn = wrist.get("rotation_vector_deg", [0.0, 0.0, 0.0])
     if not isinstance(turn, list) or len(turn) != 3 or not all(_is_number(angle) for angle in turn):
         raise LabError(f"{path}: [sensor] rotation_vector_deg is {turn!r}; give three angles, [x, y, z]")
+    if (np.abs(tilt) > np.pi).any():
+        raise LabError(f"{path}: [base] the tilt is more than half a turn; give degrees, -180 to 180")
+    sign = _number(path, "sensor", wrist, "sign", 1.0)
     try:
-        return Mounting.tilted(tilt, gravity, _number(path, "sensor", wrist, "sign", 1.0), np.deg2rad(turn))
+        return Mounting.tilted(tilt, gravity, sign, np.deg2rad(turn))
     except LabError as error:
         raise LabError(f"{path}: {error}") from error
 

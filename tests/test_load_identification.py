@@ -288,7 +288,7 @@ def test_static_poses_with_a_wrench(poses, options, rank):
     assert found.rank == rank and found.identified == LOAD[:4]
     assert_allclose(found.phi[:4], TRUTH[:4], rtol=0, atol=1e-11)
     nuisance = {each.name: each.value for each in found.nuisance}
-    assert_allclose([nuisance[f"offset.{name}"] for name in ("fx", "mz")], [-3.0, -0.05], atol=1e-10)
+    assert_allclose([nuisance[f"offset.{name}"] for name in ("fx", "mz")], [3.0, 0.05], atol=1e-10)
     if options:
         assert_allclose([nuisance["tilt.x"], nuisance["tilt.y"]], tilt, atol=2e-6)  # the parts commute to first order
         assert_allclose([nuisance[f"turn.{axis}"] for axis in "xyz"], turn, atol=1e-9)

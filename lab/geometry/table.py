@@ -214,7 +214,7 @@ class _Joint:
 
 def _height(path: Path, document: dict[str, Any]) -> float | None:
     height = document.get("height_mm")
-    if height is not None and not _is_number(height):
+    if height is not None and not (_is_number(height) and height >= 0):
         raise LabError(f"{path}: height_mm is {height!r}; give frame 0's height above the floor, or leave it out")
     return None if height is None else float(height) / 1e3
 

@@ -75,9 +75,10 @@ def candidates_line(seen: dict[str, Any]) -> str:
 def tour_line(seen: dict[str, Any]) -> str:
     """How long the day is."""
     via = f", {seen['via']} of them by way of poses that are only passed" if seen["via"] else ""
+    slower = f"(plan.mod moves at {SPEED}, which takes longer), " if seen["rapid"] == "plan.mod" else ""
     return (
         f"tour: {seen['moves']} moves{via}, {seen['tour_seconds']:.1f} s at full speed and acceleration, home to home "
-        f"(plan.mod moves at {SPEED}, which takes longer), and {WAIT_S} s of waiting at each pose"
+        f"{slower}and {WAIT_S} s of waiting at each pose"
     )
 
 

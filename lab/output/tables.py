@@ -37,7 +37,7 @@ def print_outcome(outcome: Outcome, folder: Path) -> None:
     for joint, stiffness in result["stiffness_nm_per_rad"].items():
         unsure = result["stiffness_std_nm_per_rad"][joint]
         give = "" if unsure is None else f" ± {unsure:,.0f}"
-        console.print(f"stiffness of {joint}: {stiffness:,.0f}{give} Nm/rad")
+        console.print(f"stiffness of {joint}: {stiffness:,.0f}{give} Nm/rad{'' if unsure is None else ' (1σ)'}")
     console.print(result["adequacy"])
     _print_outliers(console, result)
     doubt = ", but the model is not adequate (above)" if result["adequate"] is False else ""

@@ -132,6 +132,9 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
         words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
+        if not size:
+            why = "the run has no compliance, or no target carries them"
+            words = f"{run.load.mass_kg:.4g} kg at the hand make no difference: {why}"
         return replace(done, warnings=(*said, words))
     return done
 

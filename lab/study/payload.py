@@ -1,5 +1,7 @@
 """The load at the hand, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +28,7 @@ from lab.virtual.load import drawn_mounting, own_dynamics
 
 COSTED = 200  # poses over which the cost of an uncertain load is averaged
 SAME_RAD = 1e-6  # rad or m: readings of one pose
+WILD = 7.0  # standard deviations, which one in 4e11 readings passes
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,9 @@ class Weighed:
 
     @property
     def trusted(self) -> bool:
-        """Whether mass and centre of mass are told, and the residuals are what noise explains."""
-        return bool(np.isfinite(self.estimate.phi[:4]).all() and self.estimate.adequate is not False)
+        """Whether mass and centre of mass are told, the residuals are what noise explains, and none of them is wild."""
+        told = np.isfinite(self.estimate.phi[:4]).all()
+        return bool(told and self.estimate.adequate is not False and _wild(self.estimate) is None)
 
     @property
     def load(self) -> HandLoad:
@@ -81,10 +85,8 @@ def run_payload(options: PayloadTask) -> Weighed:
     elif method == "wrench":
         raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
     arm = robot.arm(("p1",))
-    try:
-        fitted = _fitted(options, robot, records, mounting, method)
-    except LabError as error:
-        raise LabError(f"{options.file}: {error}") from error
+    with _naming(options):
+        fitted = _sensible(_fitted(options, robot, records, mounting, method))
     estimate = physical_estimate(fitted) if options.physical else fitted
     compliance = _compliance(robot, options.stiffness_nm_per_rad)
     cost = _cost(robot, arm.nominal(robot.tool), compliance, mounting, estimate)
@@ -109,6 +111,28 @@ def _fitted(options: PayloadTask, robot: Robot, records: LoadRecords, mounting: 
     return from_torques(arm, values, records, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
 
 
+@contextmanager
+def _naming(options: PayloadTask) -> Iterator[None]:
+    """Say of which file an error is; numbers of a nonsensical one may overflow."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except LabError as error:
+        raise LabError(f"{options.file}: {error}") from error
+
+
+def _sensible(found: LoadEstimate) -> LoadEstimate:
+    """The estimate, if anything at all was told, and the mass is not below zero."""
+    if not found.identified:
+        raise LabError("nothing of the load shows: move the arm, so that gravity pulls at its joints in other ways")
+    if found.mass_kg + found.mass_half_width_kg < 0:
+        raise LabError(
+            f"the load would weigh {found.mass_kg:.4g} kg: loaded and unloaded rows are exchanged, or the sensor's "
+            "sign is the other one; mend that"
+        )
+    return found
+
+
 def _refuse(options: PayloadTask, name: str, given: bool, method: str) -> None:
     if given:
         raise LabError(f"--{name} is for --method {method}: leave it out")
@@ -128,10 +152,8 @@ def _by_sag(options: PayloadTask) -> Weighed:
     compliance = run.compliance
     assert robot.loads is not None
     joints, unloaded, loaded = _paired(options, data)
-    try:
-        fitted = from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded)
-    except LabError as error:
-        raise LabError(f"{options.file}: {error}") from error
+    with _naming(options):
+        fitted = _sensible(from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded))
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, values, compliance, mounting, estimate)
@@ -170,9 +192,23 @@ def _cost(robot: Robot, values: Array, compliance: Array, mounting: Mounting, es
     return float(np.sqrt((off**2).mean()))
 
 
+def _wild(estimate: LoadEstimate) -> str | None:
+    """What to say of a residual that no noise makes."""
+    spread = np.maximum(np.sqrt((estimate.residual**2).mean(axis=0)), 1e-300)
+    size = np.abs(estimate.residual) / spread
+    if size.max() < WILD:
+        return None
+    row, channel = np.unravel_index(int(size.argmax()), size.shape)
+    part = row / max(len(size) - 1, 1)
+    return (
+        f"a reading of column {channel + 1} of what is explained is {size.max():.0f} standard deviations off, at "
+        f"{part:.0%} of the rows: the intervals are not to be believed; mend it, or leave it out"
+    )
+
+
 def _said(estimate: LoadEstimate) -> list[str]:
     """What whoever uses the estimate should be told."""
-    said = []
+    said = [] if (wild := _wild(estimate)) is None else [wild]
     if estimate.adequate is False:
         said.append(estimate.verdict.words)
     if estimate.physical is False:

@@ -51,6 +51,8 @@ def run_verification(options: Verification) -> VerifiedRun:
     _refuse_unseen_base(calibrated, options)
     chain = calibrated.robot.chain
     read = read_measurements(options.file, chain.joint_names, chain.prismatic)
+    if calibrated.load is not None and "payload_kg" in calibrated.arm.conditions:
+        read = calibrated.load.weighed(read)
     rows = read.only("calibrate", "reference", "test")
     rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
     if not len(rows):

@@ -116,7 +116,12 @@ def from_wrench(
     series = readings.series(len(solution.residual))
     said = verdict(solution, _suspects(readings, solution, standing, labels), series)
     turned = frames.log(mounting.rotation.T @ standing.rotation)
-    found = [*solution.values[10:16], *(standing.tilt if tilt else ()), *(turned if turn else ()), standing.late_s]
+    found = [
+        *(mounting.sign * solution.values[10:16]),
+        *(standing.tilt if tilt else ()),
+        *(turned if turn else ()),
+        standing.late_s,
+    ]
     nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], found, strict=False)}
     unseen = unseen_of(solution, moving, arm, values, records.joints[records.loaded])
     return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unseen, said, reading)
