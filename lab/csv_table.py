@@ -15,7 +15,7 @@ from lab.errors import LabError
 from lab.frames import Array
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_LARGEST = 1e15  # in m, rad and whatever else a column holds; beyond is a slip, and squares overflow
+LARGEST = 1e15  # in m, rad and whatever else a column holds; beyond is a slip, and squares overflow
 
 
 class CsvTable:
@@ -118,7 +118,7 @@ class CsvTable:
             value = float(Decimal(plain).scaleb(exponent))
         except ArithmeticError:  # beyond what even decimals hold
             value = np.inf
-        if abs(value) > _LARGEST:
+        if abs(value) > LARGEST:
             raise self.fail(row, column, f"'{cell}' is too large to be true; check the number and its unit")
         return value
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab import frames
-from lab.errors import LabError
+from lab.csv_table import LARGEST
+from lab.errors import LabError, naming
 from lab.frames import Array
 from lab.load_records import GRAVITY, LoadRecords, Mounting
 from lab.measurement_file import PoseReader
-from lab.toml_file import read_toml
+from lab.toml_file import is_number, read_toml
 
 RUNS = ("loaded", "unloaded")
 WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -28,7 +29,6 @@ LEAST_MOVING = 10  # rows of a run that is differentiated in time
 _LEAST_STATIC = {True: 2, False: 3}  # loaded poses, with torques or without: below the rank is short anyway
 _OTHER_UNIT = {"rad": "deg", "deg": "rad", "m": "mm", "mm": "m"}
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
-_LARGEST = 1e15
 _TOML_KEYS = {"base": ("tilt_x_deg", "tilt_y_deg", "gravity_m_per_s2"), "sensor": ("sign", "rotation_vector_deg")}
 
 Limits = tuple[Array, Array]
@@ -111,7 +111,7 @@ class _LoadReader(PoseReader):
                 values = np.array([float(cell) for cell in cells])
             except ValueError:  # told below, with its place
                 return super().numbers(column)
-            if np.abs(values).max() <= _LARGEST:
+            if np.abs(values).max() <= LARGEST:
                 return values
         return super().numbers(column, exponent)
 
@@ -239,23 +239,17 @@ def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
     tilt = np.deg2rad([_number(path, "base", base, key, 0.0) for key in ("tilt_x_deg", "tilt_y_deg")])
     gravity = _number(path, "base", base, "gravity_m_per_s2", GRAVITY)
     turn = wrist.get("rotation_vector_deg", [0.0, 0.0, 0.0])
-    if not isinstance(turn, list) or len(turn) != 3 or not all(_is_number(angle) for angle in turn):
+    if not isinstance(turn, list) or len(turn) != 3 or not all(is_number(angle) for angle in turn):
         raise LabError(f"{path}: [sensor] rotation_vector_deg is {turn!r}; give three angles, [x, y, z]")
     if (np.abs(tilt) > np.pi).any():
         raise LabError(f"{path}: [base] the tilt is more than half a turn; give degrees, -180 to 180")
     sign = _number(path, "sensor", wrist, "sign", 1.0)
-    try:
+    with naming(path):
         return Mounting.tilted(tilt, gravity, sign, np.deg2rad(turn))
-    except LabError as error:
-        raise LabError(f"{path}: {error}") from error
 
 
 def _number(path: Path, section: str, values: dict[str, Any], key: str, default: float) -> float:
     value = values.get(key, default)
-    if not _is_number(value):
+    if not is_number(value):
         raise LabError(f"{path}: [{section}] {key} is {value!r}; give a finite number")
     return float(value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST

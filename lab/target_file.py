@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lab import frames
-from lab.errors import LabError
+from lab.errors import LabError, naming
 from lab.frames import Array
 from lab.measurement_file import PoseReader
 from lab.measurements import measured
@@ -117,10 +117,8 @@ class _TargetReader(PoseReader):
         if not {f"{name}_{end}" for end in ENDS}.union(ENDS).intersection(rest):
             return turns
         seen = measured((), np.empty((len(places), 0)), (name,), places[:, None])
-        try:
+        with naming(self.path):
             quaternions = read_orientations(replace(seen, other=rest, lines=tuple(self.lines)), name, meaning)
-        except LabError as error:
-            raise LabError(f"{self.path}: {error}") from error
         given = np.isfinite(quaternions).all(axis=1)
         turns[given] = frames.rotation_from_quaternion(quaternions[given])
         return turns

@@ -65,6 +65,21 @@ VERSATRAN = chain_of("versatran", "craig", "RPPRRR", [0, 0, -90, 0, -90, 90], [0
 SCARA = chain_of("scara", "craig", "RRPR", [0, 0, 0, 0], [0, 0.4, 0.25, 0], [0] * 4, [0] * 4)
 
 
+# the IRB 120's ways to one pose, degrees: thesis III.2.2
+EIGHT = np.array(
+    [
+        [100, 27.12, -64.90, -38.99, 30.72, 120.98],
+        [100, 27.12, -64.90, 141.01, -30.72, -59.02],
+        [100, 40.00, -89.00, -30.00, 40.00, 110.00],
+        [100, 40.00, -89.00, 150.00, -40.00, -70.00],
+        [-80, -40.00, -64.90, 158.99, 63.70, 95.80],
+        [-80, -40.00, -64.90, -21.01, -63.70, -84.20],
+        [-80, -27.12, -89.00, 156.37, 53.32, 100.78],
+        [-80, -27.12, -89.00, -23.63, -53.32, -79.22],
+    ]
+)
+
+
 def somewhere(arm: SerialArm, rng: np.random.Generator) -> Array:
     """Nominal links with the base anywhere."""
     values = arm.nominal()

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import IRB120, chain_of
+from arms import EIGHT, IRB120, chain_of
 
 from lab import frames
 from lab.frames import Array
@@ -79,17 +79,6 @@ def mixed(chain: Chain, rng: np.random.Generator) -> Chain:
 
 
 # Solutions
-
-EIGHT = [  # facts of the IRB 120: thesis III.2.2
-    [100, 27.12, -64.90, -38.99, 30.72, 120.98],
-    [100, 27.12, -64.90, 141.01, -30.72, -59.02],
-    [100, 40.00, -89.00, -30.00, 40.00, 110.00],
-    [100, 40.00, -89.00, 150.00, -40.00, -70.00],
-    [-80, -40.00, -64.90, 158.99, 63.70, 95.80],
-    [-80, -40.00, -64.90, -21.01, -63.70, -84.20],
-    [-80, -27.12, -89.00, 156.37, 53.32, 100.78],
-    [-80, -27.12, -89.00, -23.63, -53.32, -79.22],
-]
 
 
 def test_the_eight_solutions_of_the_thesis() -> None:

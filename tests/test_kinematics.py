@@ -4,7 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from arms import IRB120, RX130, SCARA, SCEMI, TX40, VERSATRAN, assert_derivatives, perturbed, somewhere, table_robot
+from arms import (
+    EIGHT,
+    IRB120,
+    RX130,
+    SCARA,
+    SCEMI,
+    TX40,
+    VERSATRAN,
+    assert_derivatives,
+    perturbed,
+    somewhere,
+    table_robot,
+)
 
 from lab import frames
 from lab.errors import LabError
@@ -30,20 +42,6 @@ def test_forward_kinematics_as_printed() -> None:
     np.testing.assert_allclose(poses[0, :3, :3], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15)
     np.testing.assert_allclose(poses[1, :3, 3], [-0.070, -0.072, 0.862], atol=1e-15)
     np.testing.assert_allclose(poses[1, :3, :3], [[-1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-15)
-
-
-EIGHT = np.array(
-    [
-        [100, 27.12, -64.90, -38.99, 30.72, 120.98],
-        [100, 27.12, -64.90, 141.01, -30.72, -59.02],
-        [100, 40.00, -89.00, -30.00, 40.00, 110.00],
-        [100, 40.00, -89.00, 150.00, -40.00, -70.00],
-        [-80, -40.00, -64.90, 158.99, 63.70, 95.80],
-        [-80, -40.00, -64.90, -21.01, -63.70, -84.20],
-        [-80, -27.12, -89.00, 156.37, 53.32, 100.78],
-        [-80, -27.12, -89.00, -23.63, -53.32, -79.22],
-    ]
-)
 
 
 def test_the_eight_inverse_solutions_of_the_thesis() -> None:

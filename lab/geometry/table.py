@@ -13,13 +13,12 @@ import numpy as np
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import COLUMNS, Chain, parallel_links
-from lab.toml_file import read_toml
+from lab.toml_file import is_number, read_toml
 
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _QUANTITIES = {"theta": _ANGLES, "alpha": _ANGLES, "beta": _ANGLES, "d": _LENGTHS, "a": _LENGTHS}
 _RATES = {"speed": "per_s", "acceleration": "per_s2"}
-_LARGEST = 1e15  # of any number in a table; squares of more overflow
 _TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool"}
 
 
@@ -123,11 +122,6 @@ def write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _is_number(value: Any) -> bool:
-    """A number that can be true of an arm."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST
-
-
 def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
@@ -164,7 +158,7 @@ class _Joint:
         if not keys:
             return None
         number = self.take(keys[0], None)
-        if not _is_number(number):
+        if not is_number(number):
             raise LabError(f"{self.where}: {keys[0]} is {number!r}; give a finite number")
         return float(number) * units[keys[0].removeprefix(quantity + "_")]
 
@@ -214,7 +208,7 @@ class _Joint:
 
 def _height(path: Path, document: dict[str, Any]) -> float | None:
     height = document.get("height_mm")
-    if height is not None and not (_is_number(height) and height >= 0):
+    if height is not None and not (is_number(height) and height >= 0):
         raise LabError(f"{path}: height_mm is {height!r}; give frame 0's height above the floor, or leave it out")
     return None if height is None else float(height) / 1e3
 
@@ -241,7 +235,7 @@ def _read_tool(path: Path, section: Any) -> dict[str, Array]:
         raise LabError(f"{path}: tool is {section!r}; write a [tool] section with a line p1 = [x, y, z]")
     tool = {}
     for name, point in section.items():
-        if not isinstance(point, list) or len(point) != 3 or not all(_is_number(v) for v in point):
+        if not isinstance(point, list) or len(point) != 3 or not all(is_number(v) for v in point):
             raise LabError(f"{path}: [tool] {name} is {point!r}; give three numbers in metres, [x, y, z]")
         tool[str(name)] = np.array(point, dtype=np.float64)
     return tool

@@ -20,7 +20,7 @@ from lab.study.plan import Plan, Step
 PROMISE, WORST, RMS, O1 = "#0b5fa5", "#c2410c", "#3f8f4f", "#7c3aed"
 _TRACKER, _ARM, _VIA = "#c2185b", "#6b7280", "#9ca3af"
 _ORDER = "viridis"  # first to last pose of the tour
-_STYLE: Any = {
+STYLE: Any = {
     "font.size": 10,
     "axes.grid": True,
     "grid.color": "#e5e7eb",
@@ -34,7 +34,7 @@ _STYLE: Any = {
 def plot_plan(folder: Path, plan: Plan) -> None:
     """Write ``curve`` and ``poses`` into the folder, each as PNG and SVG."""
     total, extended = len(plan.joints), len(plan.problem.already)
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         added = f" added to {extended} measured already" if extended else ""
         title = f"{plan.problem.robot.name}, {plan.options.instrument}: accuracy against poses{added}"
         save(
@@ -47,7 +47,7 @@ def plot_plan(folder: Path, plan: Plan) -> None:
 
 def save(folder: Path, name: str, figure: Figure) -> None:
     """Write a figure as PNG and SVG, the same bytes for the same figure."""
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure.savefig(folder / f"{name}.png", dpi=130)
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
 
@@ -59,7 +59,7 @@ def curve_figure(curve: Sequence[Step], title: str, scaling: str, chosen: tuple[
         scaling: of O1, in words.
         chosen: the plan's number of poses, and the error (m) that it promises.
     """
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(9, 6), layout="constrained")
         axes = figure.add_subplot()
         poses = [step.poses for step in curve]

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lab.output.plots import STYLE
 from lab.output.which_criterion import REFERENCE, Answer
 from lab.study.analysis import Mean, Pair
 from lab.study.grid import ANY
@@ -38,16 +39,7 @@ _LINES = (
     ("#ea580c", "D", ":"),
     ("#d4a106", "v", (0, (5, 1, 1, 1))),
 )
-_STYLE: Any = {
-    "font.size": 10,
-    "axes.grid": True,
-    "grid.color": "#e5e7eb",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "svg.hashsalt": "lab",
-    "svg.fonttype": "none",
-}
+_STYLE: Any = {**STYLE, "axes.spines.right": False}
 
 
 def criteria_figure(answer: Answer, metrics: Sequence[str], titles: Sequence[str], title: str) -> Figure:

@@ -7,16 +7,8 @@ from typing import Any
 
 from lab.output.html import Html, command, element, paragraph, section, table, together
 from lab.output.run import config
-from lab.study.options import (
-    Correction,
-    MeasuredCampaign,
-    PayloadTask,
-    PlannedCampaign,
-    Verification,
-    VirtualCampaign,
-)
+from lab.study.options import Options
 
-Options = VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction | PayloadTask
 _POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",), "payload": ("file",)}
 _SHOWN = ("robot", "instrument", "seed")  # also where they are as usual
 _AGAIN = ("calibrate", "identify", "design")  # that take --config

@@ -20,14 +20,7 @@ from lab.output.arm_files import MJCF, TABLE, arm_files
 from lab.output.result import likely, parameters, rigid, summary
 from lab.study.campaign import Outcome
 from lab.study.hand_load import LOAD_FILE, read_hand_load
-from lab.study.options import (
-    Correction,
-    MeasuredCampaign,
-    PayloadTask,
-    PlannedCampaign,
-    Verification,
-    VirtualCampaign,
-)
+from lab.study.options import MeasuredCampaign, Options, VirtualCampaign
 
 _FILES = {
     "config.json",
@@ -152,7 +145,7 @@ def write_covariance(path: Path, identification: Identification) -> None:
 
 def config(
     command: str,
-    options: VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction | PayloadTask,
+    options: Options,
     model_sha256: str,
 ) -> dict[str, Any]:
     """Every option, and what else the numbers depend on."""

@@ -17,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.output.plots import save
+from lab.output.plots import STYLE, save
 from lab.output.study_words import circumstances, effect_words, factor_words, level_words, metric_words, varying
 from lab.study.analysis import Analysis, Comparison, Mean, Pair
 from lab.study.arranged import Group, groups
@@ -40,14 +40,7 @@ _SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
 _LETTERS_AN_INCH = 11  # of a title
 _APART = 0.035  # of the axis, between the lines' marks at one level
-_STYLE: Any = {
-    "font.size": 10,
-    "axes.grid": True,
-    "grid.color": "#e5e7eb",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
+_STYLE: Any = {**STYLE, "axes.spines.right": False}
 
 
 def plot_study(folder: Path, analysis: Analysis, metric: str) -> tuple[str, ...]:

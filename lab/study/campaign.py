@@ -1,8 +1,6 @@
 """One campaign: plan, measure, identify, assess; on a virtual arm, or on measurements of a real one."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +24,7 @@ from lab.calibration.sightings.sighted import Observing
 from lab.calibration.sightings.touching import Cable
 from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
-from lab.errors import LabError
+from lab.errors import LabError, naming
 from lab.frames import Array
 from lab.geometry.effects import OF_ITS_CAMPAIGN
 from lab.instruments import instrument
@@ -100,7 +98,7 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     if options.noise_mm is not None:
         noise = Noise(None, options.noise_mm / 1e3)
     fitter = Fitter(robot, options.targets, data, Observing(), noise, options.fitting, False, options.seed)
-    with _naming(options.plan or f"--poses {options.poses}"):
+    with naming(options.plan or f"--poses {options.poses}"):
         fit = fitter(data)
     identification = fit.identification
     judgement = Judgement("fresh", errors_of(identification, fresh_poses(real, options, asked)))
@@ -125,7 +123,7 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
     robot, load = _carrying(load_robot(options.robot), options.fitting)
     read = _read(robot, options.file, options, load)
     other = None if options.validate is None else _seen(_read(robot, options.validate, options, load))
-    with _naming(options.file):
+    with naming(options.file):
         fitter = _fitter(robot, read, options)
         data, observed = fitter.data, fitter.observed()
     judging: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
@@ -142,7 +140,7 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
     held = test if len(test) else None
     if options.holdout is not None:
         rows, held = hold_out(fitter.model_with(()), rows, options.holdout, options.seed)
-    with _naming(options.file):
+    with naming(options.file):
         fit = fitter(rows, held)
     if other is not None:
         judgement = _judged_by_file(fitter, fit, other, options)
@@ -160,14 +158,14 @@ def _judged_by_rows(fitter: Fitter, fit: Fitted, held: Measurements | None, opti
         judgement = judge_rows(fit.identification, known)
         said = [f"session {name} was not fitted, so where its frame is nobody knows: not judged by" for name in strange]
         return replace(judgement, warnings=(*judgement.warnings, *sorted(said)))
-    with _naming(options.file):
+    with naming(options.file):
         again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
         return judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
 
 
 def _judged_by_file(fitter: Fitter, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
     model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in OF_ITS_CAMPAIGN])
-    with _naming(options.validate):
+    with naming(options.validate):
         judgement = judge_file(fit.identification, model, other, options.refit)
     if set(OF_ITS_CAMPAIGN) & set(fit.groups) and "base" not in options.refit:
         said = f"{options.validate}: judged in the frame as it was at the start; --refit base if it has moved since"
@@ -228,15 +226,6 @@ def _read(robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | 
 def _seen(data: Measurements) -> Measurements:
     """The rows where a target was seen."""
     return data.take(np.flatnonzero(data.seen.any(axis=1)))
-
-
-@contextmanager
-def _naming(place: object) -> Iterator[None]:
-    """Say in what happens here which file or option it comes from."""
-    try:
-        yield
-    except LabError as error:
-        raise LabError(f"{place}: {error}") from error
 
 
 def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.calibration.compensate import Compensation, Compensator
 from lab.calibration.load.cost import sag_uncertainty
-from lab.errors import LabError
+from lab.errors import LabError, naming
 from lab.frames import Array
 from lab.geometry.inverse import Wanted
 from lab.measurements import asked
@@ -153,12 +153,10 @@ def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, 
     if run.load is not None and "payload_kg" in run.arm.conditions and "payload_kg" not in given:
         given = {**given, "payload_kg": np.full(len(targets), run.load.mass_kg)}
         said.append(f"every target carries the load that was identified, {run.load.mass_kg:.4g} kg")
-    try:
+    with naming(source):
         columns = [
             asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}") for name in run.arm.conditions
         ]
-    except LabError as error:
-        raise LabError(f"{source}: {error}") from error
     if unused := [name for name in targets.conditions if name not in run.arm.conditions]:
         said.append(f"{source}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
     if "payload_kg" in run.arm.conditions and "payload_kg" not in given:

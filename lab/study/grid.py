@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
-from lab.errors import LabError
+from lab.errors import LabError, naming
 from lab.study.config_file import options_from
 from lab.study.option_groups import ArmEffects, Fitting, positive, whole
 from lab.toml_file import read_toml
@@ -156,10 +156,8 @@ def read_study(path: Path) -> Study:
         LabError: the file cannot be read, or asks for what there is not.
     """
     content = read_toml(path)
-    try:
+    with naming(path):
         return study_from(content)
-    except LabError as error:
-        raise LabError(f"{path}: {error}") from error
 
 
 def study_from(content: Mapping[str, Any]) -> Study:

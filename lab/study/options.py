@@ -254,3 +254,7 @@ def _check_common(options: VirtualCampaign | MeasuredCampaign) -> None:
     positive("--gate-mm", options.gate_mm)
     if options.noise_mm is not None:
         positive("--noise-mm", options.noise_mm)
+
+
+Options = VirtualCampaign | MeasuredCampaign | PlannedCampaign | Verification | Correction | PayloadTask
+"""What a run's ``config.json`` holds."""

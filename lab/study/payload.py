@@ -1,7 +1,5 @@
 """The load at the hand, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +10,9 @@ from lab.calibration.load.physical import physical_estimate
 from lab.calibration.load.sag import Soft, from_sag
 from lab.calibration.load.torques import from_torques
 from lab.calibration.load.wrench import from_wrench
-from lab.errors import LabError
+from lab.errors import LabError, naming
 from lab.frames import Array
+from lab.geometry.serial import SerialArm
 from lab.load_file import read_loads, read_mounting
 from lab.load_records import LoadRecords, Mounting
 from lab.measurement_file import read_measurements
@@ -85,11 +84,11 @@ def run_payload(options: PayloadTask) -> Weighed:
     elif method == "wrench":
         raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
     arm = robot.arm(("p1",))
-    with _naming(options):
+    with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = _sensible(_fitted(options, robot, records, mounting, method))
     estimate = physical_estimate(fitted) if options.physical else fitted
     compliance = _compliance(robot, options.stiffness_nm_per_rad)
-    cost = _cost(robot, arm.nominal(robot.tool), compliance, mounting, estimate)
+    cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
     warnings = (*robot.warnings, *records.warnings, *_said(estimate))
     return Weighed(robot, records, mounting, fitted, estimate, compliance, cost, warnings)
 
@@ -109,16 +108,6 @@ def _fitted(options: PayloadTask, robot: Robot, records: LoadRecords, mounting: 
         )
     own = own_dynamics(robot.model, mounting.gravity)
     return from_torques(arm, values, records, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
-
-
-@contextmanager
-def _naming(options: PayloadTask) -> Iterator[None]:
-    """Say of which file an error is; numbers of a nonsensical one may overflow."""
-    try:
-        with np.errstate(all="ignore"):
-            yield
-    except LabError as error:
-        raise LabError(f"{options.file}: {error}") from error
 
 
 def _sensible(found: LoadEstimate) -> LoadEstimate:
@@ -152,11 +141,11 @@ def _by_sag(options: PayloadTask) -> Weighed:
     compliance = run.compliance
     assert robot.loads is not None
     joints, unloaded, loaded = _paired(options, data)
-    with _naming(options):
+    with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = _sensible(from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded))
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
-    cost = _cost(robot, values, compliance, mounting, estimate)
+    cost = _cost(robot, arm, values, compliance, mounting, estimate)
     said = (*run.warnings, *data.warnings, *_said(estimate))
     return Weighed(robot, None, mounting, fitted, estimate, compliance, cost, said, data.targets)
 
@@ -182,13 +171,14 @@ def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
     return compliance
 
 
-def _cost(robot: Robot, values: Array, compliance: Array, mounting: Mounting, estimate: LoadEstimate) -> float:
+def _cost(
+    robot: Robot, arm: SerialArm, values: Array, compliance: Array, mounting: Mounting, estimate: LoadEstimate
+) -> float:
     covariance = HandLoad.of(estimate).covariance
     if not np.isfinite(covariance).all():
         return float("nan")
     joints = random_poses(robot.model, COSTED, stream(0, "fresh"))
-    arm = robot.arm(("p1",))
-    off = sag_uncertainty(arm, values[: len(arm.names)], compliance, joints, mounting.gravity, covariance)
+    off = sag_uncertainty(arm, values, compliance, joints, mounting.gravity, covariance)
     return float(np.sqrt((off**2).mean()))
 
 
