@@ -6,6 +6,7 @@ tensor's element, the negative of the integral of x y dm. The arm's base in the 
 is given in frame 0.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ import numpy as np
 from lab.errors import LabError
 from lab.frames import Array, skew
 from lab.geometry.serial import Motion, SerialArm, along
+
+Dynamics = Callable[[Array, Array, Array], Array]
+"""Joints, speeds and accelerations ``(n, J)`` to an arm's torques ``(n, J)``, Nm (N of a slide)."""
 
 LOAD = ("mass", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 

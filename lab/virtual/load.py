@@ -6,7 +6,6 @@ has of friction is added by hand (``load_runs``).
 """
 
 import copy
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -15,11 +14,9 @@ import numpy as np
 from lab import frames
 from lab.errors import LabError
 from lab.frames import Array
+from lab.geometry.rigid_load import Dynamics
 from lab.load_records import Mounting
 from lab.virtual.robot import RobotModel, at_zero, body_pose, compiled, last_frame
-
-Dynamics = Callable[[Array, Array, Array], Array]
-"""Joints, speeds and accelerations ``(n, J)`` to torques ``(n, J)``, Nm (N of a slide)."""
 
 _LEAST_KG = 1e-6  # of all moving bodies: with less there is no dynamics
 _UPPER = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # the inertia's elements in their order in phi

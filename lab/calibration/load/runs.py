@@ -1,6 +1,5 @@
 """A loaded and an unloaded run, filtered alike and thinned: what is compared, and what it is compared with."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +8,9 @@ from scipy import linalg
 from lab.calibration.load.signals import SETTLING_S, Band, Filter, band_of
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.rigid_load import torque_regressor
+from lab.geometry.rigid_load import Dynamics, torque_regressor
 from lab.geometry.serial import SerialArm
 from lab.load_records import LoadRecords
-
-Dynamics = Callable[[Array, Array, Array], Array]
-"""The unloaded arm's own torques ``(n, J)`` at joints, speeds and accelerations ``(n, J)``."""
 
 MOST_APART = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
 _SAME_STEP = 0.01  # of a time step

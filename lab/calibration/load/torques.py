@@ -7,12 +7,12 @@ import numpy as np
 from lab.calibration.load.adequacy import Series, Suspect, verdict
 from lab.calibration.load.estimate import LoadEstimate, estimate_of
 from lab.calibration.load.linear import Solution, least_squares
-from lab.calibration.load.runs import Compared, Dynamics, compared, diagonal, refuse_apart
+from lab.calibration.load.runs import Compared, compared, diagonal, refuse_apart
 from lab.calibration.load.signals import BAND_HZ, Filter
 from lab.calibration.load.unseen import unseen_of
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.rigid_load import LOAD, torque_regressor
+from lab.geometry.rigid_load import LOAD, Dynamics, torque_regressor
 from lab.geometry.serial import SerialArm
 from lab.load_records import LoadRecords
 

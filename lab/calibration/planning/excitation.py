@@ -17,11 +17,10 @@ from lab.calibration.planning.observability import Criterion, criterion
 from lab.calibration.planning.path_search import Allowed, PathSearch
 from lab.errors import LabError
 from lab.frames import Array
+from lab.geometry.rigid_load import Dynamics
 
 Regressor = Callable[[Array, Array, Array], Array]
 """Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: what is read is linear in the p parameters."""
-Torque = Callable[[Array, Array, Array], Array]
-"""The same to the joints' torques ``(n, J)``."""
 Progress = Callable[[int, int], None]
 """How much is done, and how much there is."""
 
@@ -101,7 +100,7 @@ def design_path(
     feasible: Feasible,
     rng: np.random.Generator,
     *,
-    torque: Torque | None = None,
+    torque: Dynamics | None = None,
     seconds: float = SECONDS,
     rate_hz: float = RATE_HZ,
     period_s: float = PERIOD_S,
@@ -157,7 +156,7 @@ def design_poses(
     feasible: Feasible,
     rng: np.random.Generator,
     *,
-    torque: Torque | None = None,
+    torque: Dynamics | None = None,
 ) -> PoseDesign:
     """The static poses that show the parameters best: exchange among random ones, then an ascent (``design``).
 
@@ -193,7 +192,7 @@ def design_poses(
     return PoseDesign(best.joints, Prediction.of(information(best.jacobian)))
 
 
-def _allowance(limits: Limits, feasible: Feasible, torque: Torque | None) -> Allowed:
+def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> Allowed:
     limited = bool(np.isfinite(limits.torque).any())
     if limited and torque is None:
         raise LabError("torques are limited, but nothing says what they are: give the arm's dynamics")
