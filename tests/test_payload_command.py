@@ -241,3 +241,12 @@ def test_a_wild_reading_is_told_and_not_believed(files: Path, tmp_path: Path, ca
     (tmp_path / "wild.csv").write_text("\n".join([*lines[:1200], ",".join(cells), *lines[1201:]]) + "\n")
     code, seen, said = run(capsys, "payload", tmp_path / "wild.csv", "--robot", "tx40", "--out", tmp_path / "run")
     assert code == 1 and any("standard deviations off" in words for words in seen["warnings"]) and "intervals" in said
+
+
+def test_the_sag_of_an_arm_without_masses_is_refused(tmp_path: Path, capsys) -> None:
+    """A measured table says nothing of masses, whatever its virtual arm was given."""
+    assert run(capsys, "calibrate", "--robot", "scara", "--poses", 30, "--out", tmp_path / "c")[0] == 0
+    data = tmp_path / "c" / "measurements.csv"
+    assert run(capsys, "identify", data, "--robot", "scara", "--out", tmp_path / "i")[0] == 0
+    code, _, said = run(capsys, "payload", data, "--run", tmp_path / "i", "--out", tmp_path / "p")
+    assert code == 2 and "robot scara has no masses" in said and not (tmp_path / "p").exists()

@@ -139,7 +139,8 @@ def _by_sag(options: PayloadTask) -> Weighed:
             f"{', '.join(arm.targets)}; give the file of that tool"
         )
     compliance = run.compliance
-    assert robot.loads is not None
+    if robot.loads is None:
+        raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
     joints, unloaded, loaded = _paired(options, data)
     with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = _sensible(from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded))
