@@ -39,17 +39,17 @@ def chain_of(
     low = np.where(prismatic, 0.2, -2.6) if lower is None else np.array(lower, float)
     names = tuple(f"q{i + 1}" for i in range(n))
     return Chain(
-        name,
-        convention,
-        names,
-        prismatic,
-        table,
-        np.ones(n),
-        low,
-        high,
-        np.full(n, np.nan),
-        np.full(n, np.nan),
-        parallel_links(convention, alpha),
+        name=name,
+        convention=convention,
+        joint_names=names,
+        prismatic=prismatic,
+        table=table,
+        sign=np.ones(n),
+        lower=low,
+        upper=high,
+        speed=np.full(n, np.nan),
+        acceleration=np.full(n, np.nan),
+        parallel=parallel_links(convention, alpha),
     )
 
 

@@ -93,7 +93,11 @@ def chain_from_axes(
     table[np.abs(table) < 1e-14] = 0.0
     parallel = parallel_links("distal", table[:, 3])
     table[~np.array(parallel), 4] = 0.0
-    chain = Chain(name, "distal", joint_names, prismatic, table, np.ones(n), *limits, parallel)
+    lower, upper, speed, acceleration = limits
+    chain = Chain(
+        name=name, convention="distal", joint_names=joint_names, prismatic=prismatic, table=table, sign=np.ones(n),
+        lower=lower, upper=upper, speed=speed, acceleration=acceleration, parallel=parallel,
+    )  # fmt: skip
     return chain, frame0
 
 
