@@ -12,7 +12,13 @@ from arms import IRB120, ROOT
 
 from lab.study.robots import load_robot
 
+CLOSED = sorted(path for folder in (ROOT / "models").glob("*/mechanism.toml") for path in folder.parent.glob("*.toml"))
 FOLDERS = sorted(path for path in (ROOT / "models").iterdir() if path.is_dir())
+
+
+def mjcf_of(description):
+    """Where ``scripts/build_closed_models.py`` writes it."""
+    return description.with_name("robot.xml" if description.stem == "mechanism" else f"{description.stem}.xml")
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
@@ -22,6 +28,10 @@ def test_the_folder_is_complete_and_its_readme_names_sources(folder) -> None:
     assert re.search("source", text, re.IGNORECASE) and len(text) > 1000
     if "robot.toml" in names:
         assert names == {"robot.toml", "README.md"} and load_robot(folder.name).warnings == ()
+        return
+    if "mechanism.toml" in names:
+        described = list(folder.glob("*.toml"))
+        assert names == {"README.md"} | {path.name for path in (*described, *map(mjcf_of, described))}
         return
     assert {"robot.xml", "scene.xml", "README.md"} <= names <= {"robot.xml", "scene.xml", "README.md", "assets"}
     used = set(re.findall(r'file="([^"]+\.stl)"', (folder / "robot.xml").read_text()))
@@ -37,6 +47,26 @@ def test_the_scene_steps_a_second_without_a_warning(folder) -> None:
         mujoco.mj_step(model, data)
     assert not any(warning.number for warning in data.warning)
     assert np.isfinite(data.qpos).all() and np.abs(data.qvel).max() < 100
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "models").glob("*/*.toml")), ids=lambda path: f"{path.parent.name}-{path.stem}"
+)
+def test_limits_in_mujoco_are_those_of_the_description(path) -> None:
+    robot = load_robot(str(path))
+    joints = {robot.model.model.joint(i).name: robot.model.model.jnt_range[i] for i in range(robot.model.model.njnt)}
+    for name, lower, upper in zip(robot.chain.joint_names, robot.chain.lower, robot.chain.upper, strict=True):
+        if name in joints:  # a leg's length is no joint there
+            np.testing.assert_allclose(joints[name], [lower, upper], rtol=1e-12)
+
+
+@pytest.mark.parametrize("path", CLOSED, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_the_mjcf_of_a_mechanism_is_what_its_description_says(path) -> None:
+    """``scripts/build_closed_models.py`` writes it: the same numbers, whatever MuJoCo's layout of a file."""
+    built, read = load_robot(str(path)).model.model, mujoco.MjModel.from_xml_path(str(mjcf_of(path)))
+    for name in ("body_pos", "body_quat", "jnt_axis", "jnt_range", "qpos0", "site_pos", "eq_data", "tendon_length0"):
+        np.testing.assert_allclose(getattr(read, name), getattr(built, name), rtol=0, atol=1e-12, err_msg=name)
+    assert [read.tendon(i).name for i in range(read.ntendon)] == [built.tendon(i).name for i in range(built.ntendon)]
 
 
 def test_the_irb120_weighs_25_kg_and_its_links_18() -> None:

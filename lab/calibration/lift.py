@@ -11,6 +11,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.prior import Tolerance, gather, standard_deviations
 from lab.frames import Array
 from lab.geometry.gauge import STRUCTURE_POSES
+from lab.geometry.model import is_link
 from lab.seeds import stream
 
 STEPS = 8
@@ -32,7 +33,7 @@ def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -
         nominal: the drawing's parameters ``(p,)``.
     """
     model, structure = identification.model, identification.base_set
-    links = [i for i, name in enumerate(model.names) if name.startswith("link")]
+    links = [i for i, name in enumerate(model.names) if is_link(name)]
     if set(structure.held) & set(links):
         return identification.values
     settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))

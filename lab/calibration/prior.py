@@ -13,7 +13,7 @@ import numpy as np
 from lab.calibration.solver import Further
 from lab.frames import Array
 from lab.geometry.gauge import BaseSet
-from lab.geometry.model import Model, unit_of
+from lab.geometry.model import Model, is_link, unit_of
 
 EFFECT_GROUPS = ("drift", "session", "payload", "cable")  # of parameters that belong to no joint
 EFFECTS = {  # one standard deviation of what is not geometry, by the unit: large, so that it only keeps it in bounds
@@ -68,7 +68,7 @@ def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
     sigma = np.full(len(model.names), np.inf)
     for i, name in enumerate(model.names):
         unit = unit_of(name)
-        if name.startswith("link"):
+        if is_link(name):
             sigma[i] = tolerance.angle_rad if unit == "rad" else tolerance.length_m
         elif name.split(".")[0] in EFFECT_GROUPS or name.startswith("joint"):
             sigma[i] = EFFECTS[unit]

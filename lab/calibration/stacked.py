@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lab import frames
 from lab.frames import Array
-from lab.geometry.stacked import StackedArm
+from lab.geometry.stacked import Stacked
 
 BLOCK = 50
 MAX_STEPS = 20
@@ -62,7 +62,7 @@ class Fits:
     information: Array
 
 
-def aligned(arm: StackedArm, joints: Array, points: Array, nominal: Array) -> Campaigns:
+def aligned(arm: Stacked, joints: Array, points: Array, nominal: Array) -> Campaigns:
     """Campaigns turned onto the drawing: by the rotation that fits their points best (Kabsch 1976), and the means.
 
     Args:
@@ -88,7 +88,7 @@ def in_drawing(points: Array, Ts_instrument_drawing: Array) -> Array:
 
 
 def fit_many(
-    arm: StackedArm,
+    arm: Stacked,
     campaigns: Campaigns,
     nominal: Array,
     free: Sequence[int],
@@ -119,7 +119,7 @@ def fit_many(
 Part = tuple[Array, NDArray[np.bool_], NDArray[np.int_], Array]
 
 
-def _newton(arm: StackedArm, block: Campaigns, start: Array, free: list[int]) -> Part:
+def _newton(arm: Stacked, block: Campaigns, start: Array, free: list[int]) -> Part:
     """Full Gauss-Newton by normal equations of unit columns: a base set's condition leaves them ten digits."""
     values = np.tile(start, (len(block), 1))
     converged, steps = np.zeros(len(block), dtype=np.bool_), np.zeros(len(block), dtype=np.int_)
@@ -141,7 +141,7 @@ def _newton(arm: StackedArm, block: Campaigns, start: Array, free: list[int]) ->
     return values, converged, steps, information
 
 
-def _chord(arm: StackedArm, block: Campaigns, start: Array, free: list[int]) -> Part:
+def _chord(arm: Stacked, block: Campaigns, start: Array, free: list[int]) -> Part:
     """Gauss-Newton with the Jacobian at the start for all steps: x += pinv(J0) r."""
     assert block.whiten is None
     _, jacobian = arm.observe(block.joints, start[None], free)  # (f, 3, k, 1, n)
@@ -163,7 +163,7 @@ def _chord(arm: StackedArm, block: Campaigns, start: Array, free: list[int]) -> 
     return values, converged, steps, np.tile(rows @ rows.T, (len(block), 1, 1))
 
 
-def _linearized(arm: StackedArm, block: Campaigns, values: Array, free: list[int]) -> tuple[Array, Array]:
+def _linearized(arm: Stacked, block: Campaigns, values: Array, free: list[int]) -> tuple[Array, Array]:
     """Whitened Jacobian rows ``(b, f, r)`` and residual ``(b, r)``."""
     points, jacobian = arm.observe(block.joints, values, free)
     residual = block.points - points  # (b, k, 3, n)
@@ -179,7 +179,7 @@ def _metre(block: Campaigns) -> float:
     return 1.0 if block.whiten is None else float(np.sqrt((block.whiten**2).sum() / block.points.size))
 
 
-def _still(arm: StackedArm, joints: Array, nominal: Array) -> Array:
+def _still(arm: Stacked, joints: Array, nominal: Array) -> Array:
     """The drawing's points ``(k, 3, n)`` in frame 0."""
     values = nominal.copy()
     values[:6] = 0.0

@@ -9,7 +9,7 @@ from lab import frames
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.effects import HOUR_S, Effect
-from lab.geometry.serial import SerialArm
+from lab.geometry.model import RigidArm
 from lab.measurements import SESSION
 
 LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
@@ -17,13 +17,13 @@ LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
 
 @dataclass(frozen=True)
 class AffectedArm:
-    """A serial arm whose joints stand where its effects put them.
+    """An arm whose joints stand where its effects put them.
 
     Every effect sees the readings, and their offsets add up: what one effect does to another is of
     second order (20 nm of 1 mrad). The parameters are the arm's, then each effect's.
     """
 
-    arm: SerialArm
+    arm: RigidArm
     effects: tuple[Effect, ...]
     names: tuple[str, ...] = field(init=False)
     targets: tuple[str, ...] = field(init=False)
@@ -65,7 +65,7 @@ class AffectedArm:
         return points, jacobian
 
     def tool(self, settings: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
-        """Poses of a target and how the readings move them, as of the arm alone (``SerialArm.tool``).
+        """Poses of a target and how the readings move them, as of the arm alone (``RigidArm.tool``).
 
         The derivative is the rigid arm's where its joints stand: it lacks how effects change with the readings.
         """
@@ -150,14 +150,14 @@ def _some(condition: str, count: int, rng: np.random.Generator) -> Array:
     return rng.uniform(0.0, HOUR_S, count)
 
 
-Arm = SerialArm | AffectedArm
+Arm = RigidArm | AffectedArm
 
 
-def rigid_part(arm: Arm) -> SerialArm:
+def rigid_part(arm: Arm) -> RigidArm:
     """The geometry of an arm, whose parameters come first."""
     return arm.arm if isinstance(arm, AffectedArm) else arm
 
 
-def affected(arm: SerialArm, effects: Sequence[Effect]) -> Arm:
+def affected(arm: RigidArm, effects: Sequence[Effect]) -> Arm:
     """The arm with these effects; the arm itself where there are none."""
     return AffectedArm(arm, tuple(effects)) if effects else arm

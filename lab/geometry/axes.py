@@ -15,6 +15,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.chain import PARALLEL_RAD, Chain, parallel_links
 from lab.geometry.gauge import BaseSet, base_set
+from lab.geometry.model import Model
 from lab.geometry.serial import Motion, SerialArm
 
 MEETING_M = 0.010  # axes nearer than this meet, on the drawing
@@ -44,7 +45,7 @@ class Truth:
     ``effects`` are the parameters of what is not geometry, by name; those not named are zero.
     """
 
-    arm: SerialArm
+    arm: Model
     values: Array
     base_set: BaseSet
     effects: Mapping[str, float] = field(default_factory=dict)

@@ -12,7 +12,7 @@ import numpy as np
 
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.chain import Chain
+from lab.geometry.joints import Joints
 from lab.geometry.loads import Loads
 from lab.measurements import SESSION
 from lab.seeds import stream
@@ -55,7 +55,7 @@ class Effect:
     typical: tuple[float, ...] = ()
 
 
-def gear(chain: Chain) -> Effect:
+def gear(chain: Joints) -> Effect:
     """Gear ratios that are off: joint i stands at (1 + e_i) q_i."""
     names = tuple(f"joint{i + 1}.gear" for i in range(chain.size))
 
@@ -67,7 +67,7 @@ def gear(chain: Chain) -> Effect:
     return Effect("gear", names, offsets)
 
 
-def harmonics(chain: Chain, order: int = 1) -> Effect:
+def harmonics(chain: Joints, order: int = 1) -> Effect:
     """Runout of gear or encoder: joint i stands at q_i + s_i sin(k q_i) + c_i cos(k q_i), k the order."""
     turning = _turning(chain)
     names = tuple(f"joint{i + 1}.{wave}{order}" for i in turning for wave in ("sin", "cos"))
@@ -82,7 +82,7 @@ def harmonics(chain: Chain, order: int = 1) -> Effect:
     return Effect("harmonics" if order == 1 else f"harmonics{order}", names, offsets)
 
 
-def coupling(chain: Chain) -> Effect:
+def coupling(chain: Joints) -> Effect:
     """Axes that their neighbours drag along: joint i stands at q_i + k_ij q_j, and the last one also by j = i - 2."""
     last, turning = chain.size - 1, _turning(chain)
     pairs = [*((i, i - 1) for i in range(1, chain.size)), (last, last - 2)]
@@ -98,7 +98,7 @@ def coupling(chain: Chain) -> Effect:
     return Effect("coupling", names, offsets)
 
 
-def backlash(chain: Chain) -> Effect:
+def backlash(chain: Joints) -> Effect:
     """Play of full width b_i: joint i stands at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
     names = tuple(f"joint{i + 1}.backlash" for i in range(chain.size))
 
@@ -171,7 +171,7 @@ GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling"
 OF_ITS_CAMPAIGN = ("drift", "sessions")  # groups that say nothing of another day
 
 
-def effect(name: str, chain: Chain, loads: Loads | None, course: Course = Course()) -> Effect:
+def effect(name: str, chain: Joints, loads: Loads | None, course: Course = Course()) -> Effect:
     """The group of that name for an arm; a LabError where there is none, or no masses or sessions for it."""
     if name not in GROUPS:
         raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}")
@@ -196,5 +196,5 @@ def effect(name: str, chain: Chain, loads: Loads | None, course: Course = Course
     return made[name]()
 
 
-def _turning(chain: Chain) -> tuple[int, ...]:
+def _turning(chain: Joints) -> tuple[int, ...]:
     return tuple(i for i in range(chain.size) if not chain.prismatic[i])

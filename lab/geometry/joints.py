@@ -47,9 +47,26 @@ class Joints:
         """The number of joints."""
         return len(self.joint_names)
 
+    @property
+    def home(self) -> Array:
+        """Readings ``(n,)`` to start from: zero, or the limits nearest to it."""
+        return np.clip(np.zeros(self.size), self.lower, self.upper)
+
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Readings ``(count, n)`` uniform within the limits."""
         return rng.uniform(self.lower, self.upper, (count, self.size))
+
+    def stands(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
+        """``(m,)`` whether the drawing can stand at readings ``(m, n)``, limits aside; a chain always can.
+
+        Args:
+            well: away from parallel singularities, too.
+        """
+        return np.ones(len(joints), dtype=bool)
+
+    def why_not(self, joints: Array) -> str:
+        """Why it cannot stand at readings ``(n,)``, in words; empty if it can."""
+        return ""
 
     def beyond_limits(self, joints: Array, slack: float | Array) -> NDArray[np.bool_]:
         """Which readings ``(m, n)`` are beyond the limits by more than ``slack``, a number or ``(n,)``, in rad or m."""

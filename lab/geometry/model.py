@@ -5,9 +5,13 @@ from typing import Protocol
 import numpy as np
 
 from lab.frames import Array
+from lab.geometry.joints import Joints
 
-_UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset"), "m")
+_UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset", "length"), "m")
 _UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta"), "rad")
+
+
+OTHERS = ("base", "tool", "drift", "session", "payload", "anchor", "socket", "plane", "cable")  # than links, by group
 
 
 def unit_of(parameter: str, slide: bool = False) -> str:
@@ -24,6 +28,12 @@ def unit_of(parameter: str, slide: bool = False) -> str:
     return {"compliance": "rad/Nm", "sin": "rad", "cos": "rad", "backlash": "rad", "mass": "kg"}.get(kind, "")
 
 
+def is_link(parameter: str) -> bool:
+    """Whether a parameter is one of those that a drawing dimensions, by its name: a link's, a rod's."""
+    group = parameter.split(".")[0]
+    return group not in OTHERS and not group.removeprefix("joint").isdigit()
+
+
 def is_angle(parameter: str) -> bool:
     """Whether a parameter is in rad, by its name."""
     return unit_of(parameter) == "rad"
@@ -32,8 +42,9 @@ def is_angle(parameter: str) -> bool:
 class Model(Protocol):
     """Joints and parameters in, positions and their derivatives out.
 
-    A chain is one (``serial.SerialArm``); a chain with joint effects or a closed chain can be
-    another, and nothing above asks which. Parameters named ``base.*`` (place and rotation
+    A chain is one (``serial.SerialArm``), a mechanism with loops another (``closed.ClosedArm``), either with joint
+    effects a third (``affected.AffectedArm``), and nothing above asks which. Where readings cannot be met (loops that
+    do not close) its answers are NaN. Parameters named ``base.*`` (place and rotation
     vector in the tracker's frame) and ``tool.*`` (a target's place in the last frame) are
     located with no initial guess; all others start at the drawing's values.
     """
@@ -67,3 +78,23 @@ class Model(Protocol):
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Settings ``(count, joints + conditions)`` spread over the limits, at which the rank is decided."""
+
+
+class RigidArm(Model, Protocol):
+    """A robot's geometry alone, serial or closed, before joint effects."""
+
+    @property
+    def chain(self) -> Joints:
+        """The drawing, whose joints are measured."""
+
+    def nominal(self, tool: dict[str, Array] | None = None) -> Array:
+        """The drawing's parameters: base at the tracker's origin, targets of ``tool`` (m), else of the default tool."""
+
+    def T_tracker_frame0(self, values: Array) -> Array:
+        """Pose ``(4, 4)`` of the base's frame in the tracker's: what the base's parameters say."""
+
+    def by_joints(self, jacobian: Array) -> Array:
+        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
+
+    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """Poses ``(n, 4, 4)`` of a target, and its geometric Jacobian by the readings ``(n, 6, joints)``."""

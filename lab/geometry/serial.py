@@ -94,7 +94,7 @@ class SerialArm:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at readings ``(n, joints)``."""
         joints = self._checked(joints)
         out = np.empty((3, len(self.targets), len(joints)), dtype=np.result_type(joints, values))
-        for part in _chunks(len(joints), len(self.targets)):
+        for part in chunks(len(joints), len(self.targets)):
             _, frame, origin = self._walk(joints[part], values)
             out[..., part] = self._targets(frame, origin, values)[:3]
         return out.transpose(2, 1, 0)
@@ -105,7 +105,7 @@ class SerialArm:
         kind = np.result_type(joints, values)
         out = np.empty((3, len(self.targets), len(joints)), dtype=kind)
         jacobian = np.zeros((len(self.names), 3, len(self.targets), len(joints)), dtype=kind)
-        for part in _chunks(len(joints), len(self.targets)):
+        for part in chunks(len(joints), len(self.targets)):
             motions, frame, origin = self._walk(joints[part], values)
             points = self._targets(frame, origin, values)
             out[..., part] = points[:3]
@@ -191,10 +191,10 @@ class SerialArm:
     def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
         """All elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
         base, table, _ = self.split(values)
-        frame = [_padded(column) for column in exp(base[3:]).T]
-        origin = _padded(base[:3])
-        motions = [Motion(i, _padded(np.eye(3)[i]), None) for i in range(3)]
-        motions += [Motion(3 + i, _padded(column), origin) for i, column in enumerate(left_jacobian(base[3:]).T)]
+        frame = [padded(column) for column in exp(base[3:]).T]
+        origin = padded(base[:3])
+        motions = [Motion(i, padded(np.eye(3)[i]), None) for i in range(3)]
+        motions += [Motion(3 + i, padded(column), origin) for i, column in enumerate(left_jacobian(base[3:]).T)]
         links, last, end = along(self.chain, (frame[0], frame[1], frame[2]), origin, table, joints.T)
         return motions + links, last, end
 
@@ -227,30 +227,31 @@ def along(
         if chain.convention == "distal":
             motions.append(Motion(at, z, origin, None if slides else i))
             motions.append(Motion(at + 1, z, None, i if slides else None))
-            x, y = _turn(x, y, turn)
+            x, y = turned(x, y, turn)
             origin = origin + slide * z + a * x
             motions.append(Motion(at + 2, x, None))
             motions.append(Motion(at + 3, x, origin))
-            y, z = _turn(y, z, alpha)
+            y, z = turned(y, z, alpha)
             if parallel:
                 motions.append(Motion(at + 4, y, origin))
-                z, x = _turn(z, x, beta)
+                z, x = turned(z, x, beta)
         else:
             motions.append(Motion(at + 3, x, origin))
-            y, z = _turn(y, z, alpha)
+            y, z = turned(y, z, alpha)
             motions.append(Motion(at + 2, x, None))
             origin = origin + a * x
             if parallel:
                 motions.append(Motion(at + 4, y, origin))
-                z, x = _turn(z, x, beta)
+                z, x = turned(z, x, beta)
             motions.append(Motion(at, z, origin, None if slides else i))
             motions.append(Motion(at + 1, z, None, i if slides else None))
-            x, y = _turn(x, y, turn)
+            x, y = turned(x, y, turn)
             origin = origin + slide * z
     return motions, (x, y, z), origin
 
 
-def _chunks(count: int, targets: int) -> Iterator[slice]:
+def chunks(count: int, targets: int) -> Iterator[slice]:
+    """So many poses in parts that fit the processor's cache."""
     size = max(1, CHUNK // targets)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
@@ -264,12 +265,12 @@ def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
     return poses
 
 
-def _padded(vector: Array) -> Array:
+def padded(vector: Array) -> Array:
     """``(3,)`` as the rows x y z x y, ``(5, 1)``."""
     return np.concatenate([vector, vector[:2]])[:, None]
 
 
-def _turn(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
+def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
     """The axes u, v after a turn from u towards v."""
     c, s = np.cos(angle), np.sin(angle)
     return c * u + s * v, c * v - s * u

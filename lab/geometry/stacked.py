@@ -2,12 +2,51 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from lab import frames
 from lab.frames import Array
+from lab.geometry.model import RigidArm
 from lab.geometry.serial import BASE_NAMES, Motion, SerialArm, along, fill
+
+
+class Stacked(Protocol):
+    """What fits of many campaigns need of arms of one drawing."""
+
+    @property
+    def arm(self) -> RigidArm:
+        """The drawing and its targets."""
+
+    def points(self, joints: Array, values: Array) -> Array:
+        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at readings ``(n, joints)``."""
+
+    def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+        """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
+
+
+def stacked(arm: RigidArm) -> Stacked:
+    """Many arms of this drawing."""
+    return StackedArm(arm) if isinstance(arm, SerialArm) else OneByOne(arm)
+
+
+@dataclass(frozen=True)
+class OneByOne:
+    """Arms of one drawing, asked one after the other: of a mechanism, whose loops close in their own time."""
+
+    arm: RigidArm
+
+    def points(self, joints: Array, values: Array) -> Array:
+        """As of ``Stacked``."""
+        return np.stack([self.arm.points(joints, row).transpose(1, 2, 0) for row in values])
+
+    def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+        """As of ``Stacked``."""
+        both = [self.arm.observe(joints, row) for row in values]
+        points = np.stack([points.transpose(1, 2, 0) for points, _ in both])
+        columns = np.stack([jacobian[..., list(free)].transpose(3, 2, 1, 0) for _, jacobian in both], axis=3)
+        return points, columns
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,7 @@ def ordered(
         ``(n, k, joints)`` readings, and ``(n, k)`` the branches that they are of.
     """
     joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
-    last = np.clip(np.zeros(chain.size), chain.lower, chain.upper)
+    last = chain.home
     for i, ways in enumerate(solutions.joints):
         near = reference[i] if np.isfinite(reference[i]).all() else last
         turned = nearest_turns(chain, ways, near)

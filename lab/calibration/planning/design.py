@@ -217,7 +217,10 @@ def _proposed(
         here = jacobian[:, 0]
         total = held + information(here)
         rate = (jacobian[:, 1 : 1 + size] - jacobian[:, 1 + size :]) / (2 * STEP_RAD)
-        slope = 2 * np.einsum("nrp,njrp->nj", here @ goal.slope(total), rate)
+        try:
+            slope = 2 * np.einsum("nrp,njrp->nj", here @ goal.slope(total), rate)
+        except np.linalg.LinAlgError:  # a step too far, to poses that cannot be and tell nothing
+            slope = np.zeros_like(joints)
         return -float(goal.score(total)), -slope.ravel()
 
     goal_size = sensitivity(joints[:1]).shape[-1]

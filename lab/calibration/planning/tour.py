@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import dijkstra
 from lab.calibration.planning.route import improve, kicked, lengths, random_starts
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.chain import Chain
+from lab.geometry.joints import Joints
 from lab.geometry.laws import rest_to_rest_seconds
 from lab.geometry.trajectory import Trajectory, common_phases, joined
 
@@ -146,7 +146,7 @@ class Roads:
         return bool(np.isfinite(self._graph[a, b]))
 
 
-def rated(chain: Chain) -> tuple[Chain, tuple[str, ...]]:
+def rated(chain: Joints) -> tuple[Joints, tuple[str, ...]]:
     """The chain with representative speeds and accelerations where they are unknown, and a warning then."""
     slow, sudden = np.isnan(chain.speed), np.isnan(chain.acceleration)
     speed = np.where(slow, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
@@ -161,7 +161,7 @@ def rated(chain: Chain) -> tuple[Chain, tuple[str, ...]]:
     return replace(chain, speed=speed, acceleration=acceleration), words
 
 
-def _named(chain: Chain, which: NDArray[np.bool_]) -> str:
+def _named(chain: Joints, which: NDArray[np.bool_]) -> str:
     return "any joint" if which.all() else ", ".join(np.array(chain.joint_names)[which])
 
 
@@ -170,7 +170,7 @@ def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
     return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
 
 
-def day_of(chain: Chain, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
+def day_of(chain: Joints, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
     """How the joints move through stops, and when they arrive at each ``(s,)`` s.
 
     Args:

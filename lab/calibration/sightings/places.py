@@ -17,7 +17,7 @@ from lab.calibration.sightings.sighting import nothing_further
 from lab.calibration.solver import Observations, fit
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.model import Model, unit_of
+from lab.geometry.model import Model, is_link, unit_of
 from lab.measurements import Measurements
 from lab.seeds import stream
 
@@ -145,7 +145,7 @@ class Places(ABC):
         base = [i for i, name in enumerate(names) if name.startswith("base.")]
         if self.touched:
             after_tool = 1 + max(order.index(i) for i, name in enumerate(names) if name.startswith("tool."))
-            links = [i for i in order[:after_tool] if names[i].startswith("link") and unit_of(names[i]) == "m"]
+            links = [i for i in order[:after_tool] if is_link(names[i]) and unit_of(names[i]) == "m"]
             longest = max(links, key=lambda i: abs(self.drawing[i]))
             order.insert(after_tool - 1, order.pop(order.index(longest)))
         return (*range(self.first, len(self.names)), *range(len(names), self.first), *order, *base)

@@ -1,0 +1,210 @@
+"""A mechanism with loops behind the same seam as a serial arm: readings and parameters in, points and derivatives out.
+
+The targets are h(q, z, p) with the passive values z that close the loops, c(q, z, p) = 0; by implicit
+differentiation dh/dp = h_p - h_z c_z^-1 c_p. Closures hang on few parameters each, so that the product is made
+column by column.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lab.errors import LabError
+from lab.frames import Array, exp, left_jacobian, pose
+from lab.geometry.closed.assembly import Closed
+from lab.geometry.closed.mechanism import Mechanism
+from lab.geometry.closed.posture import Posture, crossed
+from lab.geometry.serial import DEFAULT_TOOL, chunks, padded
+
+
+@dataclass(frozen=True)
+class ClosedArm:
+    """A mechanism with a base in the tracker's frame and measured targets on its platform.
+
+    The parameters, in the order of ``names``: ``base.x y z rx ry rz`` (m; rotation vector, rad), the mechanism's own
+    (``Mechanism.names``), ``tool.<target>.x y z`` (m, in the platform's frame). Where the loops cannot be closed in the
+    drawn mode, or are singular, points and derivatives are NaN: no jump to another mode is taken for an answer.
+    """
+
+    chain: Mechanism
+    targets: tuple[str, ...] = ("p1",)
+    names: tuple[str, ...] = field(init=False)
+    conditions: tuple[str, ...] = field(init=False, default=())
+
+    def __post_init__(self) -> None:
+        if not self.targets or len(set(self.targets)) < len(self.targets):
+            raise LabError(f"targets {', '.join(self.targets) or '(none)'}: name at least one, and each once")
+        tools = [f"tool.{target}.{axis}" for target in self.targets for axis in "xyz"]
+        object.__setattr__(self, "names", (*self.chain.names, *tools))
+
+    def nominal(self, tool: dict[str, Array] | None = None) -> Array:
+        """The drawing's parameters, as of ``SerialArm.nominal``."""
+        places = {**DEFAULT_TOOL, **(tool or {})}
+        points = [np.asarray(places.get(target, (0.0, 0.0, 0.0))) for target in self.targets]
+        return np.concatenate([self.chain.drawn, np.ravel(points)])
+
+    def places(self, values: Array) -> dict[str, Array]:
+        """Where the targets are on the platform ``(3,)`` m, by name."""
+        return dict(zip(self.targets, values[len(self.chain.names) :].reshape(-1, 3), strict=True))
+
+    def T_tracker_frame0(self, values: Array) -> Array:
+        """Pose ``(4, 4)`` of the base in the tracker's frame."""
+        return pose(exp(values[3:6]), values[:3])
+
+    def points(self, joints: Array, values: Array) -> Array:
+        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at readings ``(n, joints)``; NaN where refused."""
+        out = np.empty((3, len(self.targets), len(joints)))
+        for part, closed in self._closed(joints, values):
+            out[..., part] = self._targets(closed.posture, values)[:3]
+            out[..., part][..., ~closed.fits] = np.nan
+        return out.transpose(2, 1, 0)
+
+    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
+        """Target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``."""
+        out = np.empty((3, len(self.targets), len(joints)))
+        jacobian = np.zeros((len(self.names), 3, len(self.targets), len(joints)))
+        for part, closed in self._closed(joints, values):
+            points = self._targets(closed.posture, values)
+            out[..., part] = points[:3]
+            self._fill(jacobian[..., part], closed, points)
+            out[..., part][..., ~closed.fits] = np.nan
+            jacobian[..., part][..., ~closed.fits] = np.nan
+        return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
+
+    def by_joints(self, jacobian: Array) -> Array:
+        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
+        offsets = [self.names.index(self.chain.offset_of(joint)) for joint in range(self.chain.size)]
+        moved: Array = jacobian[..., offsets] * self.chain.sign
+        return moved
+
+    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """Poses ``(n, 4, 4)`` of a target, turned as the platform, and its geometric Jacobian ``(n, 6, joints)``.
+
+        As of ``SerialArm.tool``; NaN where refused.
+        """
+        Ts, jacobian = np.zeros((len(joints), 4, 4)), np.zeros((len(joints), 6, self.chain.size))
+        Ts[:, 3, 3] = 1.0
+        moved = self.by_joints(self.observe(joints, values)[1])
+        jacobian[:, :3] = moved[:, target]
+        for part, closed in self._closed(joints, values):
+            platform = closed.posture.frames[self.chain.tree.platform][0]
+            for column, vector in enumerate((*platform, self._targets(closed.posture, values)[:, target])):
+                Ts[part, :3, column] = vector[:3].T
+            jacobian[part, 3:] = self._turning(closed)
+            for out in (Ts, jacobian):
+                out[part][~closed.fits] = np.nan
+        return Ts, jacobian
+
+    def legs(self, joints: Array, values: Array) -> list[Array]:
+        """The frames' origins along each closure ``(n, c, 3)`` m, from the base's side to the platform."""
+        posture = self.chain.assembled(joints, values).posture
+        ends = [rod.ends for rod in self.chain.tree.rods] + [pin.ends for pin in self.chain.tree.pins]
+        return [self._along(posture, sorted(pair, key=lambda end: self.chain.tree.loose[end])) for pair in ends]
+
+    def rods(self, joints: Array, values: Array) -> Array:
+        """The two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the base's side first."""
+        posture, loose = self.chain.assembled(joints, values).posture, self.chain.tree.loose
+        out = np.empty((len(joints), len(self.chain.tree.rods), 2, 3))
+        for i, rod in enumerate(self.chain.tree.rods):
+            for side, end in enumerate(sorted(rod.ends, key=lambda end: loose[end])):
+                out[:, i, side] = posture.frames[end][1][:3].T
+        return out
+
+    def _along(self, posture: Posture, ends: list[int]) -> Array:
+        tree = self.chain.tree
+        near, far = (list(dict.fromkeys(frame for frame, _ in tree.ancestry(end))) or [end] for end in ends)
+        count = posture.passive.shape[1]
+        places = [np.broadcast_to(posture.frames[frame][1][:3], (3, count)) for frame in (*near, *far[::-1])]
+        return np.stack(places).transpose(2, 0, 1)
+
+    def preferred(self) -> tuple[int, ...]:
+        """The base, the mechanism's parameters as they come, then the targets."""
+        return tuple(range(len(self.names)))
+
+    def structural(self, values: Array) -> Array:
+        """``values`` with the mechanism as drawn: what a symmetry of the drawing hides, an imperfect copy may show."""
+        nominal = self.chain.drawn
+        return np.concatenate([values[:6], nominal[6:], values[len(nominal) :]])
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Readings at which identifiability is decided: random within the limits, where the loops close."""
+        return self.chain.random_joints(count, rng)
+
+    def _closed(self, joints: Array, values: Array) -> Iterator[tuple[slice, Closed]]:
+        if joints.ndim != 2 or joints.shape[1] != self.chain.size:
+            raise LabError(
+                f"joints of shape {joints.shape} do not fit robot '{self.chain.name}': give (poses, {self.chain.size})"
+            )
+        for part in chunks(len(joints), len(self.targets)):
+            yield part, self.chain.assembled(joints[part], values)
+
+    def _targets(self, posture: Posture, values: Array) -> Array:
+        """Target positions ``(5, k, n)`` from the platform."""
+        (x, y, z), origin = posture.frames[self.chain.tree.platform]
+        tool = values[len(self.chain.names) :].reshape(-1, 3)
+        shape = (5, posture.passive.shape[1])
+        return np.stack([np.broadcast_to(origin + px * x + py * y + pz * z, shape) for px, py, pz in tool], axis=1)
+
+    def _fill(self, jacobian: Array, closed: Closed, points: Array) -> None:
+        """Write derivatives ``(parameters, 3, k, n)``, which are zero."""
+        posture, tree = closed.posture, self.chain.tree
+        base = posture.dimensions.base
+        jacobian[:3] = np.eye(3)[:, :, None, None]
+        lever = points - padded(base[:3])[:, None]
+        for i, axis in enumerate(left_jacobian(base[3:]).T, start=3):
+            jacobian[i] = crossed(padded(axis)[:, None], lever)
+        carried = tree.ancestry(tree.platform)
+        motions = np.zeros((len(tree.passive), *points[:3].shape))
+        for i, step in enumerate(tree.passive):
+            if step in carried:
+                motions[i] = posture.motion(step, points)
+        answer = _answers(closed, motions)
+        column = {step: i for i, step in enumerate(tree.constants, start=6)}
+        for step in carried:
+            if step in column:
+                jacobian[column[step]] = posture.motion(step, points)
+        for i, opening in enumerate(tree.openings):
+            for step, end, sign in opening:
+                if step in column:
+                    slope = posture.slope(step, posture.frames[end][1], closed.directions[i])
+                    jacobian[column[step]] -= answer[i] * (sign * slope)
+        for i, rod in enumerate(tree.lengths, start=6 + len(column)):
+            jacobian[i] = answer[rod]
+        for axis, vector in enumerate(posture.frames[tree.platform][0]):
+            for k in range(len(self.targets)):
+                jacobian[len(self.chain.names) + 3 * k + axis, :, k] = vector[:3]
+
+    def _turning(self, closed: Closed) -> Array:
+        """How the readings turn the platform, ``(n, 3, joints)`` in the tracker's frame."""
+        posture, tree = closed.posture, self.chain.tree
+        carried = tree.ancestry(tree.platform)
+        turns = np.zeros((len(tree.passive), 3, posture.passive.shape[1]))
+        for i, step in enumerate(tree.passive):
+            if step in carried and tree.step(*step).is_turn:
+                turns[i] = posture.steps[step[0]][step[1]][0][:3]
+        answer = _answers(closed, turns)
+        out = np.zeros((3, self.chain.size, posture.passive.shape[1]))
+        for step in carried:
+            joint = tree.step(*step).joint
+            if joint is not None and tree.step(*step).is_turn:
+                out[:, joint] += posture.steps[step[0]][step[1]][0][:3]
+        for i, opening in enumerate(tree.openings):
+            for step, end, sign in opening:
+                if (joint := tree.step(*step).joint) is not None:
+                    slope = posture.slope(step, posture.frames[end][1], closed.directions[i])
+                    out[:, joint] -= answer[i] * (sign * slope)
+        for i, rod in enumerate(tree.rods):
+            if rod.joint is not None:
+                out[:, rod.joint] += answer[i]
+        return (out * self.chain.sign[:, None]).transpose(2, 0, 1)
+
+
+def _answers(closed: Closed, motions: Array) -> Array:
+    """What moves by ``(z, ..., n)`` with the passive values answers to closures that open: ``(closures, ..., n)``."""
+    inverse = closed.inverse.transpose(2, 1, 0)  # (closures, z, n)
+    answer = np.zeros_like(motions)
+    for i, row in enumerate(inverse):
+        for motion, part in zip(motions, row, strict=True):
+            answer[i] += motion * part
+    return answer
