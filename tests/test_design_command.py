@@ -60,7 +60,7 @@ def test_the_result_holds_what_was_asked_for(folder: Path) -> None:
     assert 0 < predicted["mean"] <= predicted["rms"] <= predicted["p95"] <= predicted["max"] < result["promise_mm"]
     assert result["indices"]["i"]["value"] == pytest.approx(predicted["rms"] ** 2)
     found = result["candidates"]
-    assert found["feasible"] == 300 and set(found["rejected"]) == {"limits", "collision", "visibility"}
+    assert found["feasible"] == 300 and set(found["rejected"]) == {"limits", "singularity", "collision", "visibility"}
     assert found["feasible"] + sum(found["rejected"].values()) == found["drawn"]
     assert result["moves"] == POSES + 1 + result["via"] and result["tour_seconds"] > 1
     assert result["measured_already"] == 0 and result["rapid"] == "plan.mod"

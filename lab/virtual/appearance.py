@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from lab import frames
 from lab.frames import Array
+from lab.geometry.model import RigidArm
 from lab.geometry.serial import SerialArm
+from lab.virtual.closed_model import ClosedModel, passive_coordinates
 from lab.virtual.placement import place_bodies
-from lab.virtual.robot import TRACKER, RobotModel, at_zero, body_pose, site_pose
+from lab.virtual.robot import TRACKER, RobotModel, SerialModel, at_zero, body_pose, site_pose
 
 VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
@@ -57,18 +59,16 @@ def instrument_body(robot: RobotModel) -> str:
     return _name(robot.model, body) if body else ""
 
 
-def body_poses(robot: RobotModel, arm: SerialArm, values: Array, joints: Array) -> dict[str, Array]:
+def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -> dict[str, Array]:
     """World poses ``(n, 4, 4)`` of all bodies of the arm with parameters ``values``, at readings ``(n, joints)``.
 
     The tracker's body stands where ``values``' base, the pose of frame 0 in the tracker, puts it.
     """
-    model = copy.deepcopy(robot.model)
-    place_bodies(model, robot, arm, values)
+    model, qpos = _identified(robot, arm, values, joints)
     data = mujoco.MjData(model)
-    addresses = [int(model.joint(name).qposadr[0]) for name in robot.chain.joint_names]
     positions, rotations = np.empty((len(joints), model.nbody, 3)), np.empty((len(joints), model.nbody, 9))
-    for i, reading in enumerate(joints):
-        data.qpos[addresses] = reading
+    for i, coordinates in enumerate(qpos):
+        data.qpos[:] = coordinates
         mujoco.mj_kinematics(model, data)
         positions[i], rotations[i] = data.xpos, data.xmat
     Ts_world_body = frames.pose(rotations.reshape(*positions.shape, 3), positions)  # (n, bodies, 4, 4)
@@ -78,7 +78,19 @@ def body_poses(robot: RobotModel, arm: SerialArm, values: Array, joints: Array) 
     return poses
 
 
-def _tracker_stand(robot: RobotModel, arm: SerialArm, values: Array) -> Array:
+def _identified(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
+    """A model with the identified parameters, and its coordinates ``(n, nq)`` at readings ``(n, joints)``."""
+    if isinstance(robot, ClosedModel):
+        passive = robot.chain.assembled(joints, values).posture.passive
+        model = robot.with_values(values, {}).compile()
+        return model, passive_coordinates(model, robot.chain, joints, passive)
+    assert isinstance(robot, SerialModel) and isinstance(arm, SerialArm)
+    model = copy.deepcopy(robot.model)
+    place_bodies(model, robot, arm, values)
+    return model, robot.qpos(joints)
+
+
+def _tracker_stand(robot: RobotModel, arm: RigidArm, values: Array) -> Array:
     """World pose ``(4, 4)`` of the tracker's body."""
     nominal = at_zero(robot.model)
     T_world_body = body_pose(nominal, int(robot.model.site(TRACKER).bodyid[0]))

@@ -17,6 +17,7 @@ from scipy.stats import qmc
 from lab.errors import LabError
 from lab.frames import Array
 from lab.instruments import Instrument
+from lab.virtual.closed_model import ClosedModel
 from lab.virtual.feasible import contacts, standing
 from lab.virtual.robot import TRACKER, RobotModel
 
@@ -24,7 +25,7 @@ MARGIN = 0.02  # of a joint's range, kept from each limit
 STEP_M = 0.010  # along a path no point of the arm moves further than this between two looks
 Feasible = Callable[[Array], NDArray[np.bool_]]
 FreePath = Callable[[Array, Array], bool]
-_REASONS = ("limits", "collision", "visibility")
+_REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even
 _PATIENCE, _WORST_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
 _HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
@@ -38,7 +39,8 @@ class Candidates:
     Attributes:
         joints: ``(m, n)`` readings, rad or m.
         drawn: quasi-random draws over the full limits, up to the last candidate.
-        rejected: draws by the first reason against them: ``limits`` (in the margin), ``collision``,
+        rejected: draws by the first reason against them: ``limits`` (in the margin), ``singularity`` (loops that do
+            not close, or nearly otherwise too), ``collision``,
             ``visibility``. With the m candidates they sum up to ``drawn``.
     """
 
@@ -115,9 +117,11 @@ def _judge(
     def first_reason(joints: Array) -> NDArray[np.int_]:
         reasons = np.where(chain.beyond_limits(joints, -keep_off).any(axis=1), 0, -1)
         left = np.flatnonzero(reasons < 0)
-        reasons[left[np.fromiter(contacts(robot, joints[left], data), bool, len(left))]] = 1
+        reasons[left[~chain.stands(joints[left], well=True)]] = 1
         left = np.flatnonzero(reasons < 0)
-        reasons[left[~sees(joints[left])]] = 2
+        reasons[left[np.fromiter(contacts(robot, joints[left], data), bool, len(left))]] = 2
+        left = np.flatnonzero(reasons < 0)
+        reasons[left[~sees(joints[left])]] = 3
         return reasons
 
     return first_reason
@@ -162,6 +166,8 @@ def _tracker_body(robot: RobotModel) -> int:
 
 def _reach(robot: RobotModel) -> Array:
     """``(n,)``: how far (m) a point of the arm moves at most per rad or m of each joint, in any pose."""
+    if isinstance(robot, ClosedModel):
+        return robot.speeds()
     model = robot.model
     touching = (model.geom_contype | model.geom_conaffinity) != 0
     joints = [model.joint(name) for name in robot.chain.joint_names]
@@ -203,7 +209,7 @@ def _stands_in_base(robot: RobotModel, body: int) -> bool:
     model = robot.model
     if not (robot.base_body and body):
         return False
-    data = next(standing(robot, np.zeros((1, robot.chain.size))))
+    data = next(standing(robot, robot.chain.home[None]))
     solid = (model.geom_contype | model.geom_conaffinity) != 0
     of = [np.flatnonzero(solid & (model.geom_bodyid == b)) for b in (body, model.body(robot.base_body).id)]
     return any(mujoco.mj_geomDistance(model, data, a, b, 0.01, None) < 0 for a in of[0] for b in of[1])
@@ -220,6 +226,7 @@ def _refuse_hopeless(robot: RobotModel, targets: Sequence[str], reasons: NDArray
     n, place = _counted(reasons), ", ".join(f"{x:.3g}" for x in robot.T_world_tracker[:3, 3])
     raise LabError(
         f"{robot.path}: {have or 'no'} feasible poses in {drawn} draws, {count} wanted: {n['limits']} too close to a "
-        f"limit, {n['collision']} collide, in {n['visibility']} the tracker at ({place}) m does not see "
-        f"{', '.join(targets)}; move the tracker, turn the targets towards it, or ask for fewer targets"
+        f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide, in {n['visibility']} the "
+        f"tracker at ({place}) m does not see {', '.join(targets)}; move the tracker, turn the targets towards it, "
+        "or ask for fewer targets"
     )

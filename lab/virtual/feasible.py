@@ -21,16 +21,24 @@ def standing(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None
     """
     model = robot.model
     data = mujoco.MjData(model) if data is None else data
-    addresses = [int(model.joint(name).qposadr[0]) for name in robot.chain.joint_names]
-    for reading in joints:
-        data.qpos[addresses] = reading
+    for qpos in robot.qpos(joints):
+        data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         yield data
 
 
 def contacts(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[bool]:
-    """Whether the nominal arm touches itself or its surroundings, one reading of ``(n, joints)`` after the other."""
-    for stand in standing(robot, joints, data):
+    """Whether the nominal arm touches itself or its surroundings, one reading of ``(n, joints)`` after the other.
+
+    So does, as it were, a mechanism whose loops do not close.
+    """
+    possible = robot.chain.stands(joints)
+    stands = standing(robot, joints[possible], data)
+    for can in possible:
+        if not can:
+            yield True
+            continue
+        stand = next(stands)
         mujoco.mj_comPos(robot.model, stand)
         mujoco.mj_collision(robot.model, stand)
         yield stand.ncon > 0

@@ -17,7 +17,7 @@ import numpy as np
 from lab import frames
 from lab.errors import LabError
 from lab.frames import Array
-from lab.virtual.robot import RobotModel, at_zero, body_pose, last_frame
+from lab.virtual.robot import SerialModel, at_zero, body_pose, last_frame
 
 _STILL = 1e-13  # rad or m; what a step this small changes in the loads moves nothing beyond rounding
 _MOST_STEPS = 100
@@ -39,7 +39,7 @@ class Stand:
 class FlexibleArm:
     """A copy of an arm's model on which loads are hung and whose links bend; each question sets all it needs."""
 
-    def __init__(self, model: mujoco.MjModel, robot: RobotModel, payload_at_m: Array | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, robot: SerialModel, payload_at_m: Array | None = None) -> None:
         """Payloads' centre ``(3,)`` m is given in the last frame; at its origin if not given."""
         self._model = copy.deepcopy(model)
         self._data = mujoco.MjData(self._model)
@@ -131,7 +131,7 @@ class _Payload:
     subtree: Array
 
     @classmethod
-    def carried_by(cls, model: mujoco.MjModel, robot: RobotModel, payload_at_m: Array) -> "_Payload":
+    def carried_by(cls, model: mujoco.MjModel, robot: SerialModel, payload_at_m: Array) -> "_Payload":
         """A place ``(3,)`` in the last frame on the flange's carrier, as drawn."""
         line = [int(model.body(robot.carrier).id)]
         while line[-1]:

@@ -16,7 +16,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.rigid_load import Dynamics
 from lab.load_records import Mounting
-from lab.virtual.robot import RobotModel, at_zero, body_pose, compiled, last_frame
+from lab.virtual.robot import SerialModel, at_zero, body_pose, compiled, last_frame
 
 _LEAST_KG = 1e-6  # of all moving bodies: with less there is no dynamics
 _UPPER = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # the inertia's elements in their order in phi
@@ -60,7 +60,7 @@ class RigidLoad:
 class CarryingArm:
     """The drawn arm with a load (or none) under some gravity: its exact inverse dynamics. By one thread."""
 
-    def __init__(self, robot: RobotModel, gravity: Array, load: RigidLoad | None = None) -> None:
+    def __init__(self, robot: SerialModel, gravity: Array, load: RigidLoad | None = None) -> None:
         """Gravity ``(3,)`` m/s^2 in frame 0.
 
         Raises:
@@ -95,7 +95,7 @@ class CarryingArm:
         return torques, wrench
 
 
-def own_dynamics(robot: RobotModel, gravity: Array, scale: float = 1.0) -> Dynamics:
+def own_dynamics(robot: SerialModel, gravity: Array, scale: float = 1.0) -> Dynamics:
     """The arm's own torques without a load, as a callable for those who may not know MuJoCo.
 
     Args:
@@ -109,7 +109,7 @@ def own_dynamics(robot: RobotModel, gravity: Array, scale: float = 1.0) -> Dynam
     return lambda joints, speeds, accelerations: scale * arm.torques(joints, speeds, accelerations)
 
 
-def peak_torques(robot: RobotModel) -> Array:
+def peak_torques(robot: SerialModel) -> Array:
     """The joints' largest torques ``(J,)``, Nm (N of a slide).
 
     Raises:
@@ -122,17 +122,17 @@ def peak_torques(robot: RobotModel) -> Array:
     return np.array([np.abs(robot.model.jnt_actfrcrange[joint.id]).max() for joint in joints])
 
 
-def drawn_mounting(robot: RobotModel) -> Mounting:
+def drawn_mounting(robot: SerialModel) -> Mounting:
     """The arm as drawn, with a sensor that reads what the hand does to the load."""
     return Mounting(robot.T_world_frame0[:3, :3].T @ robot.model.opt.gravity)
 
 
-def _moving_mass(robot: RobotModel) -> float:
+def _moving_mass(robot: SerialModel) -> float:
     model = robot.model
     return float(model.body_subtreemass[model.body(robot.bodies[0]).id])
 
 
-def _with_load(robot: RobotModel, load: RigidLoad) -> mujoco.MjModel:
+def _with_load(robot: SerialModel, load: RigidLoad) -> mujoco.MjModel:
     """The arm's model with one more body, welded to the flange's carrier in the last frame, and sensors at the weld."""
     spec = robot.spec.copy()
     T_world_carrier = body_pose(at_zero(robot.model), int(robot.model.body(robot.carrier).id))

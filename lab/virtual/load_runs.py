@@ -16,7 +16,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.load_records import LoadRecords, Mounting
 from lab.virtual.load import CarryingArm, RigidLoad, peak_torques
-from lab.virtual.robot import RobotModel
+from lab.virtual.robot import SerialModel
 
 Path = Callable[[Array], tuple[Array, Array, Array]]
 """Times ``(n,)`` s to readings, speeds and accelerations ``(n, J)``; also a little before and after the run."""
@@ -74,7 +74,7 @@ class RunErrors:
 class LoadBench:
     """An arm that measures with a load and without it. The same generator state gives the same records."""
 
-    def __init__(self, robot: RobotModel, load: RigidLoad, mounting: Mounting, errors: RunErrors) -> None:
+    def __init__(self, robot: SerialModel, load: RigidLoad, mounting: Mounting, errors: RunErrors) -> None:
         """The mounting is what is known of the set-up; the errors come on top.
 
         Raises:

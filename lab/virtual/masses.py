@@ -5,10 +5,10 @@ import numpy as np
 from lab import frames
 from lab.geometry.loads import Loads
 from lab.geometry.serial import SerialArm
-from lab.virtual.robot import RobotModel, at_zero
+from lab.virtual.robot import SerialModel, at_zero
 
 
-def loads_of(robot: RobotModel) -> Loads:
+def loads_of(robot: SerialModel) -> Loads:
     """What turns with each joint of the drawing: its body and all that is welded to it, later joints' aside."""
     model, chain = robot.model, robot.chain
     data = at_zero(model)

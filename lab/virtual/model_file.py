@@ -15,7 +15,7 @@ from lab.virtual.limits import joint_limits
 from lab.virtual.robot import (
     FLANGE,
     TRACKER,
-    RobotModel,
+    SerialModel,
     add_targets,
     add_tracker,
     at_zero,
@@ -33,7 +33,7 @@ from lab.virtual.robot import (
 from lab.virtual.rods import dress
 
 
-def load_model(path: Path) -> RobotModel:
+def load_model(path: Path) -> SerialModel:
     """Load an MJCF or a URDF with exactly one serial chain of hinges and slides.
 
     Sites on the last body or beyond it are its targets, except one named ``flange``, which
@@ -71,9 +71,10 @@ def load_model(path: Path) -> RobotModel:
     shapeless = not missing and not np.isin(solid, _beyond(model, bodies[0])).any()
     weighed = shapeless and dress(path, spec, chain, T_world_frame0, bodies, tool | spare)
     model = compiled(path, spec)
-    return RobotModel(
-        path, spec, model, chain, T_world_frame0, bodies, base_body, tool | spare, shapeless, weighed, missing
-    )
+    return SerialModel(
+        path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=bodies,
+        base_body=base_body, tool=tool | spare, drawn=shapeless, weighed=weighed, missing=missing,
+    )  # fmt: skip
 
 
 def _built(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel, str]:

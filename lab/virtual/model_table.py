@@ -10,14 +10,14 @@ from lab.frames import Array
 from lab.geometry.links import link_tree
 from lab.geometry.serial import DEFAULT_TOOL, SerialArm
 from lab.geometry.table import RobotTable
-from lab.virtual.robot import FLANGE, TRACKER, RobotModel, add_targets, add_tracker, compiled
+from lab.virtual.robot import FLANGE, TRACKER, SerialModel, add_targets, add_tracker, compiled
 from lab.virtual.rods import dress, reach_of
 
 _SMALL_M = 1.0  # reach of an arm beside which the tracker stands at its usual place
 _PEDESTAL_M = 0.1  # of a floor-standing arm's reach, the radius of what carries it
 
 
-def table_model(path: Path, table: RobotTable) -> RobotModel:
+def table_model(path: Path, table: RobotTable) -> SerialModel:
     """The arm of a table on the floor, where the table says how high it stands; else in the air."""
     chain = table.chain
     named = {name: place for name, place in table.tool.items() if name not in (FLANGE, TRACKER)}
@@ -25,7 +25,7 @@ def table_model(path: Path, table: RobotTable) -> RobotModel:
     arm = SerialArm(chain, tuple(tool))
     tree = link_tree(arm, arm.nominal(tool))
     spec = mujoco.MjSpec()
-    spec.compiler.autolimits = True
+    spec.compiler.autolimits, spec.compiler.degree = True, False
     T_world_frame0 = frames.pose(np.eye(3), np.array([0.0, 0.0, table.height_m or 0.0]))
     reach = reach_of(chain)
     body = base = _add_body(spec.worldbody, tree.base.name, T_world_frame0)
@@ -50,7 +50,10 @@ def table_model(path: Path, table: RobotTable) -> RobotModel:
     add_tracker(spec, max(1.0, reach / _SMALL_M))
     weighed = dress(path, spec, chain, T_world_frame0, bodies, tool, table.mass_kg)
     model = compiled(path, spec)
-    return RobotModel(path, spec, model, chain, T_world_frame0, tuple(bodies), tree.base.name, tool, True, weighed)
+    return SerialModel(
+        path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=tuple(bodies),
+        base_body=tree.base.name, tool=tool, drawn=True, weighed=weighed,
+    )  # fmt: skip
 
 
 def _add_body(parent: mujoco.MjsBody, name: str, T_parent_body: Array) -> mujoco.MjsBody:

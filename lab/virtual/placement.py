@@ -10,10 +10,10 @@ from lab import frames
 from lab.frames import Array
 from lab.geometry.links import free_name
 from lab.geometry.serial import SerialArm
-from lab.virtual.robot import FLANGE, TRACKER, RobotModel, at_zero, body_pose, last_frame
+from lab.virtual.robot import FLANGE, TRACKER, RobotModel, SerialModel, at_zero, body_pose, last_frame
 
 
-def place_bodies(model: mujoco.MjModel, robot: RobotModel, arm: SerialArm, values: Array) -> None:
+def place_bodies(model: mujoco.MjModel, robot: SerialModel, arm: SerialArm, values: Array) -> None:
     """Move the model's bodies and target sites so that it has the chain's axes and targets.
 
     Each jointed body turns by the smallest rotation that aligns its axis and shifts across it;
@@ -44,7 +44,7 @@ def place_bodies(model: mujoco.MjModel, robot: RobotModel, arm: SerialArm, value
         model.site_pos[site] = frames.transform(T_body_last, point[None])[0]
 
 
-def _moved_poses(robot: RobotModel, arm: SerialArm, values: Array, data: mujoco.MjData) -> list[Array]:
+def _moved_poses(robot: SerialModel, arm: SerialArm, values: Array, data: mujoco.MjData) -> list[Array]:
     """World poses of all bodies, at zero readings, with the chain's axes."""
     model, T = robot.model, robot.T_world_frame0
     poses: list[Array] = [np.eye(4)]
@@ -69,7 +69,7 @@ def _moved_poses(robot: RobotModel, arm: SerialArm, values: Array, data: mujoco.
     return poses
 
 
-def calibrated_mjcf(robot: RobotModel, arm: SerialArm, values: Array) -> str:
+def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
     """The identified arm as an MJCF whose sites, in the tracker's frame, are the identified ones to rounding.
 
     Shells are left out, so that the file stands alone; masses and collision shapes are kept.
@@ -85,7 +85,7 @@ def calibrated_mjcf(robot: RobotModel, arm: SerialArm, values: Array) -> str:
     place_bodies(model, robot, placed, values)
     place_tracker(model, robot, robot.T_world_frame0 @ frames.inverse(arm.T_tracker_frame0(values)))
     root = ET.fromstring(spec.to_xml())
-    _write_in_full(root, model)
+    write_in_full(root, model)
     names = {name: free_name(name, arm.targets) for name in taken}
     names |= dict(zip(placed.targets, arm.targets, strict=True))
     for site in root.iter("site"):
@@ -95,7 +95,7 @@ def calibrated_mjcf(robot: RobotModel, arm: SerialArm, values: Array) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _without_shells(robot: RobotModel) -> mujoco.MjSpec:
+def _without_shells(robot: SerialModel) -> mujoco.MjSpec:
     """A copy without meshes; a body whose mass came from one keeps it."""
     spec = robot.spec.copy()
     for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
@@ -119,22 +119,23 @@ def place_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Arr
     model.body_pos[body], model.body_quat[body] = stand[:3, 3], frames.quaternion_from_rotation(stand[:3, :3])
 
 
-def _write_in_full(root: ET.Element, model: mujoco.MjModel) -> None:
+def write_in_full(root: ET.Element, model: mujoco.MjModel) -> None:
     """Replace what MuJoCo rounded: places of bodies, joints and sites."""
     world = root.find("worldbody")
     assert world is not None
     for element in world.iter("body"):
         body = model.body(element.get("name", ""))
-        _set(element, pos=body.pos, quat=body.quat)
+        set_vectors(element, pos=body.pos, quat=body.quat)
         for joint_element in element.findall("joint"):
             joint = model.joint(joint_element.get("name", ""))
-            _set(joint_element, pos=joint.pos, axis=joint.axis)
+            set_vectors(joint_element, pos=joint.pos, axis=joint.axis)
     for element in world.iter("site"):
         site = model.site(element.get("name", ""))
-        _set(element, pos=site.pos, quat=site.quat)
+        set_vectors(element, pos=site.pos, quat=site.quat)
 
 
-def _set(element: ET.Element, **vectors: Array) -> None:
+def set_vectors(element: ET.Element, **vectors: Array) -> None:
+    """Give an element attributes in full, for whatever they stand in place of."""
     for stale in ("euler", "axisangle", "xyaxes", "zaxis", "fromto"):
         element.attrib.pop(stale, None)
     for name, vector in vectors.items():

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -18,7 +19,7 @@ from lab.measurements import Measurements, measured
 from lab.virtual.effects import BUMPED, NOTHING_SET, Effects, condition
 from lab.virtual.flexible import FlexibleArm
 from lab.virtual.placement import place_bodies, place_tracker
-from lab.virtual.robot import RobotModel, joint_axes
+from lab.virtual.robot import RobotModel, SerialModel, coordinates, joint_axes
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,14 @@ class Perturbation:
             raise LabError(f"a perturbation of {b} bodies: give position_m and rotation_rad of shape ({b}, 3)")
 
 
-def perturbed_bodies(robot: RobotModel) -> tuple[str, ...]:
+def perturbed_bodies(robot: SerialModel) -> tuple[str, ...]:
     """The bodies that can be off: base, every link, and the flange where it is a body of its own."""
     base = [robot.base_body] if robot.base_body else []
     return tuple(dict.fromkeys([*base, *robot.bodies, robot.carrier]))
 
 
 def random_perturbation(
-    robot: RobotModel,
+    robot: SerialModel,
     position_sigma_m: float,
     rotation_sigma_rad: float,
     rng: np.random.Generator,
@@ -70,24 +71,22 @@ def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: fl
     return arm.assemble(base, table + sigma * rng.standard_normal(table.shape), tool)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RealArm:
     """A perturbed arm before a tracker: what may be measured, and what it truly is.
 
     Attributes:
         model: with the bodies and the tracker where they really are.
         T_world_tracker: pose ``(4, 4)`` of the tracker's frame.
-        joint_offset: ``(n,)`` rad or m.
         effects: what adds to the geometry.
     """
 
     robot: RobotModel
     model: mujoco.MjModel
     T_world_tracker: Array
-    joint_offset: Array
     effects: Effects
 
-    def with_effects(self, effects: Effects) -> "RealArm":
+    def with_effects(self, effects: Effects) -> Self:
         """The same arm and tracker with these effects alone.
 
         Raises:
@@ -121,7 +120,7 @@ class RealArm:
         names = [f"approach_{name}" for name in self.robot.chain.joint_names]
         approach = np.stack([condition(conditions, name, poses) for name in names], axis=1)
         time_s = condition(conditions, "time_s", poses)
-        driven = self.effects.driven(joints, approach) + self.joint_offset + scatter
+        driven = self.effects.driven(joints, approach) + scatter
         world = self._stand(driven, sites, condition(conditions, "payload_kg", poses))
         world = self.effects.grown(world, self.robot.T_world_frame0[:3, 3], time_s)
         first = frames.transform(frames.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
@@ -129,24 +128,45 @@ class RealArm:
 
     def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
-        if self.effects.yielding:
-            arm = FlexibleArm(self.model, self.robot, self.effects.payload_at_m)
-            compliance, bending = self.effects.compliance_rad_per_nm, self.effects.bending_rad_per_nm
-            return arm.positions(arm.settled(driven, compliance, bending, payload_kg), sites)
         data = mujoco.MjData(self.model)
-        stands = np.zeros((len(driven), self.model.nq))
-        stands[:, self._addresses()] = driven
-        world = np.empty((len(driven), len(sites), 3))
-        for i, qpos in enumerate(stands):
-            data.qpos[:] = qpos
-            mujoco.mj_kinematics(self.model, data)
-            world[i] = data.site_xpos[sites]
+        world = np.full((len(driven), len(sites), 3), np.nan)
+        for i, qpos in enumerate(self._qpos(driven)):
+            if np.isfinite(qpos).all():
+                data.qpos[:] = qpos
+                mujoco.mj_kinematics(self.model, data)
+                world[i] = data.site_xpos[sites]
         return world
+
+    def _qpos(self, driven: Array) -> Array:
+        """MuJoCo's coordinates ``(m, nq)`` where the motors put the joints ``(m, n)``; NaN where it cannot stand."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealSerialArm(RealArm):
+    """A perturbed serial arm.
+
+    Attributes:
+        joint_offset: ``(n,)`` rad or m.
+    """
+
+    robot: SerialModel
+    joint_offset: Array
+
+    def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
+        if not self.effects.yielding:
+            return super()._stand(driven, sites, payload_kg)
+        arm = FlexibleArm(self.model, self.robot, self.effects.payload_at_m)
+        compliance, bending = self.effects.compliance_rad_per_nm, self.effects.bending_rad_per_nm
+        return arm.positions(arm.settled(driven + self.joint_offset, compliance, bending, payload_kg), sites)
+
+    def _qpos(self, driven: Array) -> Array:
+        return coordinates(self.model, self.robot.chain.joint_names, driven + self.joint_offset)
 
     def truth(self, arm: SerialArm) -> Truth:
         """The canonical parameters of the geometry, without effects, read off the joint axes."""
         data = mujoco.MjData(self.model)
-        data.qpos[self._addresses()] = self.joint_offset
+        data.qpos[:] = self._qpos(np.zeros((1, self.robot.chain.size)))[0]
         mujoco.mj_kinematics(self.model, data)
         world = joint_axes(self.model, data, self.robot.chain.joint_names, arm.targets)
         T_tracker_world = frames.inverse(self.T_world_tracker)
@@ -157,11 +177,8 @@ class RealArm:
         )
         return parameters_from_axes(arm, axes, self.robot.values_before(arm, self.T_world_tracker))
 
-    def _addresses(self) -> list[int]:
-        return [int(self.model.joint(name).qposadr[0]) for name in self.robot.chain.joint_names]
 
-
-def real_arm(robot: RobotModel, perturbation: Perturbation, T_world_tracker: Array) -> RealArm:
+def real_arm(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Array) -> RealSerialArm:
     """The robot with its bodies off, before a tracker."""
     model = copy.deepcopy(robot.model)
     known = perturbed_bodies(robot)
@@ -179,7 +196,7 @@ def real_arm(robot: RobotModel, perturbation: Perturbation, T_world_tracker: Arr
     return _before_tracker(robot, model, T_world_tracker, perturbation.joint_offset)
 
 
-def real_arm_from_table(robot: RobotModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> RealArm:
+def real_arm_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> RealSerialArm:
     """The robot with its bodies where a Denavit-Hartenberg chain puts them; the base stays."""
     model = copy.deepcopy(robot.model)
     place_bodies(model, robot, arm, values)
@@ -240,7 +257,13 @@ def recorded(
     return replace(data, conditions=rest, sessions=sessions)
 
 
-def _before_tracker(robot: RobotModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealArm:
+def _before_tracker(robot: SerialModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealSerialArm:
     place_tracker(model, robot, T_world_tracker)
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    return RealArm(robot, model, T_world_tracker, offset, Effects.none(robot.chain.size))
+    return RealSerialArm(
+        robot=robot,
+        model=model,
+        T_world_tracker=T_world_tracker,
+        joint_offset=offset,
+        effects=Effects.none(robot.chain.size),
+    )

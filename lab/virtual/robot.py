@@ -1,4 +1,4 @@
-"""A robot's MuJoCo model, and the chain that it draws."""
+"""A robot's MuJoCo model, and the drawing that it stands for."""
 
 import itertools
 import warnings
@@ -14,24 +14,25 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.axes import JointAxes
 from lab.geometry.chain import Chain
+from lab.geometry.joints import Joints
+from lab.geometry.model import RigidArm
 from lab.geometry.serial import SerialArm
 
 FLANGE, TRACKER = "flange", "tracker"
 _DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) beside a small arm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RobotModel:
     """The drawing as MuJoCo has it.
 
     Attributes:
         spec: what the model was compiled from; copy it before editing.
         model: nominal, with a site for each target of ``tool`` and one for the tracker's head.
-        chain: the distal Denavit-Hartenberg table of the arm.
-        T_world_frame0: pose ``(4, 4)`` of the table's frame 0.
-        bodies: the jointed bodies, base outward.
-        base_body: what carries them, "" where that is the world.
-        tool: targets' positions (m) in the table's last frame.
+        chain: the joints that are measured.
+        T_world_frame0: pose ``(4, 4)`` of the base's frame, a table's frame 0.
+        base_body: what carries the moving ones, "" where that is the world.
+        tool: targets' positions (m) in a table's last frame, or the platform's.
         drawn: whether the links' shapes are the lab's own (``rods``).
         weighed: whether the masses of some are.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
@@ -40,9 +41,8 @@ class RobotModel:
     path: Path
     spec: mujoco.MjSpec
     model: mujoco.MjModel
-    chain: Chain
+    chain: Joints
     T_world_frame0: Array
-    bodies: tuple[str, ...]
     base_body: str
     tool: dict[str, Array]
     drawn: bool = False
@@ -55,12 +55,11 @@ class RobotModel:
         said = ["its links are drawn as rods"] if self.drawn else []
         return " and ".join([*said, "weigh what rods would"] if self.weighed else said)
 
-    @property
-    def carrier(self) -> str:
-        """The body that carries the flange's site, else the last jointed one."""
-        return flange_body(self.model, self.bodies)
+    def qpos(self, joints: Array) -> Array:
+        """MuJoCo's coordinates ``(n, nq)`` at readings ``(n, joints)``; NaN where the robot cannot stand so."""
+        raise NotImplementedError
 
-    def values_before(self, arm: SerialArm, T_world_tracker: Array) -> Array:
+    def values_before(self, arm: RigidArm, T_world_tracker: Array) -> Array:
         """Nominal parameters ``(p,)`` of the arm as a tracker at this pose ``(4, 4)`` sees it."""
         values = arm.nominal(self.tool)
         T_tracker_frame0 = frames.inverse(T_world_tracker) @ self.T_world_frame0
@@ -71,6 +70,35 @@ class RobotModel:
     def T_world_tracker(self) -> Array:
         """Nominal pose of the tracker's frame."""
         return site_pose(self.model, at_zero(self.model), TRACKER)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialModel(RobotModel):
+    """A serial arm.
+
+    Attributes:
+        chain: its distal Denavit-Hartenberg table.
+        bodies: the jointed bodies, base outward.
+    """
+
+    chain: Chain
+    bodies: tuple[str, ...]
+
+    @property
+    def carrier(self) -> str:
+        """The body that carries the flange's site, else the last jointed one."""
+        return flange_body(self.model, self.bodies)
+
+    def qpos(self, joints: Array) -> Array:
+        """As of any robot: a joint's coordinate is its reading."""
+        return coordinates(self.model, self.chain.joint_names, joints)
+
+
+def coordinates(model: mujoco.MjModel, joint_names: Sequence[str], joints: Array) -> Array:
+    """A model's coordinates ``(n, nq)`` with these joints at values ``(n, joints)``, all others at zero."""
+    qpos = np.zeros((len(joints), model.nq))
+    qpos[:, [int(model.joint(name).qposadr[0]) for name in joint_names]] = joints
+    return qpos
 
 
 def flange_body(model: mujoco.MjModel, bodies: Sequence[str]) -> str:
