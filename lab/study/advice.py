@@ -9,7 +9,7 @@ from lab.calibration.sightings.poses import Poses
 from lab.frames import Array
 from lab.study.robots import Robot
 
-OFFSET_M = 0.05  # by which a target is moved off the last axis, and a second one stands from the first
+OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second one stands from the first
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def changes(
     posed = Poses(arm, targets[0])
     turned = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(settings), 4))
     found = [
-        Change(f"the target {1e3 * OFFSET_M:g} mm further off the last axis", condition_of(arm, away, settings)),
+        Change(f"the target {1e3 * OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, settings)),
         Change("a second target", condition_of(more, np.array([both[name] for name in more.names]), settings)),
         Change(
             "orientations measured too",

@@ -14,7 +14,7 @@ from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import AffectedArm, Arm, rigid_part
 from lab.geometry.effects import OF_ITS_CAMPAIGN
-from lab.geometry.serial import SerialArm
+from lab.geometry.model import RigidArm
 from lab.geometry.ways import Drawing
 from lab.study.hand_load import LOAD_FILE, HandLoad, read_hand_load
 from lab.study.robots import Robot, load_robot, load_virtual
@@ -53,14 +53,18 @@ class Calibrated:
     load: HandLoad | None
 
     @property
-    def geometry(self) -> tuple[SerialArm, Array]:
+    def geometry(self) -> tuple[RigidArm, Array]:
         """The arm without its effects, and its parameters."""
         arm = rigid_part(self.arm)
         return arm, self.values[: len(arm.names)]
 
     def drawing(self, target: int) -> Drawing:
-        """What its controller computes with, to bring a target somewhere."""
-        arm = rigid_part(self.arm)
+        """What its controller computes with, to bring a target somewhere.
+
+        Raises:
+            LabError: it has loops, and no closed form here.
+        """
+        arm = self.robot.serial_arm(self.arm.targets)
         return Drawing(arm, self.before[: len(arm.names)], target)
 
     @property

@@ -37,7 +37,14 @@ from lab.study.hand_load import HandLoad, read_hand_load
 from lab.study.option_groups import Fitting
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.robots import Robot, load_robot, load_virtual
-from lab.study.virtual_arm import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
+from lab.study.virtual_arm import (
+    asked_conditions,
+    drawn_conditions,
+    fresh_poses,
+    perturbed_arm,
+    poses_to_measure,
+    truth_of,
+)
 from lab.virtual.effects import true_parameters
 from lab.virtual.real import RealArm, track_knowing
 
@@ -102,8 +109,9 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
         fit = fitter(data)
     identification = fit.identification
     judgement = Judgement("fresh", errors_of(identification, fresh_poses(real, options, asked)))
-    truth = replace(real.truth(robot.arm(options.targets)), effects=true_parameters(real.effects))
-    comparison = compare_with_truth(identification, truth)
+    truth = truth_of(real, robot.arm(options.targets))
+    effects = true_parameters(real.effects)
+    comparison = None if truth is None else compare_with_truth(identification, replace(truth, effects=effects))
     seconds = time.perf_counter() - started
     return _outcome(
         fitter,
@@ -220,6 +228,7 @@ def _carrying(robot: Robot, fitting: Fitting) -> tuple[Robot, HandLoad | None]:
 
 def _read(robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None) -> Measurements:
     read = read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
+    robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
     return read if load is None else load.weighed(read)
 
 

@@ -10,7 +10,6 @@ from lab.calibration.iso9283 import CYCLES, SIDES_M, circle_places, cube_places,
 from lab.calibration.lift import lift
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.affected import rigid_part
 from lab.geometry.differential import ROTATION_M, singular_distance
 from lab.geometry.effects import OF_ITS_CAMPAIGN
 from lab.geometry.inverse import Wanted
@@ -61,7 +60,7 @@ def compensator_of(outcome: Outcome, target: str = "p1") -> Compensator:
     arm = outcome.robot.arm_with(outcome.fitted.targets, groups)
     likely = dict(zip(found.model.names, lift(found, outcome.nominal, outcome.tolerance), strict=True))
     before = dict(zip(found.model.names, found.before, strict=True))
-    rigid = rigid_part(arm)
+    rigid = outcome.robot.serial_arm(arm.targets)
     drawing = Drawing(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
     return Compensator(drawing, arm, np.array([likely[name] for name in arm.names]))
 
@@ -109,7 +108,8 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
         LabError: there is none.
     """
     model = robot.model
-    drawing = Drawing(robot.arm((target,)), robot.arm((target,)).nominal(robot.tool))
+    arm = robot.serial_arm((target,))
+    drawing = Drawing(arm, arm.nominal(robot.tool))
     centres = drawing.tool(random_poses(model, CENTRES, stream(0, "structure")))[0]
     aside = np.abs(centres[:, 1, 3]) + ROTATION_M * np.abs(centres[:, 1, 2])
     centres = centres[np.argsort(aside)]  # those straight ahead first

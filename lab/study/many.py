@@ -16,8 +16,8 @@ from lab.calibration.stacked import Campaigns, Fits, aligned, fit_many, in_drawi
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.gauge import base_set
-from lab.geometry.model import is_angle
-from lab.geometry.stacked import StackedArm
+from lab.geometry.model import is_angle, is_link
+from lab.geometry.stacked import Stacked, stacked
 from lab.instruments import Instrument, instrument
 from lab.seeds import Purpose, seed_of, stream
 from lab.study.grid import ANY, NONE, USUAL, Cell, Study, Task
@@ -26,7 +26,7 @@ from lab.study.options import PlannedCampaign, VirtualCampaign
 from lab.study.plan import best_design
 from lab.study.problem import pose_problem
 from lab.study.robots import Robot, load_virtual
-from lab.study.virtual_arm import drawn_conditions, perturbed_arm
+from lab.study.virtual_arm import drawn_conditions, perturbed_arm, truth_of
 from lab.virtual.feasible import random_poses
 from lab.virtual.real import RealArm, track
 
@@ -116,7 +116,7 @@ class _Fitted:
 
     robot: Robot
     cell: Cell
-    stacked: StackedArm
+    stacked: Stacked
     nominal: Array
     free: tuple[int, ...]
     placed: bool
@@ -141,7 +141,7 @@ class _Fitted:
         return cls(
             robot,
             cell,
-            StackedArm(arm),
+            stacked(arm),
             nominal,
             free,
             placed,
@@ -241,7 +241,9 @@ def _judged(fitted: _Fitted, real: RealArm, found: Fits, campaigns: Campaigns, f
 def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
     """Mean error (mm) at the fresh poses of nominal links with base and tool fitted, without noise."""
     campaigns = aligned(fitted.stacked, joints, exact[None], fitted.nominal)
-    placing = base_set(fitted.stacked.arm, fitted.nominal, fix=("link*",)).kept
+    placing = base_set(
+        fitted.stacked.arm, fitted.nominal, fix=tuple(name for name in fitted.stacked.arm.names if is_link(name))
+    ).kept
     found = fit_many(fitted.stacked, campaigns, fitted.nominal, placing, block=1)
     return float(_errors(fitted, fresh, found.values, in_drawing(there, campaigns.Ts_instrument_drawing)).mean())
 
@@ -259,7 +261,8 @@ def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array
 def _true_values(fitted: _Fitted, real: RealArm, Ts_instrument_drawing: Array) -> Array:
     """The robot's parameters ``(b, p)`` in the canonical gauge, the base as each campaign was turned."""
     arm = fitted.stacked.arm
-    truth = real.truth(arm).of(arm.names)
+    known = truth_of(real, arm)
+    truth = np.full(len(arm.names), np.nan) if known is None else known.of(arm.names)
     Ts = frames.inverse(Ts_instrument_drawing) @ arm.T_tracker_frame0(truth)
     values = np.tile(truth, (len(Ts), 1))
     values[:, :3], values[:, 3:6] = Ts[:, :3, 3], frames.log(Ts[:, :3, :3])

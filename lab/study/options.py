@@ -150,7 +150,8 @@ class PlannedCampaign:
     extend: Path | None = None
     """Poses measured already (CSV), to which these are added."""
     home: Numbers = ()
-    """Where the measuring day starts and ends: readings in deg (mm of a slide); zero if not given."""
+    """Where the measuring day starts and ends: readings in deg (mm of a slide); zero if not given, or the drawn
+    position of a mechanism."""
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
 

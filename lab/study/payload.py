@@ -78,12 +78,12 @@ def run_payload(options: PayloadTask) -> Weighed:
     chain = robot.chain
     records = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
     method = options.method or ("torques" if records.wrench is None else "wrench")
-    mounting = drawn_mounting(robot.model)
+    mounting = drawn_mounting(robot.serial_model)
     if options.sensor is not None:
         mounting = read_mounting(options.sensor, sensor=method == "wrench")
     elif method == "wrench":
         raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
-    arm = robot.arm(("p1",))
+    arm = robot.serial_arm(("p1",))
     with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = _sensible(_fitted(options, robot, records, mounting, method))
     estimate = physical_estimate(fitted) if options.physical else fitted
@@ -94,7 +94,7 @@ def run_payload(options: PayloadTask) -> Weighed:
 
 
 def _fitted(options: PayloadTask, robot: Robot, records: LoadRecords, mounting: Mounting, method: str) -> LoadEstimate:
-    arm = robot.arm(("p1",))
+    arm = robot.serial_arm(("p1",))
     values = arm.nominal(robot.tool)
     if method == "wrench":
         _refuse(options, "friction", options.friction, "torques")
@@ -106,7 +106,7 @@ def _fitted(options: PayloadTask, robot: Robot, records: LoadRecords, mounting: 
             f"robot {robot.name} has no masses, so its own torques cannot be told from the load's; give mass_kg of its "
             "joints, or measure with a wrist sensor"
         )
-    own = own_dynamics(robot.model, mounting.gravity)
+    own = own_dynamics(robot.serial_model, mounting.gravity)
     return from_torques(arm, values, records, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
 
 
@@ -132,6 +132,7 @@ def _by_sag(options: PayloadTask) -> Weighed:
     assert options.run is not None
     run = read_calibrated(options.run)
     robot, (arm, values) = run.robot, run.geometry
+    assert isinstance(arm, SerialArm)  # what is compliant is
     data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
     if data.targets != arm.targets:
         raise LabError(

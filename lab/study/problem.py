@@ -12,9 +12,9 @@ from lab.calibration.planning.tour import FreePath
 from lab.calibration.solver import whitening
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.chain import Chain
 from lab.geometry.gauge import BaseSet, base_set
-from lab.geometry.serial import SerialArm
+from lab.geometry.joints import Joints
+from lab.geometry.model import RigidArm
 from lab.instruments import Instrument, instrument
 from lab.measurement_file import read_measurements
 from lab.seeds import stream
@@ -62,7 +62,7 @@ class Problem:
     """
 
     robot: Robot
-    arm: SerialArm
+    arm: RigidArm
     structure: BaseSet
     values: Array
     candidates: Candidates
@@ -98,12 +98,17 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     rows = 3 * len(arm.targets)
     candidates = draw_candidates(model, options.targets, device, options.candidates, stream(options.seed, "candidates"))
 
+    def observed(joints: Array) -> tuple[Array, Array]:
+        """What is seen and what of it depends on the base set: of a pose that cannot be, nothing."""
+        points, jacobian = arm.observe(joints, values)
+        return np.nan_to_num(points), np.nan_to_num(jacobian[..., kept])
+
     def unweighted(joints: Array) -> Array:
-        return arm.observe(joints, values)[1][..., kept].reshape(len(joints), rows, len(kept))
+        return observed(joints)[1].reshape(len(joints), rows, len(kept))
 
     def whitened(joints: Array) -> Array:
-        points, jacobian = arm.observe(joints, values)
-        return (whitening(device.covariance(points)) @ jacobian[..., kept]).reshape(len(joints), rows, len(kept))
+        points, jacobian = observed(joints)
+        return (whitening(device.covariance(points)) @ jacobian).reshape(len(joints), rows, len(kept))
 
     seen = whitened if scaling.kind == "whitened" else unweighted
     pool = seen(candidates.joints)
@@ -139,19 +144,19 @@ def _noisy(name: str) -> Instrument:
 
 
 def _home(
-    options: PlannedCampaign, chain: Chain, model: RobotModel, candidates: Array
+    options: PlannedCampaign, chain: Joints, model: RobotModel, candidates: Array
 ) -> tuple[Array, tuple[str, ...]]:
-    """What is asked for; else zero readings or the limits nearest to them, or a pose near if the arm touches itself."""
+    """What is asked for; else the robot's home, or a pose near it if the arm touches itself there."""
     if options.home:
         return _asked_home(options.home, chain, model), ()
-    home = np.clip(np.zeros(chain.size), chain.lower, chain.upper)
+    home = chain.home
     if not collides(model, home[None])[0]:
         return home, ()
     nearest = candidates[np.argmin(np.abs(candidates - home).max(axis=1))]
     return nearest, (f"robot {chain.name} touches something at zero readings: the tour starts from a pose near them",)
 
 
-def _asked_home(given: Sequence[float], chain: Chain, model: RobotModel) -> Array:
+def _asked_home(given: Sequence[float], chain: Joints, model: RobotModel) -> Array:
     """The readings ``(n,)`` that ``--home`` says."""
     said = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
@@ -160,6 +165,8 @@ def _asked_home(given: Sequence[float], chain: Chain, model: RobotModel) -> Arra
     home = np.array(given) * scale
     if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
         raise LabError(f"{said}: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
+    if why := chain.why_not(home):
+        raise LabError(f"{said}: {why}; start elsewhere")
     if collides(model, home[None])[0]:
         raise LabError(f"{said}: the arm touches itself or its surroundings there; start elsewhere")
     return home
@@ -191,6 +198,7 @@ def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:
         return np.empty((0, chain.size))
     rows = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False).only("calibrate")
     robot.refuse_beyond_limits(options.extend, rows, MEASURED_SLACK)
+    robot.refuse_impossible(options.extend, rows)
     measured = rows.seen.all(axis=1)
     joints = rows.joints[measured] if measured.any() else rows.joints
     if not len(joints):

@@ -16,6 +16,7 @@ from lab.measurements import Measurements, seen_mask
 from lab.study.advice import changes
 from lab.study.robots import Robot
 
+WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 SURPRISING = 5.0  # standard deviations of the prior
 RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
@@ -39,6 +40,8 @@ def of_weakness(
     if found.fit.condition <= WEAK_CONDITION or found.unseen or "sessions" in groups:
         return []
     wanted = changes(robot, targets, groups, found.values, settings)[0]
+    if wanted.condition > WORTH * found.fit.condition:
+        return []
     return [
         f"some parameters are nearly unidentifiable (weak_directions in result.json): with {wanted.words} the "
         f"same poses would have a condition of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"

@@ -11,16 +11,21 @@ import lab
 from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.affected import Arm, affected
-from lab.geometry.chain import Chain
+from lab.geometry.closed.closed_arm import ClosedArm
+from lab.geometry.closed.mechanism import Mechanism
+from lab.geometry.closed.mechanism_file import is_mechanism, read_mechanism
 from lab.geometry.effects import Course, effect
+from lab.geometry.joints import Joints
 from lab.geometry.loads import Loads
+from lab.geometry.model import RigidArm
 from lab.geometry.serial import DEFAULT_TOOL, SerialArm
 from lab.geometry.table import read_table
 from lab.measurements import Measurements
+from lab.virtual.closed_model import closed_model
 from lab.virtual.masses import loads_of
 from lab.virtual.model_file import load_model
 from lab.virtual.model_table import table_model
-from lab.virtual.robot import RobotModel
+from lab.virtual.robot import RobotModel, SerialModel
 
 
 @dataclass(frozen=True)
@@ -35,16 +40,29 @@ class Robot:
     """
 
     name: str
-    chain: Chain
+    chain: Joints
     tool: dict[str, Array]
     model: RobotModel
     sha256: str
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
 
-    def arm(self, targets: tuple[str, ...]) -> SerialArm:
+    def arm(self, targets: tuple[str, ...]) -> RigidArm:
         """The arm as equations, with these targets."""
-        return SerialArm(self.chain, targets)
+        if isinstance(self.chain, Mechanism):
+            return ClosedArm(self.chain, targets)
+        return self.serial_arm(targets)
+
+    def serial_arm(self, targets: tuple[str, ...]) -> SerialArm:
+        """The same, of a serial arm."""
+        return SerialArm(self.serial_model.chain, targets)
+
+    @property
+    def serial_model(self) -> SerialModel:
+        """Its model, for what is of serial arms alone; a LabError where it has loops."""
+        if not isinstance(self.model, SerialModel):
+            raise LabError(f"robot {self.name} has loops, and this is of serial arms alone; take another --robot")
+        return self.model
 
     def arm_with(
         self,
@@ -70,6 +88,13 @@ class Robot:
         for target in targets:
             if target not in known:
                 raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
+
+    def refuse_impossible(self, path: Path, data: Measurements) -> None:
+        """A LabError for readings of a file at which the drawing cannot stand."""
+        if (lost := np.flatnonzero(~self.chain.stands(data.joints))).size:
+            why = self.chain.why_not(data.joints[lost[0]])
+            more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
+            raise LabError(f"{path}: {data.where(int(lost[0]))}{more}: {why}; mend the readings, or use = skip")
 
     def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
         """A LabError for readings of a file that are beyond the limits by more than ``slack`` (rad or m)."""
@@ -97,7 +122,7 @@ def load_robot(robot: str) -> Robot:
     folder = models_folder() / robot
     path = Path(robot)
     if robot and Path(robot).name == robot and folder.is_dir():
-        names = ("scene.xml", "robot.xml", "robot.toml")
+        names = ("mechanism.toml", "scene.xml", "robot.xml", "robot.toml")
         path = next((folder / name for name in names if (folder / name).is_file()), folder)
     if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
         known = ", ".join(sorted(p.name for p in models_folder().iterdir() if (p / "README.md").is_file()))
@@ -105,6 +130,10 @@ def load_robot(robot: str) -> Robot:
             f"robot '{robot}': no such model or file; there are {known}, or give a path to .xml, .urdf or .toml"
         )
     sha256 = _sha256(path)
+    if path.suffix == ".toml" and is_mechanism(path):
+        described = read_mechanism(path)
+        closed = closed_model(path, described)
+        return Robot(closed.chain.name, closed.chain, closed.tool, closed, sha256, described.warnings)
     if path.suffix == ".toml":
         table = read_table(path)
         model, warnings = table_model(path, table), table.warnings
@@ -125,7 +154,8 @@ def load_virtual(robot: str) -> Robot:
     if found.model.missing:
         raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
     said = (f"robot {found.name}: {found.model.assumed}",) if found.model.assumed else ()
-    return replace(found, loads=_some(loads_of(found.model)), warnings=(*found.warnings, *said))
+    loads = _some(loads_of(found.model)) if isinstance(found.model, SerialModel) else None
+    return replace(found, loads=loads, warnings=(*found.warnings, *said))
 
 
 def _some(loads: Loads) -> Loads | None:

@@ -78,7 +78,7 @@ class Case:
 @cache
 def thesis_case() -> Case:
     """The arm of the thesis; drawn once."""
-    arm = load_robot("irb120").arm(("p1",))
+    arm = load_robot("irb120").serial_arm(("p1",))
     nominal = arm.nominal({"p1": np.zeros(3)})
     free = tuple(arm.names.index(name) for name in OFF)
     return Case(arm, nominal, free, np.array([1.0 if is_angle(name) else 1e3 for name in OFF]))

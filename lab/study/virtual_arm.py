@@ -6,19 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 
+from lab.calibration.lift import SAME_M
+from lab.calibration.solver import Observations, fit
 from lab.errors import LabError
 from lab.frames import Array
+from lab.geometry.axes import Truth
 from lab.geometry.effects import GROUPS, HOUR_S
+from lab.geometry.gauge import STRUCTURE_POSES, base_set
+from lab.geometry.model import RigidArm
+from lab.geometry.serial import SerialArm
 from lab.measurement_file import read_measurements
-from lab.measurements import Measurements
+from lab.measurements import Measurements, measured
 from lab.seeds import stream
 from lab.study.option_groups import ArmEffects
 from lab.study.options import VirtualCampaign
 from lab.study.robots import Robot
+from lab.virtual.closed_model import ClosedModel, random_values, real_mechanism
 from lab.virtual.effect_draws import EffectSizes, random_conditions, random_effects
+from lab.virtual.effects import Effects
 from lab.virtual.feasible import collides, random_poses
 from lab.virtual.real import (
     RealArm,
+    RealSerialArm,
     random_perturbation,
     random_table,
     random_tracker,
@@ -37,6 +46,25 @@ def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
     if robot.loads is not None:
         effects = replace(effects, payload_at_m=robot.loads.payload_at_m)
     return _geometry(robot, options).with_effects(effects)
+
+
+def truth_of(real: RealArm, arm: RigidArm) -> Truth | None:
+    """The parameters that the identifier should find, without effects, in the canonical gauge.
+
+    Of a serial arm they are read off its joint axes. Of a mechanism they are those of the gauge that give its exact
+    positions: None where none do, because what the gauge fixes shows in an imperfect copy.
+    """
+    if isinstance(real, RealSerialArm):
+        assert isinstance(arm, SerialArm)
+        return real.truth(arm)
+    values = real.robot.values_before(arm, real.T_world_tracker)
+    structure = base_set(arm, values)
+    joints = arm.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+    rigid = real.with_effects(Effects.none(arm.chain.size))
+    exact = measured(arm.chain.joint_names, joints, arm.targets, rigid.points(joints, arm.targets))
+    found = fit(arm, Observations.unweighted(exact), structure.kept, values, tolerance_m=1e-12).values
+    missed = np.nanmax(np.abs(arm.points(joints, found) - exact.points))
+    return Truth(arm, found, structure) if missed < SAME_M else None
 
 
 def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
@@ -69,12 +97,19 @@ def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
 
 def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
     """The perturbed arm without effects."""
-    model = robot.model
-    place = random_tracker(model, stream(options.seed, "tracker"))
+    place = random_tracker(robot.model, stream(options.seed, "tracker"))
     rng = stream(options.seed, "arm")
     sigmas = options.position_sigma_mm / 1e3, options.rotation_sigma_mrad / 1e3
+    if isinstance(robot.model, ClosedModel):
+        if options.dh_only or options.offset_sigma_mrad:
+            raise LabError(
+                f"--dh-only and --offset-sigma-mrad are of serial arms; of {robot.name} every dimension is off, "
+                "its joints' offsets too"
+            )
+        return real_mechanism(robot.model, random_values(robot.model.chain, *sigmas, rng), place)
+    model = robot.serial_model
     if options.dh_only:
-        arm = robot.arm(tuple(robot.tool))
+        arm = robot.serial_arm(tuple(robot.tool))
         base, table, _ = arm.split(random_table(arm, *sigmas, rng))
         tool = arm.split(arm.nominal(robot.tool))[2]
         return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
@@ -93,6 +128,7 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
         raise LabError(f"{options.plan}: no row has use = calibrate; mark some")
     joints = plan.joints
     robot.refuse_beyond_limits(options.plan, plan, 1e-9)
+    robot.refuse_impossible(options.plan, plan)
     hit = collides(model, joints)
     if hit.any():
         row = plan.where(int(np.argmax(hit)))
