@@ -19,7 +19,8 @@ from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position
 from lab.geometry.serial import SerialArm
 from lab.output.narrative import parameter_table, times, wording
 from lab.output.recording import record
-from lab.output.scene import MOST_POSES, chain_corners, drawn_rows, magnification, scene
+from lab.output.scene import MOST_POSES, drawn_rows, magnification, scene
+from lab.output.strips import chain_corners
 from lab.study.campaign import MeasuredCampaign, VirtualCampaign, run_measured, run_virtual
 from lab.study.option_groups import ArmEffects, Fitting
 from lab.virtual.appearance import body_poses, shells

@@ -16,8 +16,9 @@ OFF = (235, 80, 245)
 MAPPING, UNCERTAINTY = (95, 155, 255), (190, 130, 255)
 SUMMARY, PARAMETERS = "summary", "parameters"
 SINGULAR_VALUES, CONVERGENCE = "singular_values", "convergence"
-CLOSE_M = 0.5  # how far a close view's eye is from the target
+CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
 SHOULDER_RAD, DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
+FLAT, DOWN_ON_FLAT = 0.15, 1.8  # an arm of which all is lower than this share of its width lies in a plane
 FAR = 4.0  # reaches: an instrument further away does not have to be in view
 HALF_FIELD, ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewer's field of 55 degrees
 
@@ -70,13 +71,13 @@ def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
 
 def _close_views(shown: Scene) -> rrb.Horizontal:
     """The target from near by, fixed in the middle, with one ellipsoid each."""
-    views = [close_view("mapping", "Mapping ellipsoid")]
+    views = [close_view("mapping", "Mapping ellipsoid", shown.reach_m)]
     if shown.uncertainty is not None:
-        views.append(close_view("uncertainty", "Uncertainty ellipsoid"))
+        views.append(close_view("uncertainty", "Uncertainty ellipsoid", shown.reach_m))
     return rrb.Horizontal(*views)
 
 
-def close_view(ellipsoid: str, name: str) -> rrb.Spatial3DView:
+def close_view(ellipsoid: str, name: str, reach_m: float) -> rrb.Spatial3DView:
     """The target with one ellipsoid; ``world/focus`` is where it looks."""
     return rrb.Spatial3DView(
         origin="world/focus",
@@ -85,7 +86,7 @@ def close_view(ellipsoid: str, name: str) -> rrb.Spatial3DView:
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=CLOSE_M * np.array([0.45, -0.8, 0.4]),
+            position=CLOSE * reach_m * np.array([0.45, -0.8, 0.4]),
             look_target=(0.0, 0.0, 0.0),
             eye_up=(0.0, 0.0, 1.0),
         ),
@@ -110,8 +111,10 @@ def bars(origin: str, name: str) -> rrb.BarChartView:
 def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeControls3D:
     """Over the arm's shoulder towards the instrument: the arm near and large, the instrument behind it.
 
+    One that lies in a plane is looked down upon, without the instrument.
+
     Args:
-        origins: ``(m, joints + 1, 3)`` of the frames, base outward.
+        origins: ``(m, f, 3)`` of the frames, base outward.
         points: ``(k, 3)`` further ones to show.
         head: ``(3,)`` the instrument's.
     """
@@ -121,10 +124,16 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
     towards = (head - middle) * np.array([1.0, 1.0, 0.0])
     distance = float(np.linalg.norm(towards))
     towards = towards / distance if distance > 1e-6 else np.array([1.0, 0.0, 0.0])
-    forward = frames.exp(np.array([0.0, 0.0, SHOULDER_RAD])) @ towards + np.array([0.0, 0.0, -DOWN])
+    extent = np.ptp(arm, axis=0)
+    flat = bool(extent[2] < FLAT * extent.max())
+    down = DOWN_ON_FLAT if flat else DOWN
+    forward = frames.exp(np.array([0.0, 0.0, SHOULDER_RAD])) @ towards + np.array([0.0, 0.0, -down])
     forward /= np.linalg.norm(forward)
-    near = distance < FAR * reach_m
-    span = np.concatenate([arm, head + np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -head[2]]])]) if near else arm
+    near = distance < FAR * reach_m and not flat
+    more = head + np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -head[2]]]) if near else arm[:0]
+    if flat:  # room for what is drawn above and below its plane
+        more = np.concatenate([arm + np.array([0.0, 0.0, sign * 0.25 * reach_m]) for sign in (1, -1)])
+    span = np.concatenate([arm, more])
     target, back = _framed(span, forward)
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=target - back * forward, look_target=target, eye_up=(0.0, 0.0, 1.0)

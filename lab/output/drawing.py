@@ -14,11 +14,15 @@ from lab import frames
 from lab.frames import Array
 from lab.output.narrative import times
 from lab.output.scene import Drawn
+from lab.output.strips import Legs
 from lab.virtual.appearance import Shell
 
 Colour = tuple[int, int, int]
 Times = list[rr.TimeColumn]
 BEAM: Colour = (235, 60, 60)
+LEGS = "world/arm/rods_and_legs"
+_ROD: tuple[Colour, float] = (170, 175, 185), 0.004  # and its radius, of the reach
+_LEG: tuple[Colour, float] = (242, 97, 15), 0.01  # the same of a leg whose length is a reading
 _AXES = np.array([[230, 70, 70], [90, 190, 90], [80, 130, 240]], dtype=np.uint8)  # x, y, z
 
 
@@ -57,6 +61,23 @@ def draw_moving(recording: rr.RecordingStream, at: Times, bodies: Mapping[str, A
     """Further poses ``(m, 4, 4)`` of bodies that are drawn already."""
     for name, Ts in bodies.items():
         _move(recording, f"world/arm/{rr.escape_entity_path_part(name)}", at, Ts)
+
+
+def draw_legs(recording: rr.RecordingStream, at: Times, legs: Legs, reach_m: float) -> None:
+    """Rods and legs as lines from end to end; a serial arm has none, and no entity for them."""
+    if not legs.measured:
+        return
+    colours, shares = zip(*(_LEG if measured else _ROD for measured in legs.measured), strict=True)
+    style = rr.LineStrips3D.from_fields(colors=colours, radii=[share * reach_m for share in shares])
+    recording.log(LEGS, style, static=True)
+    draw_moving_legs(recording, at, legs)
+
+
+def draw_moving_legs(recording: rr.RecordingStream, at: Times, legs: Legs) -> None:
+    """Further places of rods and legs that are drawn already."""
+    if count := len(legs.measured):
+        lines = rr.LineStrips3D.columns(strips=list(legs.ends.reshape(-1, 2, 3))).partition([count] * len(legs.ends))
+        recording.send_columns(LEGS, at, lines)
 
 
 def _move(recording: rr.RecordingStream, entity: str, at: Times, Ts: Array) -> None:

@@ -10,7 +10,8 @@ from lab.calibration.iso9283 import cube_places
 from lab.errors import LabError
 from lab.frames import Array
 from lab.output.result import rigid
-from lab.output.scene import LARGEST_FACTOR, chain_corners, magnification, moved, world_of
+from lab.output.scene import LARGEST_FACTOR, magnification, moved, world_of
+from lab.output.strips import frame_origins
 from lab.study.campaign import Outcome
 from lab.study.closed_loop import ClosedLoop, Course, Cube, compensator_of
 from lab.virtual.appearance import Shell, body_poses, shells
@@ -57,7 +58,7 @@ class LoopScene:
         factor: magnification of all deviations; ``factor_close`` that of those after, seen by themselves.
         shells: of the bodies in ``bodies``.
         bodies: world poses ``(n, 4, 4)`` by name, as identified, at the corrected readings.
-        origins: ``(n, joints + 1, 3)`` of the table's frames.
+        origins: ``(n, f, 3)`` of the arm's frames.
     """
 
     courses: dict[str, ShownCourse]
@@ -118,7 +119,7 @@ def loop_scene(outcome: Outcome, loop: ClosedLoop) -> LoopScene:
         T_world_tracker,
         tuple(shells(model)),
         body_poses(model, arm, values, joints),
-        moved(model.T_world_frame0, chain_corners(arm, values, joints)[:, ::2]),
+        moved(model.T_world_frame0, frame_origins(arm, values, joints)),
     )
 
 

@@ -7,6 +7,7 @@ from lab.calibration.identify import Identification
 from lab.frames import Array
 from lab.output.result import human_unit, parameters, summary
 from lab.output.scene import Scene
+from lab.output.strips import Legs
 from lab.study.campaign import Outcome
 
 MOST_NAMED = 5  # outliers in the summary
@@ -21,6 +22,12 @@ _JUDGED = {
 def times(factor: float) -> str:
     """A magnification, as ``x 10,000``."""
     return f"× {factor:,.0f}" if factor >= 1 else f"× {factor:g}"
+
+
+def legs_words(legs: Legs) -> str:
+    """What the lines of a mechanism are, as a line of a legend."""
+    kinds = {True: "**orange**: legs whose length is a reading", False: "**grey**: rods"}
+    return "- lines of the robot, " + "; ".join(words for kind, words in kinds.items() if kind in legs.measured)
 
 
 def wording(outcome: Outcome, shown: Scene) -> str:
@@ -41,7 +48,7 @@ def wording(outcome: Outcome, shown: Scene) -> str:
 def parameter_table(outcome: Outcome) -> str:
     """Every parameter, in markdown: before, after, how far it moved and how sure it is."""
     lines = [
-        "Lengths in mm, angles in degrees. *Before*: nominal links, base and tool fitted. ± is one standard deviation.",
+        "Lengths in mm, angles in degrees. *Before*: as drawn, base and tool fitted. ± is one standard deviation.",
         "",
         "| parameter | | before | identified | change | ± | status |",
         "|:--|:--|--:|--:|--:|--:|:--|",
@@ -133,6 +140,7 @@ def _legend(outcome: Outcome, shown: Scene) -> str:
     if shown.uncertainty is not None:
         factor = times(shown.uncertainty.factor)
         lines.append(f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, {factor}")
+    lines += [legs_words(shown.legs)] if shown.legs.measured else []
     if shown.off:
         lines.append("- **magenta**: poses that are off, joined to where they should be")
     if len(shown.rows) < len(outcome.fitted):

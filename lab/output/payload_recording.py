@@ -15,7 +15,8 @@ from lab.frames import Array
 from lab.output.blueprint import FAR, SUMMARY, eye, layout, main_view
 from lab.output.drawing import Times, draw_shells, markdown, recording_to
 from lab.output.payload import channels, cost_words, rows_of
-from lab.output.scene import chain_corners, moved
+from lab.output.scene import moved
+from lab.output.strips import frame_origins
 from lab.study.payload import Weighed
 from lab.virtual.appearance import body_poses, shells
 
@@ -33,11 +34,11 @@ def record_payload(path: Path, run: Weighed) -> None:
     shown = loaded.take(np.unique(np.linspace(0, len(loaded) - 1, MOST_DRAWN).round().astype(int)))
     timeline = "pose" if shown.time_s is None else "time"
     at = _times(shown.time_s, len(shown))
-    model, arm = run.robot.model, run.robot.arm(("p1",))
+    model, arm = run.robot.model, run.robot.serial_arm(("p1",))
     values = arm.nominal(run.robot.tool)
     Ts = model.T_world_frame0 @ arm.flange(shown.joints, values)
     with recording_to(path, run.robot.name, _identity(run)) as recording:
-        origins = moved(model.T_world_frame0, chain_corners(arm, values, shown.joints))[:, ::2]
+        origins = moved(model.T_world_frame0, frame_origins(arm, values, shown.joints))
         reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
         recording.send_blueprint(_blueprint(run, origins, reach, timeline))
         draw_shells(recording, at, shells(model), body_poses(model, arm, values, shown.joints))

@@ -20,13 +20,15 @@ from lab.output.drawing import (
     draw_beams,
     draw_ellipsoid,
     draw_instrument,
+    draw_legs,
     draw_moving,
+    draw_moving_legs,
     draw_shells,
     draw_tag,
     markdown,
     recording_to,
 )
-from lab.output.narrative import times
+from lab.output.narrative import legs_words, times
 from lab.output.plan import plan_summary
 from lab.output.plan_scene import PlanScene, plan_scene
 from lab.study.plan import Plan
@@ -46,6 +48,8 @@ def record_plan(path: Path, plan: Plan) -> None:
         recording.send_blueprint(_blueprint(shown))
         draw_shells(recording, at, shown.shells, shown.bodies)
         draw_moving(recording, [_seconds(shown.times)], shown.moving)
+        draw_legs(recording, at, shown.legs, shown.reach_m)
+        draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
         draw_instrument(recording, "tracker", shown.T_world_tracker)
         draw_beams(recording, at, shown.head, np.where(shown.measured[:, None, None], shown.points, np.nan))
         gone = rr.LineStrips3D.columns(strips=[]).partition([0] * len(shown.departures))
@@ -126,6 +130,7 @@ def _summary(plan: Plan, shown: PlanScene) -> str:
         f"{times(shown.mapping.factor)}",
         f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, "
         f"{times(shown.uncertainty.factor)}",
+        *([legs_words(shown.legs)] if shown.legs.measured else []),
     ]
     lines = (said.promise, said.certificate, said.tour_line, said.candidates_line, said.indices_line)
     parts = [f"# {seen['robot']}: {len(plan.joints)} poses, {seen['promise_mm']:.3g} mm promised"]
@@ -156,7 +161,8 @@ def _blueprint(shown: PlanScene) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand."""
     controls = eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
     close = rrb.Horizontal(
-        close_view("mapping", "Mapping ellipsoid"), close_view("uncertainty", "Predicted uncertainty ellipsoid")
+        close_view("mapping", "Mapping ellipsoid", shown.reach_m),
+        close_view("uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
     )
     texts = rrb.Tabs(
         rrb.TextDocumentView(origin=SUMMARY, name="Summary"),

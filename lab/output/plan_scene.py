@@ -11,7 +11,8 @@ from lab.calibration.uncertainty import ellipsoids
 from lab.frames import Array
 from lab.output.plan import pose_ids
 from lab.output.rapid import WAIT_S
-from lab.output.scene import Drawn, chain_corners, drawn, moved
+from lab.output.scene import Drawn, drawn, moved, reach_of, world_legs
+from lab.output.strips import Legs, frame_lines, frame_origins
 from lab.study.plan import Plan
 from lab.virtual.appearance import Shell, body_poses, shells
 
@@ -28,15 +29,17 @@ class PlanScene:
         ids: ``(n,)`` of the measured ones, as in ``plan.csv``.
         points: ``(s, k, 3)`` targets.
         path: ``(p, 3)``, the first target's way through all stops.
-        reach_m: the largest distance of a target from frame 0.
+        reach_m: the largest distance of a target, or a leg's end, from frame 0.
         shells: of the bodies in ``bodies``.
         bodies: world poses ``(s, 4, 4)`` by name.
-        origins: ``(s, joints + 1, 3)`` of the table's frames.
+        origins: ``(s, f, 3)`` of the arm's frames.
+        home: lines ``(f, 3)`` from frame to frame, of the arm at home.
+        legs: in the world.
         mapping: onto what a pose maps the unit ball of scaled parameters.
         uncertainty: predicted 1 sigma of the first target after calibration.
         arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
-        times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name, and
-            ``moving_points`` ``(t, k, 3)``.
+        times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name,
+            ``moving_legs``, and ``moving_points`` ``(t, k, 3)``.
     """
 
     measured: NDArray[np.bool_]
@@ -48,12 +51,15 @@ class PlanScene:
     shells: tuple[Shell, ...]
     bodies: dict[str, Array]
     origins: Array
+    home: tuple[Array, ...]
+    legs: Legs
     mapping: Drawn
     uncertainty: Drawn
     arrivals: Array
     departures: Array
     times: Array
     moving: dict[str, Array]
+    moving_legs: Legs
     moving_points: Array
 
     @property
@@ -80,22 +86,27 @@ def plan_scene(plan: Plan) -> PlanScene:
     )
     on_the_way = day.at(times)[0]
     visible, way_poses = tuple(shells(model)), body_poses(model, arm, values, on_the_way)
+    legs = world_legs(frame0, arm, values, stops)
+    reach = reach_of(frame0, points, legs)
     return PlanScene(
         np.asarray(plan.tour.measured >= 0),
         pose_ids(plan),
         points,
         moved(tracker, arm.points(way, values))[:, 0],
         tracker,
-        float(np.linalg.norm(points - frame0[:3, 3], axis=-1).max()),
+        reach,
         visible,
         body_poses(model, arm, values, stops),
-        moved(frame0, chain_corners(arm, values, stops))[:, ::2],
-        drawn(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker),
-        drawn(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker),
+        moved(frame0, frame_origins(arm, values, stops)),
+        tuple(moved(frame0, line[0]) for line in frame_lines(arm, values, stops[:1])),
+        legs,
+        drawn(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
+        drawn(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
         arrivals,
         arrivals + waiting,
         times,
         {shell.body: way_poses[shell.body] for shell in visible},
+        world_legs(frame0, arm, values, on_the_way),
         moved(tracker, arm.points(on_the_way, values)),
     )
 

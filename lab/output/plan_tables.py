@@ -41,7 +41,7 @@ def promise(seen: dict[str, Any]) -> str:
     """The accuracy, in words."""
     predicted = seen["predicted_mm"]
     return (
-        f"predicted error on fresh poses, from the instrument's noise alone, the arm being rigid: "
+        f"predicted error on fresh poses, from the instrument's noise alone, the robot being rigid: "
         f"{predicted['rms']:.4f} mm RMS over all poses, {predicted['max']:.4f} mm RMS at the worst one; "
         f"95 % of the poses within {seen['promise_mm']:.4f} mm in 95 % of the campaigns"
     )
@@ -66,9 +66,10 @@ def indices_line(seen: dict[str, Any]) -> str:
 def candidates_line(seen: dict[str, Any]) -> str:
     """How many poses were looked at, and why the others cannot be measured."""
     found, lost = seen["candidates"], seen["candidates"]["rejected"]
+    singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
     return (
         f"{found['feasible']:,} feasible candidates of {found['drawn']:,} drawn; rejected: {lost['limits']:,} near a "
-        f"joint limit, {lost['collision']:,} in collision, {lost['visibility']:,} not in the tracker's sight"
+        f"joint limit, {singular}{lost['collision']:,} in collision, {lost['visibility']:,} not in the tracker's sight"
     )
 
 

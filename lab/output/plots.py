@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lab.frames import Array
-from lab.geometry.chain import Chain
+from lab.geometry.joints import Joints
 from lab.output.plan_scene import PlanScene, plan_scene
 from lab.study.plan import Plan, Step
 
@@ -126,8 +126,9 @@ def _view(axes: Axes, shown: PlanScene, plane: tuple[int, int], name: str) -> No
     axes.plot(
         mm * shown.path[:, i], mm * shown.path[:, j], color=_VIA, linewidth=0.6, alpha=0.8, label="way of the target"
     )
-    arm = mm * shown.origins[0]
-    axes.plot(arm[:, i], arm[:, j], "o-", color=_ARM, linewidth=5, alpha=0.45, markersize=6, label="arm at home")
+    for k, line in enumerate(mm * each for each in shown.home):
+        label = "" if k else "robot at home"
+        axes.plot(line[:, i], line[:, j], "o-", color=_ARM, linewidth=5, alpha=0.45, markersize=6, label=label)
     points = mm * shown.points[shown.measured, 0]
     colour = np.arange(len(points))
     axes.scatter(
@@ -147,7 +148,7 @@ def _view(axes: Axes, shown: PlanScene, plane: tuple[int, int], name: str) -> No
     axes.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm", title=name)
 
 
-def _joints(axes: Axes, chain: Chain, joints: Array) -> None:
+def _joints(axes: Axes, chain: Joints, joints: Array) -> None:
     """Every reading on its joint's range, the limits written at its ends."""
     share = (joints - chain.lower) / (chain.upper - chain.lower)
     rows = np.arange(chain.size)[::-1]

@@ -31,6 +31,7 @@ from lab.output.drawing import (
     draw_beams,
     draw_ellipsoid,
     draw_instrument,
+    draw_legs,
     draw_shells,
     draw_tag,
     markdown,
@@ -47,6 +48,7 @@ def record(path: Path, outcome: Outcome) -> None:
     with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
         recording.send_blueprint(blueprint(outcome, shown))
         draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
+        draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
         _instrument(recording, outcome, shown)
         _points(recording, shown)
         _off_poses(recording, shown)

@@ -3,6 +3,7 @@
 It draws with matplotlib, which is slow to import: import this module where a report is written.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from lab.output.html import (
 )
 from lab.output.report_done import how_it_was_made
 from lab.output.report_figures import Spread, arm_views, changes, histograms, singular_values, size_maps
-from lab.output.report_parameters import changes_of, parameters_table
+from lab.output.report_parameters import changes_of, offsets, parameters_table
 from lab.output.report_places import MOST_POINTS, arm_places, error_places
 from lab.output.report_words import (
     OBSERVED,
@@ -55,7 +56,7 @@ def write_report(path: Path, outcome: Outcome, options: VirtualCampaign | Measur
         section("Where in the workspace the errors are", [_where(outcome, options, observed)]),
         trust(result),
         outliers_section(result),
-        section("Parameters", [parameters_table(rows), *_changes(rows, observed)]),
+        section("Parameters", [parameters_table(rows), *_changes(rows, observed, offsets(outcome.robot.chain))]),
         section("What these poses tell apart", [*identifiability(result), _singular_values(outcome)]),
         section("The arm at its poses", [_arm(outcome)]),
         how_it_was_made(_command(options), options, outcome.robot.sha256),
@@ -93,18 +94,19 @@ def _where(outcome: Outcome, options: VirtualCampaign | MeasuredCampaign, observ
     return figure("where", size_maps(places), caption)
 
 
-def _changes(rows: list[dict[str, Any]], observed: Observed) -> list[Html]:
-    """How far each parameter is from the drawing, a picture a unit."""
+def _changes(rows: list[dict[str, Any]], observed: Observed, offsets: Sequence[str]) -> list[Html]:
+    """How far each parameter is from the drawing, a picture a unit; in words what lengths of legs are."""
     shown = sorted((row for row in rows if row["change"] is not None), key=lambda row: row["unit"] != "mm")
     units = {row["unit"]: [each for each in shown if each["unit"] == row["unit"]] for row in shown}
     panels = [changes(of, unit, number) for number, (unit, of) in enumerate(units.items())]
     caption = (
-        "How far the links are from the drawing, with 95 % intervals (often smaller than the dot). "
+        "How far the dimensions are from the drawing, with 95 % intervals (often smaller than the dot). "
         "Green: the interval leaves zero out; grey: it does not, or is not known."
     )
     below = paragraph(
-        f"{capital(observed.placed)} have no drawing: before is where its links put them."
-        " A parameter that is fixed stays at its nominal value, and its error goes into those that it acts as.",
+        f"{capital(observed.placed)} have no drawing: before is where its dimensions put them."
+        " A parameter that is fixed stays at its nominal value, and its error goes into those that it acts as."
+        + (f" Added to a reading to give a leg's length: {', '.join(offsets)}." if offsets else ""),
         "note",
     )
     return [below, figure("changes", panels, caption) if panels else Html("")]
@@ -123,8 +125,8 @@ def _singular_values(outcome: Outcome) -> Html:
 
 def _arm(outcome: Outcome) -> Html:
     arm = arm_places(outcome)
-    if not np.isfinite(arm.corners).all():
+    if not np.isfinite(arm.joints).all():
         return Html("")
     points = "points as measured" if arm.measured else "tool points as the calibrated arm has them"
-    caption = f"The calibrated arm as lines between its joints, at {len(arm.corners)} of its poses, and all {points}."
+    caption = f"The calibrated arm as lines between its joints, at {len(arm.joints)} of its poses, and all {points}."
     return figure("arm", arm_views(arm), caption)

@@ -23,6 +23,7 @@ _ARM, _FIRST = "#94a3b8", "#1e3a5f"
 _SMALL, _LARGE = "#fde68a", "#4c0519"  # of errors, by way of red
 _SQUARE = (4.5, 4.5)
 _LEAST_MM = 1e-12  # of a logarithmic axis
+_LINE = 0.01  # of their width: points that rise less make a line of a view
 _FAR = 1.3  # half the edge of the arm's cube: an instrument farther off is only pointed at
 
 
@@ -67,13 +68,13 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str) -> Html:
 
 
 def size_maps(places: Places) -> list[Html]:
-    """Lengths where they are, from above and from the side, and their scale."""
+    """Lengths where they are, from above and from the side, and their scale; no view in which they are a line."""
     sizes = 1e3 * places.sizes
     colours = LinearSegmentedColormap.from_list("sizes", [_SMALL, "#f97316", "#b91c1c", _LARGE])
     norm = Normalize(0.0, float(np.percentile(sizes, 99)) or 1.0)
     middle, half = cube([1e3 * places.points, 1e3 * places.off])
     drawn = []
-    for which, plane in VIEWS.items():
+    for which, plane in _telling(np.concatenate([places.points, places.off])).items():
 
         def draw(axes: Axes, plane: tuple[int, int] = plane) -> None:
             points, off = 1e3 * places.points[:, plane], 1e3 * places.off[:, plane]
@@ -87,6 +88,12 @@ def size_maps(places: Places) -> list[Html]:
 
         drawn.append(panel(f"where-{which}", f"{places.size_means}, seen {WORDS[which]}", _SQUARE, draw))
     return [*drawn, _scale(colours, norm, sizes, places.size_means)]
+
+
+def _telling(points: Array) -> dict[str, tuple[int, int]]:
+    """The views in which points ``(n, 3)`` are more than a line; all where there is none."""
+    width = np.ptp(points, axis=0)
+    return {which: plane for which, plane in VIEWS.items() if width[plane[1]] > _LINE * width.max()} or VIEWS
 
 
 def _scale(colours: Colormap, norm: Normalize, sizes: Array, means: str) -> Html:
@@ -152,9 +159,9 @@ def singular_values(values: Array) -> Html:
 
 def arm_views(arm: ArmPlaces) -> list[Html]:
     """The arm as a stick figure at its poses, with the points and the instrument, from above and from the side."""
-    middle, half = cube([1e3 * arm.corners, 1e3 * arm.tips, 1e3 * arm.points])
+    middle, half = cube([1e3 * arm.joints, 1e3 * arm.tips, 1e3 * arm.points])
     if arm.head is not None and np.abs(1e3 * arm.head - middle).max() < _FAR * half:
-        middle, half = cube([1e3 * arm.corners, 1e3 * arm.points, 1e3 * arm.head])
+        middle, half = cube([1e3 * arm.joints, 1e3 * arm.points, 1e3 * arm.head])
     drawn = []
     for which, plane in VIEWS.items():
 
@@ -179,17 +186,19 @@ def _sticks(axes: Axes, arm: ArmPlaces, plane: tuple[int, int]) -> None:
     word = "measured point" if arm.measured else "tool point"
     points = 1e3 * arm.points[:: max(1, len(arm.points) // 1000)][:, plane]
     axes.scatter(points[:, 0], points[:, 1], s=size, c=MEASURED, label=word, zorder=3, linewidths=0)
-    for k, (corners, tips) in reversed(list(enumerate(zip(arm.corners, arm.tips, strict=True)))):
+    for k, tips in reversed(list(enumerate(arm.tips))):
         colour, wide = (_FIRST, 2.6) if k == 0 else (_ARM, 1.1)
-        strip = 1e3 * corners[:, plane]
+        joints = 1e3 * arm.joints[k][:, plane]
         for tip in 1e3 * tips[:, plane]:
-            axes.plot(*np.stack([strip[-1], tip]).T, color=colour, linewidth=0.8, linestyle=":", zorder=2)
-        label = {0: f"arm at pose {arm.first}", 1: f"arm at {len(arm.corners) - 1} other poses"}.get(k, "")
-        axes.plot(
-            *strip.T, color=colour, linewidth=wide, alpha=1.0 if k == 0 else 0.75, label=label,
-            zorder=4 if k == 0 else 1, solid_joinstyle="round", solid_capstyle="round",
-        )  # fmt: skip
-        axes.plot(*strip[::2].T, "o", color=colour, markersize=3.5 if k == 0 else 1.8, zorder=4 if k == 0 else 1)
+            axes.plot(*np.stack([joints[-1], tip]).T, color=colour, linewidth=0.8, linestyle=":", zorder=2)
+        label = {0: f"arm at pose {arm.first}", 1: f"arm at {len(arm.tips) - 1} other poses"}.get(k, "")
+        for line in arm.strips:
+            axes.plot(
+                *(1e3 * line[k][:, plane]).T, color=colour, linewidth=wide, alpha=1.0 if k == 0 else 0.75, label=label,
+                zorder=4 if k == 0 else 1, solid_joinstyle="round", solid_capstyle="round",
+            )  # fmt: skip
+            label = ""
+        axes.plot(*joints.T, "o", color=colour, markersize=3.5 if k == 0 else 1.8, zorder=4 if k == 0 else 1)
 
 
 def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:

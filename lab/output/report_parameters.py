@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from lab.geometry.closed.mechanism import Mechanism
+from lab.geometry.joints import Joints
 from lab.output.html import Html, element, fixed, short, table
 from lab.output.result import human_unit
 
@@ -33,6 +35,12 @@ def changes_of(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+def offsets(robot: Joints) -> list[str]:
+    """The lengths of a mechanism's legs that are offsets of readings."""
+    rods = robot.tree.rods if isinstance(robot, Mechanism) else ()
+    return [f"{rod.name}.length" for rod in rods if rod.joint is not None]
 
 
 def _held(row: dict[str, Any]) -> str:

@@ -13,7 +13,8 @@ from lab.calibration.sightings.sighting import sighting_of
 from lab.frames import Array, transform
 from lab.measurements import Measurements
 from lab.output.result import rigid
-from lab.output.scene import chain_corners, moved, world_of
+from lab.output.scene import moved, world_of
+from lab.output.strips import frame_lines, strips
 from lab.study.campaign import Outcome
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.virtual_arm import asked_conditions, fresh_poses
@@ -52,7 +53,8 @@ class ArmPlaces:
 
     Attributes:
         first: what the first of them is called: it stretches farthest along x, so that it is seen from both sides.
-        corners: ``(m, c, 3)`` m, the chain as a strip of lines.
+        strips: lines ``(m, c, 3)`` m, along the chain or each leg.
+        joints: ``(m, f, 3)`` m, the frames on them.
         tips: ``(m, k, 3)`` m, the targets at these poses.
         points: ``(q, 3)`` m: targets at all fitted poses, as measured where they are.
         measured: whether they are.
@@ -60,7 +62,8 @@ class ArmPlaces:
     """
 
     first: str
-    corners: Array
+    strips: tuple[Array, ...]
+    joints: Array
     tips: Array
     points: Array
     measured: bool
@@ -133,15 +136,16 @@ def arm_places(outcome: Outcome) -> ArmPlaces:
     rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, MOST_ARMS)).astype(np.int_))
     arm, values = rigid(outcome, identification.values)
     T_world_frame0 = outcome.robot.model.T_world_frame0
-    corners = moved(T_world_frame0, chain_corners(arm, values, fitted.joints[rows]))
+    lines = [moved(T_world_frame0, line) for line in strips(arm, values, fitted.joints[rows])]
+    joints = moved(T_world_frame0, np.concatenate(frame_lines(arm, values, fitted.joints[rows]), axis=1))
     tips = _predicted(outcome, fitted.take(rows))
-    first = int(np.argmax(np.abs(corners[:, -1, 0] - corners[:, 0, 0])))
+    first = int(np.argmax(np.abs(joints[:, -1, 0] - joints[:, 0, 0])))
     order = [first, *(i for i in range(len(rows)) if i != first)]
-    corners, tips, name = corners[order], tips[order], fitted.ids[rows[first]]
+    shape = fitted.ids[rows[first]], tuple(line[order] for line in lines), joints[order], tips[order]
     positions = sighting_of(identification.model).positions
     if not positions:
-        return ArmPlaces(name, corners, tips, _predicted(outcome, fitted).reshape(-1, 3), measured=False, head=None)
+        return ArmPlaces(*shape, _predicted(outcome, fitted).reshape(-1, 3), measured=False, head=None)
     T_world_instrument = world_of(outcome)
     points = fitted.points[:, :positions].reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
-    return ArmPlaces(name, corners, tips, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])
+    return ArmPlaces(*shape, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])

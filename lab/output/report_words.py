@@ -55,10 +55,10 @@ def lead(result: dict[str, Any], observed: Observed) -> str:
         f"{result['parameters']} parameters were identified ({result['status']} in {result['iterations']} steps)."
     )
     if result["after_mm"] is None:
-        return f"{begun} How far the arm now is from where it is sent was not judged on poses it had not seen."
+        return f"{begun} How far the robot now is from where it is sent was not judged on poses it had not seen."
     judged = JUDGED[result["judged_by"]].format(count=f"{result['after_mm']['count']:,}")
     before, after = (short(result[f"{name}_mm"]["mean"]) for name in ("before", "after"))
-    drawn = f"was {before} mm with the drawing's links"
+    drawn = f"was {before} mm with the drawing's dimensions"
     return f"{begun} The mean {observed.error} {judged} {drawn}, and is {after} mm now."
 
 
@@ -72,9 +72,7 @@ def errors_table(result: dict[str, Any], observed: Observed) -> Html:
         rows.append([name, *(short(numbers[key]) for key in _STATISTICS), f"{numbers['count']:,}"])
     judged = JUDGED[result["judged_by"]].format(count=f"{result['after_mm']['count']:,}")
     header = ["", "mean", "rms", "95 %", "max", "points"]
-    below = (
-        f"Before: the drawing's links, with {observed.placed} fitted to the same measurements. After: all parameters."
-    )
+    below = f"Before: as drawn, with {observed.placed} fitted to the same measurements. After: all parameters."
     shown = table(header, rows, f"{capital(observed.error)}, mm, {judged}", ["before", "after"])
     return together([shown, paragraph(below, "note")])
 
@@ -146,7 +144,7 @@ def _truth(result: dict[str, Any]) -> str:
     if truth is None or truth["max_abs_z"] is None:
         return ""
     said = (
-        f"Against the truth of the virtual arm: the largest error is {truth['max_abs_z']:.2f} σ, "
+        f"Against the truth of the virtual robot: the largest error is {truth['max_abs_z']:.2f} σ, "
         f"NEES {truth['nees_per_parameter']:.2f} a parameter (1 on average), "
         f"{100 * truth['coverage_95']:.0f} % of the 95 % intervals hold."
     )
@@ -180,7 +178,7 @@ def identifiability(result: dict[str, Any]) -> list[Html]:
     barely = "barely " if (result["condition"] or 0.0) > BARELY_TOLD_APART else ""
     told = "all of these" if result["identifiable"] == result["rank"] else str(result["rank"])
     said = (
-        f"Of {result['parameters']} parameters, {result['identifiable']} can be told apart on such an arm with such "
+        f"Of {result['parameters']} parameters, {result['identifiable']} can be told apart on such a robot with such "
         f"measurements; these poses {barely}tell {told} apart"
     )
     if result["condition"] is not None:

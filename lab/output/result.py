@@ -11,8 +11,7 @@ from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.uncertainty import position_covariance
 from lab.calibration.verdict import rotation_noise_rad
 from lab.frames import Array
-from lab.geometry.model import Model, unit_of
-from lab.geometry.serial import SerialArm
+from lab.geometry.model import Model, RigidArm, unit_of
 from lab.seeds import stream
 from lab.study.campaign import Outcome
 
@@ -111,7 +110,7 @@ def human_unit(name: str, unit: str | None = None) -> tuple[float, str, int]:
     """In what a person reads a parameter: the factor from SI, the unit, and how many digits after the point."""
     unit = unit or unit_of(name)
     if unit == "rad":
-        return (1e3, "mrad", 4) if name.startswith("joint") else (180 / np.pi, "°", 5)
+        return (1e3, "mrad", 4) if _joint_of(name) else (180 / np.pi, "°", 5)
     return _HUMAN_UNITS[unit]
 
 
@@ -125,8 +124,14 @@ def column_scale(model: Model, values: Array) -> Array:
 
 def _is_slide(outcome: Outcome, name: str) -> bool:
     """Whether a parameter is of a joint that slides."""
+    joint = _joint_of(name)
+    return bool(joint) and outcome.robot.chain.prismatic[int(joint) - 1]
+
+
+def _joint_of(name: str) -> str:
+    """The number, from 1, of the joint that has an effect by this name; "" of a link's or another parameter."""
     joint = name.split(".")[0].removeprefix("joint")
-    return joint.isdigit() and outcome.robot.chain.prismatic[int(joint) - 1]
+    return joint if joint.isdigit() else ""
 
 
 def _status(identification: Identification, parameter: int) -> str:
@@ -143,7 +148,7 @@ def likely(outcome: Outcome) -> Array:
     return lift(identification, outcome.nominal, outcome.tolerance)
 
 
-def rigid(outcome: Outcome, values: Array) -> tuple[SerialArm, Array]:
+def rigid(outcome: Outcome, values: Array) -> tuple[RigidArm, Array]:
     """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
     names = outcome.identification.model.names
     targets = [name.split(".")[1] for name in names if name.startswith("tool.") and name.endswith(".x")]

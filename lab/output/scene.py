@@ -11,16 +11,19 @@ from lab.calibration.sightings.sighting import sighting_of
 from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
 from lab.frames import Array
 from lab.geometry.affected import AffectedArm
+from lab.geometry.closed.closed_arm import ClosedArm
+from lab.geometry.model import RigidArm
 from lab.geometry.serial import SerialArm
 from lab.measurements import seen_mask
 from lab.output.result import rigid
+from lab.output.strips import Legs, frame_origins, legs
 from lab.study.campaign import Outcome
 from lab.virtual.appearance import Shell, body_poses, instrument_body, shells
 
 MOST_OFF = 30  # poses that are off, marked
 MOST_POSES = 300  # whose bodies, points and ellipsoids are drawn
-ARROW = 0.15  # of the arm's reach: how long the mean error arrow is to be drawn
-HALF_AXIS_M = 0.11  # the same for the longest half-axis of an ellipsoid, in the median over the poses
+ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
+HALF_AXIS = 0.11  # the same for the longest half-axis of an ellipsoid, in the median over the poses
 LARGEST_FACTOR = 1e6  # of error arrows: what is still too short to be seen is nothing
 ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
 
@@ -58,7 +61,7 @@ class Scene:
         rows: ``(m,)`` which of the fitted poses are drawn.
         numbers: ``(n,)`` each fitted pose's row among all that were measured.
         off: poses that are off, the farthest first.
-        reach_m: the largest distance of a measured point from frame 0; sizes of marks follow it.
+        reach_m: the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it.
         T_world_instrument: ``(4, 4)``, identified.
         measured, before, after: ``(m, k, 3)`` points as seen (NaN where not), and as predicted.
         all_measured: ``(seen, 3)`` of every fitted pose.
@@ -67,7 +70,8 @@ class Scene:
         uncertainty: None where the noise is not known, or there was none.
         shells: of the bodies in ``bodies``.
         bodies: world poses ``(m, 4, 4)`` by name.
-        origins: ``(m, joints + 1, 3)`` of the table's frames.
+        origins: ``(m, f, 3)`` of the arm's frames.
+        legs: in the world.
     """
 
     rows: NDArray[np.int_]
@@ -88,6 +92,7 @@ class Scene:
     shells: tuple[Shell, ...]
     bodies: dict[str, Array]
     origins: Array
+    legs: Legs
 
     @property
     def at(self) -> NDArray[np.int_]:
@@ -108,9 +113,10 @@ def scene(outcome: Outcome) -> Scene:
     errors = [_mean_length(seen - predicted) for predicted in (before, after)]
     measured, before, after = (moved(T_world_instrument, points) for points in (seen, before, after))
     there = seen_mask(seen)
-    reach = float(np.linalg.norm(measured[there] - _world_frame0(outcome)[:3, 3], axis=1).max())
     arm, values = rigid(outcome, identification.values)
-    strip = moved(_world_frame0(outcome), chain_corners(arm, values, joints))
+    places = moved(_world_frame0(outcome), frame_origins(arm, values, joints))
+    between = world_legs(_world_frame0(outcome), arm, values, joints)
+    reach = reach_of(_world_frame0(outcome), measured[there], between)
     visible, bodies = _bodies(outcome, arm, values, joints)
     everything = {name: i for i, name in enumerate(outcome.measurements.ids)}
     return Scene(
@@ -127,11 +133,12 @@ def scene(outcome: Outcome) -> Scene:
         errors[1],
         _error_factor(errors[0], ARROW * reach),
         _error_factor(errors[1], ARROW * reach),
-        drawn(mapping_ellipsoids(identification, settings[rows]), after[rows, 0], T_world_instrument),
-        _uncertainty(identification, settings[rows], after[rows, 0], T_world_instrument),
+        drawn(mapping_ellipsoids(identification, settings[rows]), after[rows, 0], T_world_instrument, reach),
+        _uncertainty(identification, settings[rows], after[rows, 0], T_world_instrument, reach),
         visible,
         bodies,
-        strip[:, ::2],
+        places,
+        between,
     )
 
 
@@ -139,7 +146,7 @@ def _off(outcome: Outcome, T_world_instrument: Array) -> tuple[OffPose, ...]:
     """The poses that are named as off; none where the file's points are not all that is observed."""
     model, data = outcome.identification.model, outcome.measurements
     named = outcome.fit.outliers[:MOST_OFF]
-    if not named or not isinstance(model, SerialArm | AffectedArm):
+    if not named or not isinstance(model, SerialArm | ClosedArm | AffectedArm):
         return ()
     part = data.take([data.ids.index(pose.id) for pose in named])
     expected = model.points(part.settings(model.conditions), outcome.identification.values)
@@ -186,37 +193,29 @@ def world_of(outcome: Outcome) -> Array:
     return _world_frame0(outcome) @ frames.inverse(arm.T_tracker_frame0(values))
 
 
-def chain_corners(arm: SerialArm, values: Array, joints: Array) -> Array:
-    """The chain in frame 0 as a strip of lines ``(n, 2 joints + 1, 3)``; every other corner is a frame's origin.
-
-    A link runs along its joint's axis and then along the common normal (a Craig one the other
-    way round): between two origins there is the corner where it turns.
-    """
-    table = arm.split(values)[1]
-    corners = [np.zeros((len(joints), 3))]
-    for size in range(1, arm.chain.size + 1):
-        Ts = arm.frame(joints, values, size)
-        origin, (_, d, a, _, beta) = Ts[:, :3, 3], table[size - 1]
-        if arm.chain.convention == "distal":
-            corner = origin - a * (np.cos(beta) * Ts[:, :3, 0] + np.sin(beta) * Ts[:, :3, 2])  # x before beta
-        else:
-            reading = joints[:, size - 1] * arm.chain.sign[size - 1] if arm.chain.prismatic[size - 1] else 0.0
-            corner = origin - np.atleast_1d(d + reading)[:, None] * Ts[:, :3, 2]
-        corners += [corner, origin]
-    return np.stack(corners, axis=1)
-
-
 def _world_frame0(outcome: Outcome) -> Array:
     return outcome.robot.model.T_world_frame0
 
 
 def moved(T_a_b: Array, points: Array) -> Array:
-    """Points ``(m, k, 3)`` given in b, in a."""
+    """Points ``(…, 3)`` given in b, in a."""
     return frames.transform(T_a_b, points.reshape(-1, 3)).reshape(points.shape)
 
 
+def world_legs(T_world_frame0: Array, arm: RigidArm, values: Array, joints: Array) -> Legs:
+    """The legs of an arm, in the world."""
+    found = legs(arm, values, joints)
+    return Legs(moved(T_world_frame0, found.ends), found.measured)
+
+
+def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:
+    """How far (m) points ``(…, 3)`` and legs' ends, in the world, get from frame 0."""
+    every = np.concatenate([points.reshape(-1, 3), between.ends.reshape(-1, 3)])
+    return float(np.linalg.norm(every - T_world_frame0[:3, 3], axis=1).max())
+
+
 def _bodies(
-    outcome: Outcome, arm: SerialArm, values: Array, joints: Array
+    outcome: Outcome, arm: RigidArm, values: Array, joints: Array
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
     """What is seen of the robot; of the instrument only where it is known: a virtual one."""
     robot = outcome.robot.model
@@ -227,17 +226,17 @@ def _bodies(
 
 
 def _uncertainty(
-    identification: Identification, settings: Array, centers: Array, T_world_instrument: Array
+    identification: Identification, settings: Array, centers: Array, T_world_instrument: Array, reach_m: float
 ) -> Drawn | None:
     """What the covariance leaves in position; None where it is unknown, or nothing but rounding."""
     covariance = position_covariance(identification, settings)
     if not np.isfinite(covariance).all():
         return None
     shapes = ellipsoids(covariance)
-    return drawn(shapes, centers, T_world_instrument) if shapes.half_lengths.max() > ROUNDING_M else None
+    return drawn(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > ROUNDING_M else None
 
 
-def drawn(shapes: Ellipsoids, centers: Array, T_world_instrument: Array) -> Drawn:
+def drawn(shapes: Ellipsoids, centers: Array, T_world_instrument: Array, reach_m: float) -> Drawn:
     """Ellipsoids of the instrument's frame in the world, magnified by a round factor."""
-    factor = magnification(float(np.median(shapes.half_lengths[:, 0])), HALF_AXIS_M)
+    factor = magnification(float(np.median(shapes.half_lengths[:, 0])), HALF_AXIS * reach_m)
     return Drawn(centers, T_world_instrument[:3, :3] @ shapes.axes, factor * shapes.half_lengths, factor)
