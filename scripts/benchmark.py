@@ -8,6 +8,7 @@ import tempfile
 import time
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,9 @@ BUDGET_MS = {
     "identify 27 parameters, 50 poses": 5,
     "positions and derivatives, 50 poses": 0.5,
     "positions and derivatives, 100,000 poses": 150,
+    "the same, 2,000 poses of a 2-RPR": 24,
+    "the same, 2,000 poses of a 3-RPR": 70,
+    "the same, 2,000 poses of a Delta": 200,
     "truth of a virtual arm": 5,
     "10,000 poses measured": 100,
     "10,000 feasible candidates": 5000,
@@ -125,6 +129,17 @@ def kernels() -> dict[str, float]:
         "10,000 poses measured": median_ms(lambda: track(real, many[:10_000], ("p1",), tracker, rng), 10),
     }
     results["MB beyond the result, 100,000 poses"] = peak_beyond_result_mb(lambda: arm.observe(many, nominal))
+    return results
+
+
+def mechanisms() -> dict[str, float]:
+    """Milliseconds of mechanisms with loops, closed anew at poses that they were never at."""
+    results = {}
+    for name, path in (("2-RPR", "rpr2"), ("3-RPR", "rpr3"), ("Delta", "delta")):
+        robot = load_robot(path)
+        arm, joints = robot.arm(("p1",)), robot.chain.random_joints(2000, stream(7, "poses"))
+        values = arm.nominal(robot.tool) + 1e-4 * stream(7, "arm").standard_normal(len(arm.names))
+        results[f"the same, 2,000 poses of a {name}"] = median_ms(partial(arm.observe, joints, values), 20)
     return results
 
 
@@ -228,7 +243,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args()
     with threadpool_limits(1):
-        results = kernels() | planning() | effects() | stacked() | compensation() | processes()
+        results = kernels() | mechanisms() | planning() | effects() | stacked() | compensation() | processes()
     ratio = results["that fit by scipy, finite differences"] / results["its fit alone"]
     if arguments.json:
         print(json.dumps(results | {"times faster than scipy": ratio}))
