@@ -52,7 +52,7 @@ class Inspect:
     """Print a robot's table, its limits, and what can be identified."""
 
     robot: tyro.conf.Positional[str] = "irb120"
-    """A model's name, or a path to an MJCF, a URDF or a TOML table."""
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     targets: Names = ("p1",)
     """Measured points of the tool."""
     tool_mm: Numbers = ()

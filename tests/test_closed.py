@@ -221,6 +221,14 @@ def test_readings_that_close_nothing_are_nan_and_said() -> None:
     assert "singular" in arm.chain.why_not(joints[2]) and arm.chain.why_not(joints[0]) == ""
 
 
+def test_a_pose_that_cannot_be_is_told_by_the_fit() -> None:
+    arm, values = described("rpr2/mechanism")
+    joints = np.array([*arm.structure_joints(20, np.random.default_rng(5)), [0.2, 0.3]])
+    data = measured(arm.chain.joint_names, joints, arm.targets, np.nan_to_num(arm.points(joints, values)))
+    with pytest.raises(LabError, match="1 of 21 measured poses cannot be of this robot as drawn"):
+        identify(arm, data, values)
+
+
 def four_bar() -> Mechanism:
     """A crank that turns all around, a coupler and a rocker: modes that an absent-minded Newton swaps."""
     frames = (

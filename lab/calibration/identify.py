@@ -157,6 +157,7 @@ def identify(
     noise, wishes, sight = noise or Noise(), wishes or Wishes(), sighting_of(seen_by).within(data)
     model, nominal = sight.model, sight.nominal(nominal)
     seen, known = weighed(sight, data, noise)
+    _refuse_impossible(sight, data, seen, nominal)
     if (count := int(data.seen.sum())) < 3:
         raise LabError(
             f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
@@ -200,6 +201,16 @@ def identify(
         further=further,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found)))
+
+
+def _refuse_impossible(sight: Sighting, data: Measurements, seen: Observations, nominal: Array) -> None:
+    """A LabError for measured poses at which the drawing has no answer, as its loops do not close there."""
+    silent = np.isnan(sight.model.points(seen.settings, nominal)) & np.isfinite(seen.points)
+    if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
+        raise LabError(
+            f"{len(lost)} of {len(data)} measured poses cannot be of this robot as drawn, {data.where(int(lost[0]))} "
+            "the first: its loops do not close there; mend the readings, or leave the pose out"
+        )
 
 
 def _all_at_once(further: Further, sight: Sighting, seen: Observations, free: Sequence[int], start: Array) -> Fit:

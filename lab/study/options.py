@@ -15,7 +15,7 @@ class VirtualCampaign:
     """A campaign on a virtual arm."""
 
     robot: str = "irb120"
-    """A model's name, or a path to an MJCF or URDF."""
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     poses: int = 50
     """How many random collision-free poses to measure; without effect beside a plan."""
     plan: Path | None = None
@@ -68,7 +68,7 @@ class MeasuredCampaign:
     file: tyro.conf.Positional[Path]
     """Measurements, CSV."""
     robot: str = "irb120"
-    """A model's name, or a path to an MJCF, a URDF or a TOML table."""
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     seed: int = 0
     """Of the split into poses to fit and poses to judge by."""
     instrument: str | None = None
@@ -130,7 +130,7 @@ class PlannedCampaign:
     """Which poses to measure, and what accuracy they promise."""
 
     robot: str = "irb120"
-    """A model's name, or a path to an MJCF or URDF."""
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     poses: int | None = None
     """How many poses to choose: 30, if no accuracy is asked for."""
     accuracy_mm: float | None = None

@@ -27,6 +27,8 @@ from lab.virtual.model_file import load_model
 from lab.virtual.model_table import table_model
 from lab.virtual.robot import RobotModel, SerialModel
 
+DESCRIPTION = "mechanism.toml"
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -61,7 +63,10 @@ class Robot:
     def serial_model(self) -> SerialModel:
         """Its model, for what is of serial arms alone; a LabError where it has loops."""
         if not isinstance(self.model, SerialModel):
-            raise LabError(f"robot {self.name} has loops, and this is of serial arms alone; take another --robot")
+            raise LabError(
+                f"robot {self.name} has loops: this is for serial arms alone; its identified dimensions are in "
+                "calibrated.toml"
+            )
         return self.model
 
     def arm_with(
@@ -113,21 +118,29 @@ def models_folder() -> Path:
     return installed if installed.is_dir() else installed.parent.parent / "models"
 
 
+def _models() -> dict[str, Path]:
+    """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else a mechanism's folder describes."""
+    found = {}
+    for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
+        files = [folder / name for name in (DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
+        found[folder.name] = next((path for path in files if path.is_file()), folder)
+        if found[folder.name].name == DESCRIPTION:
+            found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
+    return found
+
+
 def load_robot(robot: str) -> Robot:
     """Load a robot given as on the command line.
 
     Raises:
         LabError: there is no such robot (the message lists those there are), or it cannot be read.
     """
-    folder = models_folder() / robot
-    path = Path(robot)
-    if robot and Path(robot).name == robot and folder.is_dir():
-        names = ("mechanism.toml", "scene.xml", "robot.xml", "robot.toml")
-        path = next((folder / name for name in names if (folder / name).is_file()), folder)
+    models = _models()
+    path = models.get(robot, Path(robot))
     if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
-        known = ", ".join(sorted(p.name for p in models_folder().iterdir() if (p / "README.md").is_file()))
         raise LabError(
-            f"robot '{robot}': no such model or file; there are {known}, or give a path to .xml, .urdf or .toml"
+            f"robot '{robot}': no such model or file; there are {', '.join(models)}, or give a path to .xml, .urdf or "
+            ".toml"
         )
     sha256 = _sha256(path)
     if path.suffix == ".toml" and is_mechanism(path):

@@ -139,7 +139,10 @@ def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
         if not model.body(b).name or not names[0].strip("()") or names[0] == "(unnamed)":
             raise LabError(f"{path}: a jointed body or its joint has no name (body {b}); name both")
     if model.neq:
-        raise LabError(f"{path}: it has {model.neq} equality constraints (loops or mimic joints); remove them")
+        raise LabError(
+            f"{path}: it has {model.neq} equality constraints (loops or mimic joints); remove "
+            "them, or describe its loops in a mechanism's TOML"
+        )
     chains = []
     for tip in jointed:
         path_up = _ancestors(model, tip)

@@ -130,11 +130,11 @@ class RealArm:
         """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
         data = mujoco.MjData(self.model)
         world = np.full((len(driven), len(sites), 3), np.nan)
-        for i, qpos in enumerate(self._qpos(driven)):
-            if np.isfinite(qpos).all():
-                data.qpos[:] = qpos
-                mujoco.mj_kinematics(self.model, data)
-                world[i] = data.site_xpos[sites]
+        stands = self._qpos(driven)
+        for i in np.flatnonzero(np.isfinite(stands).all(axis=1)):
+            data.qpos[:] = stands[i]
+            mujoco.mj_kinematics(self.model, data)
+            world[i] = data.site_xpos[sites]
         return world
 
     def _qpos(self, driven: Array) -> Array:
