@@ -3,17 +3,19 @@
 import json
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from arms import IRB120, ROOT
+from here import answer_of, script
 
 from lab.calibration.iso9283 import accuracy, circle_places, cube_places, line_places, repeatability
 from lab.instruments import instrument
 from lab.study.campaign import run_virtual
 from lab.study.closed_loop import close_loop, reachable_cube
 from lab.study.option_groups import ArmEffects
-from lab.study.options import VirtualCampaign
+from lab.study.options import PlannedCampaign, VirtualCampaign
 from lab.virtual.feasible import collides
 
 
@@ -73,7 +75,9 @@ def loops(*flags: object) -> dict:
 
 
 def test_a_compensated_arm_that_bends_hits() -> None:
-    bent = loops("--arms", 1, "--targets", 50, "--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
+    closed_loop = script("closed_loop.py")
+    closed_loop.PlannedCampaign = partial(PlannedCampaign, candidates=300, starts=1)  # poses chosen with less effort
+    bent = answer_of(closed_loop, "--arms", 1, "--targets", 50, "--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
     assert 1 <= bent["ap_before_mm"] <= 4 and 0.002 < bent["rp_mm"] < 0.02
     assert bent["model"] == "compliance" and bent["ap_after_mm"] <= 0.015 and bent["targets_after_mm"] <= 0.015
     assert bent["ap_after_mm_without_compliance"] > bent["ap_after_mm"] + 0.03

@@ -156,7 +156,8 @@ def test_every_option_of_a_campaign_does_something(seven: Path, tmp_path, capsys
 
 
 def test_another_arms_measurements_exit_with_one(tmp_path, capsys) -> None:
-    code, result = run(capsys, "identify", data_file("ur10_ipa_D.csv"), "--robot", "irb120", "--out", tmp_path / "run")
+    flags = ("--robot", "irb120", "--holdout", 0.3, "--out", tmp_path / "run")
+    code, result = run(capsys, "identify", data_file("ur10_ipa_D.csv"), *flags)
     assert code == 1 and result["verdict"] == "bad"
 
 

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from arms import IRB120, ROOT
+from here import answer_of, script
 
 from lab.calibration.identify import identify
 from lab.calibration.planning.accuracy import predict, smallest_count
@@ -272,7 +273,14 @@ def test_plans_of_any_kind_keep_what_they_predict(options: PlannedCampaign) -> N
     assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.12)
 
 
-@pytest.mark.parametrize(("limits", "least"), [(False, 12.25), pytest.param(True, 12.03, marks=pytest.mark.slow)])
+def test_the_best_o1_of_the_thesis_case_from_four_starts() -> None:
+    few = script("best_o1.py")
+    few.STARTS = 4  # of twelve: fewer chances to find it
+    assert answer_of(few, "--ignore-limits")["o1"] >= 12.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("limits", "least"), [(False, 12.25), (True, 12.03)])
 def test_the_best_o1_of_the_thesis_case(limits: bool, least: float) -> None:
     flags = [] if limits else ["--ignore-limits"]
     found = best_o1(*flags)

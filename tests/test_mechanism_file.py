@@ -134,7 +134,7 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "no rods": (two((LEG1, ""), (LEG2, "")), ("joint rho1", "moves nothing", "let one step or rod name it")),
     "ends that cannot meet": (
         two(("x_mm = 600", "x_mm = 1700")),
-        ("in the drawn position leg1, leg2 cannot meet: 275 mm stay open", "mend lengths"),
+        ("in the drawn position (rho1 575 mm, rho2 575 mm) leg1, leg2 cannot meet: 275 mm stay open", "mend lengths"),
     ),
     "a joint that moves nothing": (
         two((LEG2, LEG2.replace('joint = "rho2"', "length_mm = 500"))),
@@ -170,7 +170,7 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
         ("frame A2, step 1: 2 motions", "give one of"),
     ),
     "no motion": (two(("{ x_mm = 600 }", "{ }")), ("frame A2, step 1: 0 motions", "give one of")),
-    "the wrong unit": (two(("{ x_mm = 600 }", "{ x_deg = 600 }")), ("frame A2, step 1: 0 motions", "x, y, z with _mm")),
+    "the wrong unit": (two(("{ x_mm = 600 }", "{ x_deg = 600 }")), ("frame A2, step 1: unknown key 'x_deg'", "x, y, z with _mm")),
     "two units": (two(("{ x_mm = 600 }", "{ x_mm = 600, x_m = 2 }")), ("step 1", "x_m and x_mm", "keep one")),
     "a motion twice": (
         two(("{ x_mm = 600 }", "{ x_mm = 600 }, { x_mm = 1 }")),

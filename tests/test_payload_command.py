@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from undrawn import nothing_drawn  # noqa: F401
 
 from lab.calibration.load.cost import sag_uncertainty
 from lab.calibration.planning.fourier import Limits, random_path

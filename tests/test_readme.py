@@ -11,6 +11,7 @@ import pytest
 from arms import ROOT
 
 from lab.cli import main
+from lab.geometry.closed.mechanism_file import read_mechanism
 from lab.geometry.table import read_table
 from lab.load_file import read_mounting, write_loads
 from lab.load_records import Mounting
@@ -74,6 +75,13 @@ def test_the_table_is_a_robot(tmp_path) -> None:
     path.write_text(blocks("toml")[0])
     robot = read_table(path)
     assert robot.chain.prismatic == (False, True) and not robot.warnings
+
+
+def test_the_mechanism_is_a_robot(tmp_path) -> None:
+    path = tmp_path / "mechanism.toml"
+    path.write_text(blocks("toml")[1])
+    assert main(["inspect", str(path), "--json"]) == 0
+    assert read_mechanism(path).mechanism.names[6:] == ("A1.x", "A1.y", "A2.x", "A2.y", "leg1.length", "leg2.length")
 
 
 @pytest.mark.parametrize("link", re.findall(r"\]\(([^)#]+)\)", TEXT))

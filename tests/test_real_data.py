@@ -125,7 +125,7 @@ def test_ur10_is_no_worse_with_what_it_calls_for() -> None:
     assert outcome.fit.groups[:1] == ("harmonics2",) and after[1] <= after[0]
 
 
-def test_ur10_as_poses() -> None:
+def test_ur10_as_poses(tmp_path) -> None:
     """Orientations are what the target near axis 6 lacks: the condition falls from thousands to tens."""
     file, robot = data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml"))
     options = MeasuredCampaign(file, robot, holdout=0.3, observe="pose", orientation="intrinsic-xyz")
@@ -134,6 +134,10 @@ def test_ur10_as_poses() -> None:
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
     assert 0.3 < summary(outcome)["noise_mrad"] < 1.5 and outcome.verdict.word == "good"
+    header, *rows = file.read_text().splitlines()
+    few = tmp_path / "every_fourth.csv"
+    few.write_text("\n".join([header, *rows[::4]]) + "\n")
+    options = replace(options, file=few)
     stated = summary(run_measured(replace(options, noise_mm=0.3, noise_mrad=0.6)))
     assert stated["noise_mm"] == pytest.approx(0.3) and stated["noise_mrad"] == pytest.approx(0.6)
     wrong = run_measured(replace(options, orientation="fixed-xyz"))

@@ -40,11 +40,11 @@ poses = [12, 15]
 """
 LONG = f"""
 robots = 1
-draws = 500
+draws = 100
 fresh = 20
 [factors]
 criterion = ["random"]
-poses = {list(range(12, 24))}
+poses = {list(range(12, 60))}
 """
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import ROOT
+from here import answer_of, script
 
 from lab.instruments import instrument
 from lab.output.thesis_tables import said
@@ -130,7 +131,7 @@ def test_thesis_tables_a_little(tmp_path: Path) -> None:
 
 def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
     flags = ("--robots", 6, "--draws", 10, "--poses", 24, "--instruments", "uniform-8um", "optical-cmm")
-    found = answer("accuracy_versus_instrument.py", tmp_path, *flags)
+    found = answer_of(script("accuracy_versus_instrument.py"), "--out", tmp_path, *flags)
     mean = {(row["metric"], row["instrument"], row["poses"]): row["mean"] for row in found["rows"]}
     assert len(mean) == 4
     for metric in ("fresh_mean_mm", "fresh_p95_mm"):
@@ -146,7 +147,7 @@ def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
 
 def test_what_matters_a_little(tmp_path: Path) -> None:
     cases = ("runout 0.2 mrad once a turn", "1 % bad readings, 1 to 50 mm")
-    found = answer("what_matters.py", tmp_path, "--robots", 8, "--draws", 5, "--cases", *cases)
+    found = answer_of(script("what_matters.py"), "--out", tmp_path, "--robots", 8, "--draws", 5, "--cases", *cases)
     base = found["base_mm"]
     ratio = {cost["name"]: 1 + cost["extra_mm"] / base for cost in found["costs"]}
     told = {cost["name"]: cost["told"] for cost in found["costs"]}

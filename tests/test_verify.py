@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import IRB120, data_file, somewhere
+from here import answer_of, script
 from scipy import stats
 from test_studies import study
 from undrawn import nothing_drawn  # noqa: F401
@@ -223,7 +224,7 @@ def test_what_would_be_noticed_is() -> None:
 
 
 def test_the_study_a_little() -> None:
-    found = study("verify_study.py", "--arms", 20, "--files", 0)
+    found = answer_of(script("verify_study.py"), "--arms", 20, "--files", 0)
     assert found["unchanged"]["good"] >= 0.95
     for case in ("base", "tool", "axis 2"):
         assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9

@@ -17,10 +17,11 @@ _WRITES = {
 
 @pytest.fixture(scope="module", autouse=True)
 def nothing_drawn() -> Iterator[None]:
-    """Recordings and reports are empty files."""
+    """Recordings and reports are empty files, and a plan has no pictures."""
     with pytest.MonkeyPatch.context() as patch:
         for name, (function, file) in _WRITES.items():
             module = types.ModuleType(name)
             setattr(module, function, lambda path, *_, file=file: Path(path, file).write_bytes(b""))
             patch.setitem(sys.modules, name, module)
+        patch.setattr("lab.output.plots.plot_plan", lambda folder, plan: None)
         yield

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.frames import Array
-from lab.geometry.chain import Chain
+from lab.geometry.joints import Joints
 
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
@@ -47,7 +47,7 @@ class Attempts:
         for name in ("start", "branch", "joints", "errors", "arrived", "excess", "steps"):
             getattr(self, name)[rows[better]] = getattr(other, name)[better]
 
-    def reason(self, i: int, chain: Chain, singular: tuple[float, int], apart_m: float) -> str:
+    def reason(self, i: int, chain: Joints, singular: tuple[float, int], apart_m: float) -> str:
         """Why a target is not reached; empty if it is.
 
         Args:
@@ -72,7 +72,7 @@ class Attempts:
         return f"out of reach by {missed}{edge}"
 
 
-def _beyond_limit(chain: Chain, joints: Array, joint: int) -> str:
+def _beyond_limit(chain: Joints, joints: Array, joint: int) -> str:
     """Where a joint would be, and its limit, for a person."""
     at = joints[joint]
     limit = chain.upper[joint] if at > chain.upper[joint] else chain.lower[joint]

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from lab.calibration.attempts import LIMIT_SLACK, Attempts
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.affected import Arm
+from lab.geometry.affected import Arm, rigid_part
 from lab.geometry.closed_form import Solutions
-from lab.geometry.differential import SINGULAR_M, singular_distance
-from lab.geometry.inverse import FREEDOMS, Wanted, reach, shortest_step, within_reach
+from lab.geometry.differential import SINGULAR_M
+from lab.geometry.inverse import FREEDOMS, Wanted, reach, shortest_step, tool_at, within_reach
 from lab.geometry.ways import Drawing, nearest_turns, ordered
 from lab.seeds import stream
 
@@ -117,8 +117,8 @@ class Compensator:
         apart = self._apart(given, some.turned, found.joints[fits], *schemes)
         apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
-        _, jacobian = self._tool(found.joints, conditions)
-        distance, joint = singular_distance(jacobian)
+        rigid = rigid_part(self.arm)
+        distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.drawing.target)
         return Compensation(
             found.joints,
             found.start,
@@ -154,8 +154,10 @@ class Compensator:
         """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
         near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
         joints = ways.joints[rows]
-        _, jacobian = self.drawing.tool(joints.reshape(-1, joints.shape[2]))
-        near[rows] = (singular_distance(jacobian)[0] < CLEAR_RAD).reshape(near[rows].shape)
+        distance, _ = self.drawing.arm.singular_distance(
+            joints.reshape(-1, joints.shape[2]), self.drawing.values, self.drawing.target
+        )
+        near[rows] = (distance < CLEAR_RAD).reshape(near[rows].shape)
         return near
 
     def _tried(self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
@@ -222,7 +224,7 @@ class Compensator:
         return Wanted(places, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.turns)
 
     def _tool(self, joints: Array, conditions: Array) -> tuple[Array, Array]:
-        return self.arm.tool(np.concatenate([joints, conditions], axis=1), self.values, self.drawing.target)
+        return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.drawing.target)
 
     def _apart(self, conditions: Array, turned: NDArray[np.bool_], *schemes: Array) -> Array:
         """The largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""

@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from functools import partial
 
 import numpy as np
-from scipy.stats import t as student
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab import frames
 from lab.calibration.identifiability import poses_needed
@@ -108,7 +108,7 @@ class Identification:
         if self.sigma_known:
             return np.full(len(self.fit.free), 1.959963984540054)
         freedom = np.full(len(self.fit.free), self.freedom) if self.freedom_each is None else self.freedom_each
-        return np.asarray(np.where(freedom > 0, student.ppf(0.975, np.maximum(freedom, 1)), np.nan))
+        return np.asarray(np.where(freedom > 0, scipy.stats.t.ppf(0.975, np.maximum(freedom, 1)), np.nan))
 
     @property
     def plausible(self) -> bool:
@@ -200,7 +200,7 @@ def identify(
         warnings=data.warnings,
         further=further,
     )
-    return replace(found, warnings=(*data.warnings, *_warnings(found)))
+    return replace(found, warnings=(*data.warnings, *_warnings(found, weighed_prior=wishes.tolerance is not None)))
 
 
 def _refuse_impossible(sight: Sighting, data: Measurements, seen: Observations, nominal: Array) -> None:
@@ -272,7 +272,7 @@ def spread(points: Array) -> float:
     return float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def _warnings(found: Identification) -> list[str]:
+def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
     warnings = []
     if found.status != "converged":
         warnings.append(
@@ -285,12 +285,12 @@ def _warnings(found: Identification) -> list[str]:
             "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
         )
     elif found.fit.condition > BARELY_TOLD_APART:
+        weigh = "" if weighed_prior else ", or weigh tolerances (--prior)"
         listed = [*found.weak[:MOST_NAMED], *(["others"] if len(found.weak) > MOST_NAMED else [])]
         weak = f", and leave {', '.join(listed)} unsure by more than 1 mm or 1 mrad" if found.weak else ""
         warnings.append(
             f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart{weak}; "
             "positions near the measured ones are right, single parameters are not: "
-            "move every joint through more of its range, set the target further off the last axis, "
-            "or weigh tolerances (--prior)"
+            f"move every joint through more of its range, or set the target elsewhere{weigh}"
         )
     return warnings

@@ -38,6 +38,8 @@ def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -
         return identification.values
     settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
     wanted = model.points(settings, identification.values)
+    answered = np.isfinite(wanted).all(axis=(1, 2))
+    settings, wanted = settings[answered], wanted[answered]
     sigma = standard_deviations(model, tolerance)
     sigma[[i for i in range(len(sigma)) if i not in links and np.isfinite(sigma[i])]] = 0.0
     sigma[np.isinf(sigma)] = ANYWHERE
@@ -48,11 +50,13 @@ def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -
     values[links] = nominal[links]
     for _ in range(STEPS):
         points, jacobian = model.observe(settings, values)
+        if np.isnan(points).any():
+            return identification.values
         rows = jacobian.reshape(-1, len(values)) @ directions
         scale = np.linalg.norm(rows, axis=0)
         step = np.linalg.lstsq(rows / scale, (wanted - points).ravel(), rcond=1e-12)[0] / scale
         values += directions @ step
         if np.abs(directions @ step).max() < SETTLED:
             break
-    missed = np.abs(model.points(settings, values) - wanted).max()
+    missed = np.abs(model.points(settings, values) - wanted).max(initial=0.0)
     return values if missed < SAME_M else identification.values

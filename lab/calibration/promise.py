@@ -160,6 +160,8 @@ class Problem:
             if moved < SETTLED:
                 break
             values = values + step
+            if np.isnan(self.promise.arm.points(self.seen.settings, values)).any():  # too far: loops do not close
+                break
             here, step, moved = self._step(values, directions)
             best = here if here.square < best.square else best
         return best

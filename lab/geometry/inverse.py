@@ -1,4 +1,4 @@
-"""From poses of the tool to joint readings, for any serial arm, whatever effects it has: damped Newton steps.
+"""From poses of the tool to joint readings, for any robot, whatever effects it has: damped Newton steps.
 
 Where the tool is only to be somewhere, not turned in some way, and where the arm has more joints than it needs,
 every step is the shortest one that does what is asked. Arms with fewer than six joints cannot turn the tool anyhow:
@@ -21,6 +21,7 @@ MAX_STEPS = 40
 ARRIVED_M, ARRIVED_RAD = 1e-10, 1e-10  # an error below these is none
 PLACE_FIRST = 1e3  # how much more the place weighs than the rotation, where that cannot be met
 HIDDEN_M = 1e-12  # by rounding of what is left of a rotation
+NOWHERE = frames.pose(np.eye(3), np.full(3, 1e6))
 LONGEST_STEP = 0.3  # rad or m, of any joint
 LEAST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3  # beside singular values in m
 
@@ -97,7 +98,7 @@ def reach(arm: Arm, values: Array, wanted: Wanted, start: Array, conditions: Arr
 
     def at(rows: NDArray[np.int_], joints: Array) -> tuple[Array, Array]:
         """What is missing ``(m, 6)``, and the Jacobian ``(m, 6, joints)``."""
-        Ts, jacobian = arm.tool(np.concatenate([joints, conditions[rows]], axis=1), values, target)
+        Ts, jacobian = tool_at(arm, np.concatenate([joints, conditions[rows]], axis=1), values, target)
         return wanted.take(rows).errors(Ts), jacobian
 
     joints, steps = start.astype(np.float64), np.zeros(len(wanted), dtype=np.int_)
@@ -123,6 +124,18 @@ def reach(arm: Arm, values: Array, wanted: Wanted, start: Array, conditions: Arr
         damping[worse] = np.maximum(10 * damping[worse], LEAST_DAMPING)
         steps[going] += 1
     return Reached(joints, errors, left, steps)
+
+
+def tool_at(arm: Arm, settings: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+    """Poses of a target, and how the readings move them (``RigidArm.tool``).
+
+    Where the robot cannot stand so, as its loops do not close, the target is far away, and nothing moves it: no step
+    that leads there is taken.
+    """
+    Ts, jacobian = arm.tool(settings, values, target)
+    lost = np.isnan(Ts).any(axis=(1, 2))
+    Ts[lost], jacobian[lost] = NOWHERE, 0.0
+    return Ts, jacobian
 
 
 def within_reach(jacobian: Array, errors: Array, turned: NDArray[np.bool_]) -> Array:

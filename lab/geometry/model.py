@@ -3,6 +3,7 @@
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.frames import Array
 from lab.geometry.joints import Joints
@@ -98,3 +99,10 @@ class RigidArm(Model, Protocol):
 
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
         """Poses ``(n, 4, 4)`` of a target, and its geometric Jacobian by the readings ``(n, 6, joints)``."""
+
+    def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
+        """How far (rad, m of a slide) readings ``(n, joints)`` are from where the robot is singular, to first order.
+
+        Returns:
+            ``(n,)`` the distances, and the joint (from 0) that would have to move most.
+        """

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lab.errors import LabError
 from lab.frames import Array, exp, left_jacobian, pose
 from lab.geometry.chain import COLUMNS, Chain
+from lab.geometry.differential import singular_distance
 from lab.geometry.gauge import preferred_columns
 
 CHUNK = 2048  # poses at a time: what fits the processor's cache
@@ -155,6 +156,10 @@ class SerialArm:
             jacobian[:3, motion.joint] = axis[1:4] * lever[2:5] - axis[2:5] * lever[1:4]
             jacobian[3:, motion.joint] = axis[:3]
         return _poses(frame, place, len(joints)), jacobian.transpose(2, 0, 1)
+
+    def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
+        """As of ``RigidArm``: by ``differential.singular_distance``."""
+        return singular_distance(self.tool(joints, values, target)[1])
 
     def frame(self, joints: Array, values: Array, size: int) -> Array:
         """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at readings ``(n, joints)``."""

@@ -8,10 +8,11 @@ from scipy.spatial import cKDTree
 
 from lab import frames
 from lab.frames import Array
-from lab.geometry.chain import Chain
 from lab.geometry.closed_form import ClosedForm, Solutions, closed_form_of
 from lab.geometry.differential import ROTATION_M
-from lab.geometry.inverse import FREEDOMS, Wanted, reach
+from lab.geometry.inverse import FREEDOMS, Wanted, reach, tool_at
+from lab.geometry.joints import Joints
+from lab.geometry.model import RigidArm
 from lab.geometry.serial import SerialArm
 from lab.seeds import stream
 
@@ -32,14 +33,16 @@ class Drawing:
         target: of the tool, which one is to be brought somewhere.
     """
 
-    arm: SerialArm
+    arm: RigidArm
     values: Array
     target: int = 0
     closed_form: ClosedForm | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        chain = self.arm.chain.with_table(self.arm.split(self.values)[1])
-        object.__setattr__(self, "closed_form", closed_form_of(chain))
+        form = None
+        if isinstance(self.arm, SerialArm):
+            form = closed_form_of(self.arm.chain.with_table(self.arm.split(self.values)[1]))
+        object.__setattr__(self, "closed_form", form)
 
     def ways(self, wanted: Wanted, reference: Array) -> Solutions:
         """Some ways to reach each ``(n, k, joints)``, all of the closed form where there is one.
@@ -86,15 +89,19 @@ class Drawing:
         return reach(self.arm, self.values, wanted, joints, np.empty((len(wanted), 0)), self.target).joints
 
     def tool(self, joints: Array) -> tuple[Array, Array]:
-        """Poses of the tool ``(n, 4, 4)`` and their Jacobians ``(n, 6, joints)``, as ``SerialArm.tool``."""
-        return self.arm.tool(joints, self.values, self.target)
+        """Poses of the tool ``(n, 4, 4)`` and their Jacobians ``(n, 6, joints)``, as ``inverse.tool_at``."""
+        return tool_at(self.arm, joints, self.values, self.target)
+
+    @property
+    def tools(self) -> Array:
+        """Places ``(k, 3)`` m of the targets in the last frame."""
+        return self.values[-3 * len(self.arm.targets) :].reshape(-1, 3)
 
     def last_frames(self, wanted: Wanted) -> Array:
         """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there, turned as near as the arm can."""
-        tools = self.arm.split(self.values)[2]
         Ts: Array = frames.inverse(self.arm.T_tracker_frame0(self.values)) @ frames.pose(wanted.turns, wanted.places)
         turns = Ts[:, :3, :3] if self.closed_form is None else self.closed_form.nearest_turns(Ts[:, :3, :3])
-        return frames.pose(turns, Ts[:, :3, 3] - turns @ tools[self.target])
+        return frames.pose(turns, Ts[:, :3, 3] - turns @ self.tools[self.target])
 
     def _by_closed_form(self, wanted: Wanted, reference: Array) -> Solutions:
         assert self.closed_form is not None
@@ -104,7 +111,7 @@ class Drawing:
         """Newton's method from the reference, and from the nearest of many random poses."""
         chain = self.arm.chain
         samples = chain.random_joints(SAMPLES, stream(0, "structure"))
-        Ts = self.arm.tool(samples, self.values, self.target)[0]
+        Ts = self.tool(samples)[0]
         near = np.empty((len(wanted), SEARCHED), dtype=np.int_)
         for turned in (True, False):
             rows = np.flatnonzero(wanted.turned == turned)
@@ -134,7 +141,7 @@ def _landmarks(places: Array, turns: Array, turned: bool) -> Array:
 
 
 def ordered(
-    chain: Chain, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_]
+    chain: Joints, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.int_]]:
     """The ways in order of preference: reached, within limits, not disliked, and near.
 
@@ -162,7 +169,7 @@ def ordered(
     return joints, order
 
 
-def nearest_turns(chain: Chain, joints: Array, near: Array) -> Array:
+def nearest_turns(chain: Joints, joints: Array, near: Array) -> Array:
     """The same readings ``(..., joints)`` but for whole turns of hinges: nearest to others, within limits if any is."""
     turn = np.where(chain.prismatic, 0.0, 2 * np.pi)
     found = joints + turn * np.round((near - joints) / (2 * np.pi))

@@ -95,10 +95,9 @@ def write_correction(folder: Path, done: Corrected, options: Correction) -> None
 def _program(done: Corrected, rows: NDArray[np.int_]) -> str:
     """The RAPID module, with the base and tool that suit the controller's links."""
     run, drawing = done.run, done.run.drawing(done.target)
-    tools = drawing.arm.split(drawing.values)[2]
     T_instrument_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
     ids = [done.targets.ids[i] for i in rows]
-    T_last_tool = frames.pose(run.R_last_tool, tools[done.target])
+    T_last_tool = frames.pose(run.R_last_tool, drawing.tools[done.target])
     return program_module(
         run.robot.name, ids, done.found.joints[rows], T_last_tool, frames.inverse(T_instrument_frame0)
     )

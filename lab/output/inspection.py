@@ -73,6 +73,7 @@ def inspection(question: Question) -> dict[str, Any]:
                 if usual and condition > WEAK_CONDITION
                 else ()
             )
+            if change.condition < condition
         },
         "poses_needed": poses_needed(arm, nominal, structure),
         **shape,

@@ -97,7 +97,9 @@ def shape_closed(mechanism: Mechanism) -> dict[str, Any]:
         "area_m2": reached if flat else None,
         "volume_m3": None if flat else reached,
         "closures_condition": dict(zip(("least", "middle", "largest"), map(number, shape.conditions), strict=True)),
-        "singularities": [
+        "singularities": None
+        if shape.course is None
+        else [
             {
                 "name": each.kind,
                 "where": _WHERE[shape.course.name][each.kind],
@@ -107,7 +109,6 @@ def shape_closed(mechanism: Mechanism) -> dict[str, Any]:
                 "platform_mm": _mm(each.place),
             }
             for each in shape.singularities
-            if shape.course is not None
         ],
     }
 
@@ -200,10 +201,12 @@ def _print_shape(console: Console, seen: dict[str, Any]) -> None:
         f"its loops close at {100 * seen['share_closing']:.3g} % of random readings within the limits, "
         f"with a condition of {least:.2g} to {largest:.2g}, mostly {middle:.2g} (1 is best, {REFUSED:g} refused)"
     )
-    if seen["singularities"]:
+    if seen["singularities"] is None:
+        say("where it is singular is not known, but by that condition, which grows there")
+    else:
         say("singularities within the limits (distance from 0, singular, to 1):")
     units = [" mm" if joint["type"] == "prismatic" else "°" for joint in seen["joints"]]
-    for each in seen["singularities"]:
+    for each in seen["singularities"] or ():
         unit = units[0] if len(set(units)) == 1 else " mm and °"
         at = f"at ({_rounded(each['example'])}){unit}, {seen['platform']} at ({_rounded(each['platform_mm'])}) mm"
         near = f"reached, e.g. {at}" if each["within_limits"] else f"no nearer than {each['distance']:#.2g}, {at}"

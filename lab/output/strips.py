@@ -45,9 +45,12 @@ def _from_base(values: Array) -> Array:
 
 
 def frame_origins(arm: RigidArm, values: Array, joints: Array) -> Array:
-    """Where the arm's frames are ``(n, f, 3)`` m in the base's frame, from the base's own outward."""
+    """Where the arm's frames are ``(n, f, 3)`` m in the base's frame, from the base's own outward to the targets'."""
     lines = frame_lines(arm, values, joints)
-    return lines[0] if isinstance(arm, SerialArm) else np.concatenate([np.zeros((len(joints), 1, 3)), *lines], axis=1)
+    if isinstance(arm, ClosedArm):
+        ends = np.zeros((len(joints), 1, 3)), arm.platforms(joints, _from_base(values))[:, None, :3, 3]
+        return np.concatenate([ends[0], *lines, ends[1]], axis=1)
+    return lines[0]
 
 
 def frame_lines(arm: RigidArm, values: Array, joints: Array) -> list[Array]:

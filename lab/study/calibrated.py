@@ -59,12 +59,8 @@ class Calibrated:
         return arm, self.values[: len(arm.names)]
 
     def drawing(self, target: int) -> Drawing:
-        """What its controller computes with, to bring a target somewhere.
-
-        Raises:
-            LabError: it has loops, and no closed form here.
-        """
-        arm = self.robot.serial_arm(self.arm.targets)
+        """What its controller computes with, to bring a target somewhere."""
+        arm = rigid_part(self.arm)
         return Drawing(arm, self.before[: len(arm.names)], target)
 
     @property

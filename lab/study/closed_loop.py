@@ -10,7 +10,8 @@ from lab.calibration.iso9283 import CYCLES, SIDES_M, circle_places, cube_places,
 from lab.calibration.lift import lift
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.differential import ROTATION_M, singular_distance
+from lab.geometry.affected import rigid_part
+from lab.geometry.differential import ROTATION_M
 from lab.geometry.effects import OF_ITS_CAMPAIGN
 from lab.geometry.inverse import Wanted
 from lab.geometry.ways import Drawing, ordered
@@ -60,7 +61,7 @@ def compensator_of(outcome: Outcome, target: str = "p1") -> Compensator:
     arm = outcome.robot.arm_with(outcome.fitted.targets, groups)
     likely = dict(zip(found.model.names, lift(found, outcome.nominal, outcome.tolerance), strict=True))
     before = dict(zip(found.model.names, found.before, strict=True))
-    rigid = outcome.robot.serial_arm(arm.targets)
+    rigid = rigid_part(arm)
     drawing = Drawing(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
     return Compensator(drawing, arm, np.array([likely[name] for name in arm.names]))
 
@@ -108,7 +109,7 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
         LabError: there is none.
     """
     model = robot.model
-    arm = robot.serial_arm((target,))
+    arm = robot.arm((target,))
     drawing = Drawing(arm, arm.nominal(robot.tool))
     centres = drawing.tool(random_poses(model, CENTRES, stream(0, "structure")))[0]
     aside = np.abs(centres[:, 1, 3]) + ROTATION_M * np.abs(centres[:, 1, 2])
@@ -131,7 +132,7 @@ def _clear(model: RobotModel, drawing: Drawing, wanted: Wanted) -> bool:
     joints = ordered(chain, ways, anywhere, np.zeros(ways.gap_m.shape, dtype=np.bool_))[0][:, 0]
     if ways.gap_m.min(axis=1).max() > 0 or chain.beyond_limits(joints, -MARGIN_RAD).any():
         return False
-    distance, _ = singular_distance(drawing.tool(joints)[1])
+    distance, _ = drawing.arm.singular_distance(joints, drawing.values, drawing.target)
     return bool(distance.min() > CLEAR_RAD) and not collides(model, joints).any()
 
 

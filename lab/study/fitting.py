@@ -28,7 +28,7 @@ from lab.measurements import Measurements
 from lab.seeds import stream
 from lab.study.fitted import Fitted, named_poses
 from lab.study.option_groups import Fitting
-from lab.study.remarks import of_export, of_groups, of_joints, of_outliers, of_prior, of_weakness
+from lab.study.remarks import of_drawing, of_export, of_groups, of_joints, of_outliers, of_prior, of_weakness
 from lab.study.robots import Robot
 
 CLEANINGS = 5  # of the poses and what they are judged by
@@ -143,6 +143,7 @@ class Fitter:
             warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in lacking.items() if why]
         if self.options.prior:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
+        warnings += of_drawing(found, self.nominal(found.model))
         if self.observing.kind == "points":
             warnings += of_weakness(self.robot, self.targets, groups, found, seen.settings)
         warnings += of_joints(found, seen, clean, self._moves(clean))

@@ -75,10 +75,10 @@ def run_payload(options: PayloadTask) -> Weighed:
     if options.run is not None:
         return _by_sag(options)
     robot = load_robot(options.robot)
-    chain = robot.chain
+    model, chain = robot.serial_model, robot.chain
     records = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
     method = options.method or ("torques" if records.wrench is None else "wrench")
-    mounting = drawn_mounting(robot.serial_model)
+    mounting = drawn_mounting(model)
     if options.sensor is not None:
         mounting = read_mounting(options.sensor, sensor=method == "wrench")
     elif method == "wrench":

@@ -98,17 +98,20 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     rows = 3 * len(arm.targets)
     candidates = draw_candidates(model, options.targets, device, options.candidates, stream(options.seed, "candidates"))
 
+    everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
+
     def observed(joints: Array) -> tuple[Array, Array]:
         """What is seen and what of it depends on the base set: of a pose that cannot be, nothing."""
         points, jacobian = arm.observe(joints, values)
-        return np.nan_to_num(points), np.nan_to_num(jacobian[..., kept])
+        return _finite(points), _finite(jacobian[..., kept])
 
     def unweighted(joints: Array) -> Array:
         return observed(joints)[1].reshape(len(joints), rows, len(kept))
 
     def whitened(joints: Array) -> Array:
         points, jacobian = observed(joints)
-        return (whitening(device.covariance(points)) @ jacobian).reshape(len(joints), rows, len(kept))
+        white = everywhere if device.kind != "spherical" else whitening(device.covariance(points))
+        return (white @ jacobian).reshape(len(joints), rows, len(kept))
 
     seen = whitened if scaling.kind == "whitened" else unweighted
     pool = seen(candidates.joints)
@@ -134,6 +137,10 @@ def pose_problem(options: PlannedCampaign) -> Problem:
         before=seen(already) * factors,
         warnings=(*robot.warnings, *warnings),
     )
+
+
+def _finite(numbers: Array) -> Array:
+    return numbers if np.isfinite(numbers).all() else np.nan_to_num(numbers)
 
 
 def _noisy(name: str) -> Instrument:
@@ -180,8 +187,16 @@ def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible
         if any(free(hub, pose) for hub in found):
             found.append(pose)
 
+    known: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
+
+    def leads_to(pose: Array) -> bool:
+        key = pose.tobytes()
+        if key not in known:
+            known[key] = any(free(hub, pose) for hub in found)
+        return known[key]
+
     def reachable(joints: Array) -> NDArray[np.bool_]:
-        return np.array([any(free(hub, pose) for hub in found) for pose in joints], dtype=bool)
+        return np.array([leads_to(pose) for pose in joints], dtype=bool)
 
     def feasible(joints: Array) -> NDArray[np.bool_]:
         fine = allowed(joints)

@@ -12,11 +12,13 @@ from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.calibration.statistics.readings import by_readings, rounding
 from lab.calibration.statistics.selection import Selection
 from lab.frames import Array
+from lab.geometry.model import is_link, unit_of
 from lab.measurements import Measurements, seen_mask
 from lab.study.advice import changes
 from lab.study.robots import Robot
 
 WORTH = 0.8  # of the condition: a change that leaves more brings nothing
+STRANGE = 0.05  # m or rad from the drawing
 SURPRISING = 5.0  # standard deviations of the prior
 RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
@@ -59,6 +61,19 @@ def of_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> lis
         f"{name} is {off.max():.0f} tolerances from the drawing: --prior holds it back; give larger "
         "--tolerance-mm and --tolerance-mrad, or leave it out"
     ]
+
+
+def of_drawing(found: Identification, nominal: Array) -> list[str]:
+    """That the robot came out far from its drawing, and surely so: it may be another one's."""
+    names, free = found.model.names, list(found.fit.free)
+    off = np.abs(found.values - nominal)[free]
+    sure = np.array([is_link(names[i]) for i in free]) & (off > STRANGE) & (off > SURPRISING * found.std)
+    if not sure.any():
+        return []
+    name = names[free[int(np.argmax(np.where(sure, off, 0.0)))]]
+    size = float(np.max(off[sure]))
+    far = f"{np.rad2deg(size):.3g}°" if unit_of(name) == "rad" else f"{1e3 * size:.3g} mm"
+    return [f"{name} came out {far} from the drawing: is the drawing that of this robot?"]
 
 
 def of_joints(found: Identification, seen: Observations, rows: Measurements, moves: Array) -> list[str]:

@@ -80,6 +80,8 @@ class Robot:
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
+        if isinstance(self.chain, Mechanism) and (bent := {"compliance", "payload"} & set(groups)):
+            raise LabError(f"--model {min(bent)}: robot {self.name} has loops, and nothing bends such a robot here")
         return affected(self.arm(targets), [effect(name, self.chain, self.loads, course) for name in groups])
 
     @property

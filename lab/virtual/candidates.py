@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from lab.errors import LabError
 from lab.frames import Array
@@ -68,11 +68,11 @@ def draw_candidates(
         raise LabError(f"{count} candidate poses: ask for 1 or more")
     first_reason = _judge(robot, targets, instrument, margin)
     _refuse_tracker_in_arm(robot)
-    sobol = qmc.Sobol(robot.chain.size, scramble=True, rng=rng)
+    sobol = scipy.stats.qmc.Sobol(robot.chain.size, scramble=True, rng=rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
     while np.count_nonzero(reasons < 0) < count:
         _refuse_hopeless(robot, targets, reasons, count)
-        block = qmc.scale(sobol.random(_BLOCK), robot.chain.lower, robot.chain.upper)
+        block = scipy.stats.qmc.scale(sobol.random(_BLOCK), robot.chain.lower, robot.chain.upper)
         draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, first_reason(block)])
     drawn = int(np.flatnonzero(reasons < 0)[count - 1]) + 1
     draws, reasons = draws[:drawn], reasons[:drawn]

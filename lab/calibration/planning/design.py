@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from lab.calibration.planning.observability import Criterion
 from lab.errors import LabError
@@ -225,6 +225,8 @@ def _proposed(
 
     goal_size = sensitivity(joints[:1]).shape[-1]
     bounds = list(zip(np.tile(lower, n), np.tile(upper, n), strict=True))
-    solved = minimize(downhill, joints.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200})
+    solved = scipy.optimize.minimize(
+        downhill, joints.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200}
+    )
     proposal: Array = solved.x.reshape(n, size)
     return proposal

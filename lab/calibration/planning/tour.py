@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import dijkstra
 
 from lab.calibration.planning.route import improve, kicked, lengths, random_starts
 from lab.errors import LabError
@@ -120,7 +120,7 @@ class Roads:
         """Places on the shortest way from a to b, as far as is known."""
         if np.isfinite(self._graph[a, b]):
             return a, b  # the direct move is never slower than one by way of another place
-        far, previous = dijkstra(self._graph, directed=False, indices=a, return_predecessors=True)
+        far, previous = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=a, return_predecessors=True)
         if not np.isfinite(far[b]):
             raise LabError(
                 f"no free way to {self._cut_off(a, b)}, through any of {len(self.places)} places: "
@@ -135,7 +135,7 @@ class Roads:
         """Which of two places, between which there is no way, is the one that cannot be reached."""
         if np.isfinite(self._graph[0]).sum() == 1:
             return "home"
-        far = dijkstra(self._graph, directed=False, indices=0)
+        far = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=0)
         return f"pose {(b if np.isfinite(far[a]) else a) - 1}"
 
     def _looked_free(self, a: int, b: int) -> bool:

@@ -218,7 +218,8 @@ class Places(ABC):
     def _index(self, numbers: Array) -> NDArray[np.int_]:
         """Where the places of some rows stand among the parameters."""
         where = {number: i for i, number in enumerate(self.numbers)}
-        return np.array([where[int(number)] for number in numbers], dtype=np.int_)
+        seen, rows = np.unique(numbers.astype(np.int_), return_inverse=True)
+        return np.array([where[number] for number in seen.tolist()], dtype=np.int_)[rows]
 
     def _touching(self, settings: Array, values: Array) -> Array:
         """Those of the settings that Newton's steps of the joints bring to their places, ``(m, joints + c)``."""

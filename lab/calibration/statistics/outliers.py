@@ -237,16 +237,19 @@ def _robust(
     as the fit comes nearer to the majority (Huber & Ronchetti 2009, section 7.8; reweighted least squares).
     Lowering the sum of lengths first was tried: it brought nothing, up to 45 % of the poses off.
     """
-    values = start
+    values = ahead = start
     for _ in range(_ROUNDS):
-        linear = linearized(model, seen, values, free, further)
+        linear = linearized(model, seen, ahead, free, further)
+        if not np.isfinite(linear.residual).all():  # too far: loops that do not close
+            break
+        values = ahead
         basis, triangle = np.linalg.qr(linear.jacobian.reshape(-1, len(free)))
         step, weights, scale = _reweighted(linear, basis, floor)
         change = np.linalg.lstsq(triangle, step, rcond=None)[0] / linear.scale
-        values = values.copy()
-        values[list(free)] += change
+        ahead = values.copy()
+        ahead[list(free)] += change
         if np.linalg.norm(step) < _SETTLED * scale * np.sqrt(len(step)):
-            break
+            return ahead, weights, scale
     return values, weights, scale
 
 

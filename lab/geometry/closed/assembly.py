@@ -11,8 +11,8 @@ of the closures' derivatives keeps its sign.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from lab.frames import Array
 from lab.geometry.closed.posture import Dimensions, Posture
@@ -60,14 +60,18 @@ class Assembly:
     lever_m: Array
     turns: NDArray[np.bool_]
 
-    def from_known(self, joints: Array, known: Known) -> "Closed":
-        """At readings ``(n, joints)``, each from a known place of its own."""
+    def from_known(self, joints: Array, known: Known, *, at_once: bool = False) -> "Closed":
+        """At readings ``(n, joints)``, each from a known place of its own.
+
+        Args:
+            at_once: leave open what does not close in one go, without looking for a way there.
+        """
         with np.errstate(all="ignore"):  # on a way to nowhere numbers may grow
             posture, smooth = self._corrected(joints, known.passive, 0.0)
             if not smooth.all():
                 rows = np.flatnonzero(~smooth)
                 passive = posture.passive.copy()
-                passive[:, rows] = self._followed(joints[rows], known.take(rows))
+                passive[:, rows] = np.nan if at_once else self._followed(joints[rows], known.take(rows))
                 posture.move(passive)
             return self.closed(posture, known.sense)
 
@@ -84,7 +88,7 @@ class Assembly:
             posture.move(values[:, None] / self.lever_m[:, None])
             return np.concatenate([np.atleast_1d(gap) for gap in posture.closures()[0]])
 
-        found = least_squares(gaps, passive * self.lever_m, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = scipy.optimize.least_squares(gaps, passive * self.lever_m, xtol=1e-15, ftol=1e-15, gtol=1e-15)
         return np.asarray(found.x / self.lever_m), gaps(found.x)
 
     def _corrected(self, joints: Array, start: Array, open_by: Array | float) -> tuple[Posture, NDArray[np.bool_]]:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.errors import LabError
 from lab.frames import Array, exp, left_jacobian, pose
@@ -16,6 +17,8 @@ from lab.geometry.closed.assembly import Closed
 from lab.geometry.closed.mechanism import Mechanism
 from lab.geometry.closed.posture import Posture, crossed
 from lab.geometry.serial import DEFAULT_TOOL, chunks, padded
+
+STEP = 1e-5  # rad or m, of differences
 
 
 @dataclass(frozen=True)
@@ -81,20 +84,24 @@ class ClosedArm:
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
         """Poses ``(n, 4, 4)`` of a target, turned as the platform, and its geometric Jacobian ``(n, 6, joints)``.
 
-        As of ``SerialArm.tool``; NaN where refused.
+        As of ``SerialArm.tool``; NaN where refused, or not closed at once (``Mechanism.assembled``).
         """
         Ts, jacobian = np.zeros((len(joints), 4, 4)), np.zeros((len(joints), 6, self.chain.size))
         Ts[:, 3, 3] = 1.0
-        moved = self.by_joints(self.observe(joints, values)[1])
-        jacobian[:, :3] = moved[:, target]
-        for part, closed in self._closed(joints, values):
-            platform = closed.posture.frames[self.chain.tree.platform][0]
-            for column, vector in enumerate((*platform, self._targets(closed.posture, values)[:, target])):
+        for part, closed in self._closed(joints, values, at_once=True):
+            point = self._targets(closed.posture, values)[:, target]
+            for column, vector in enumerate((*closed.posture.frames[self.chain.tree.platform][0], point)):
                 Ts[part, :3, column] = vector[:3].T
-            jacobian[part, 3:] = self._turning(closed)
+            jacobian[part] = self._twists(closed, point)
             for out in (Ts, jacobian):
                 out[part][~closed.fits] = np.nan
         return Ts, jacobian
+
+    def platforms(self, joints: Array, values: Array) -> Array:
+        """Poses ``(n, 4, 4)`` of the platform in the tracker's frame; NaN where the loops are not closed."""
+        (x, y, z), origin = self.chain.assembled(joints, values).posture.frames[self.chain.tree.platform]
+        columns = [np.broadcast_to(vector[:3], (3, len(joints))).T for vector in (x, y, z)]
+        return pose(np.stack(columns, axis=2), np.broadcast_to(origin[:3], (3, len(joints))).T)
 
     def legs(self, joints: Array, values: Array) -> list[Array]:
         """The frames' origins along each closure ``(n, c, 3)`` m, from the base's side to the platform."""
@@ -118,6 +125,31 @@ class ClosedArm:
         places = [np.broadcast_to(posture.frames[frame][1][:3], (3, count)) for frame in (*near, *far[::-1])]
         return np.stack(places).transpose(2, 0, 1)
 
+    def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
+        """As of ``RigidArm``, of the nearer of a serial and a parallel singularity; zero where the loops do not close.
+
+        There the target's Jacobian, and here the closures' derivatives by the passive values, lose a singular value:
+        the product of all, over the length of its gradient by the readings (differences), is the way to there.
+        """
+        if not len(joints):
+            return np.empty(0), np.empty(0, dtype=np.int_)
+        moves = STEP * np.eye(self.chain.size)
+        sizes = [np.stack([self._sizes(joints + sign * move, values, target) for move in moves]) for sign in (1, -1)]
+        slope = (sizes[0] - sizes[1]) / (2 * STEP)  # (joints, 2, n), of logarithms
+        steepest = np.nan_to_num(np.linalg.norm(slope, axis=0), nan=np.inf)
+        which = steepest.argmax(axis=0)
+        rows = np.arange(len(joints))
+        steep = np.nan_to_num(np.abs(slope[:, which, rows]))
+        return 1 / np.maximum(steepest[which, rows], 1e-300), np.asarray(steep.argmax(axis=0))
+
+    def _sizes(self, joints: Array, values: Array, target: int) -> Array:
+        """Logarithms ``(2, n)`` of products of singular values: of how the target moves, of what closes the loops."""
+        moved = self.tool(joints, values, target)[1][:, : min(3, self.chain.size)]
+        closed = np.concatenate([each.inverse for _, each in self._closed(joints, values, at_once=True)])
+        with np.errstate(all="ignore"):
+            square = np.linalg.det(moved @ moved.swapaxes(1, 2))
+            return np.stack([np.log(np.abs(square)) / 2, -np.log(np.abs(np.linalg.det(closed)))])
+
     def preferred(self) -> tuple[int, ...]:
         """The base, the mechanism's parameters as they come, then the targets."""
         return tuple(range(len(self.names)))
@@ -131,13 +163,13 @@ class ClosedArm:
         """Readings at which identifiability is decided: random within the limits, where the loops close."""
         return self.chain.random_joints(count, rng)
 
-    def _closed(self, joints: Array, values: Array) -> Iterator[tuple[slice, Closed]]:
+    def _closed(self, joints: Array, values: Array, *, at_once: bool = False) -> Iterator[tuple[slice, Closed]]:
         if joints.ndim != 2 or joints.shape[1] != self.chain.size:
             raise LabError(
                 f"joints of shape {joints.shape} do not fit robot '{self.chain.name}': give (poses, {self.chain.size})"
             )
         for part in chunks(len(joints), len(self.targets)):
-            yield part, self.chain.assembled(joints[part], values)
+            yield part, self.chain.assembled(joints[part], values, at_once=at_once)
 
     def _targets(self, posture: Posture, values: Array) -> Array:
         """Target positions ``(5, k, n)`` from the platform."""
@@ -175,20 +207,26 @@ class ClosedArm:
             for k in range(len(self.targets)):
                 jacobian[len(self.chain.names) + 3 * k + axis, :, k] = vector[:3]
 
-    def _turning(self, closed: Closed) -> Array:
-        """How the readings turn the platform, ``(n, 3, joints)`` in the tracker's frame."""
+    def _twists(self, closed: Closed, point: Array) -> Array:
+        """How the readings move a point ``(5, n)`` of the platform, and turn it, ``(n, 6, joints)``."""
         posture, tree = closed.posture, self.chain.tree
-        carried = tree.ancestry(tree.platform)
-        turns = np.zeros((len(tree.passive), 3, posture.passive.shape[1]))
+        carried, count = tree.ancestry(tree.platform), posture.passive.shape[1]
+
+        def twist(step: tuple[int, int]) -> Array:
+            axis = posture.steps[step[0]][step[1]][0][:3]
+            moved = posture.motion(step, point[:, None])[:, 0]
+            turned = axis if tree.step(*step).is_turn else np.zeros((3, 1))
+            return np.concatenate([np.broadcast_to(part, (3, count)) for part in (moved, turned)])
+
+        by_passive = np.zeros((len(tree.passive), 6, count))
         for i, step in enumerate(tree.passive):
-            if step in carried and tree.step(*step).is_turn:
-                turns[i] = posture.steps[step[0]][step[1]][0][:3]
-        answer = _answers(closed, turns)
-        out = np.zeros((3, self.chain.size, posture.passive.shape[1]))
+            if step in carried:
+                by_passive[i] = twist(step)
+        answer = _answers(closed, by_passive)
+        out = np.zeros((6, self.chain.size, count))
         for step in carried:
-            joint = tree.step(*step).joint
-            if joint is not None and tree.step(*step).is_turn:
-                out[:, joint] += posture.steps[step[0]][step[1]][0][:3]
+            if (joint := tree.step(*step).joint) is not None:
+                out[:, joint] += twist(step)
         for i, opening in enumerate(tree.openings):
             for step, end, sign in opening:
                 if (joint := tree.step(*step).joint) is not None:

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.stats import qmc
 
 from lab.errors import LabError
 from lab.frames import Array
@@ -19,6 +19,7 @@ from lab.geometry.serial import BASE_NAMES
 from lab.seeds import stream
 
 SAMPLED = 3.0  # condition of the closures (one at best) up to which poses are drawn at random
+UNLIKE = 0.05  # m or rad: dimensions this far from the drawing's are no copy's, and not worth a way
 STATIONS = 512  # readings at which the drawing's passive values are sought beforehand
 _LEAST_LEVER_M = 1e-3
 _BLOCK, _MOST_BLOCKS = 256, 200  # of random readings
@@ -69,16 +70,21 @@ class Mechanism(Joints):
                 return self.tree.name_of(f, s)
         return next(f"{rod.name}.length" for rod in self.tree.rods if rod.joint == joint)
 
-    def assembled(self, joints: Array, values: Array) -> Closed:
+    def assembled(self, joints: Array, values: Array, *, at_once: bool = False) -> Closed:
         """The loops closed at readings ``(n, joints)``, in the mode of the drawn position where a way leads there.
 
         From a station, with these parameters; where that way ends, with the drawing's, and on to these at the readings.
+
+        Args:
+            at_once: be quick, and leave open what takes a way to be found: a little of what is nearly singular.
         """
         known, tree = self._stations
         nearest = known.take(tree.query(joints / self._ranges)[1])
-        found = self._assembly(values).from_known(joints, nearest)
+        own = slice(len(BASE_NAMES), len(self.names))
+        at_once |= bool(np.abs(values[own] - self.drawn[own]).max(initial=0.0) > UNLIKE)
+        found = self._assembly(values).from_known(joints, nearest, at_once=at_once)
         lost = np.flatnonzero(~np.isfinite(found.posture.passive).all(axis=0))
-        if not lost.size or values is self.drawn:
+        if at_once or not lost.size or values is self.drawn:
             return found
         drawn = self._assembly(self.drawn).from_known(joints[lost], nearest.take(lost))
         again = self._assembly(values).from_known(joints[lost], Known(joints[lost], drawn.posture.passive, known.sense))
@@ -171,7 +177,7 @@ class Mechanism(Joints):
         return self.upper - self.lower
 
     @cached_property
-    def _stations(self) -> tuple[Known, cKDTree]:
+    def _stations(self) -> tuple[Known, Any]:
         """Where the drawing's passive values are known: home, and what can be reached from there, place by place.
 
         Raises:
@@ -180,9 +186,10 @@ class Mechanism(Joints):
         assembly = self._assembly(self.drawn)
         passive, gaps = assembly.nearest(self.home, self._drawn_passive)
         if np.abs(gaps).max(initial=0.0) > CLOSED_M:
-            said = self._said_open(self.home, gaps)
+            at = ", ".join(f"{name} {self.shown(i, self.home[i])}" for i, name in enumerate(self.joint_names))
             raise LabError(
-                f"robot '{self.name}': in the drawn position {said}; mend lengths, or the places of their ends"
+                f"robot '{self.name}': in the drawn position ({at}) {self._said_open(self.home, gaps)}; mend lengths, "
+                "places of their ends, or limits: it is drawn at zero readings, or amid limits that zero is beyond"
             )
         posture = self._at_home(passive)
         sense = float(np.sign(np.linalg.det(posture.by_passive(posture.closures()[1])[0])))
@@ -192,11 +199,11 @@ class Mechanism(Joints):
                 "place rods that are alike or in line otherwise, or draw another position"
             )
         known = Known(self.home[None], passive[:, None], sense)
-        sobol = qmc.Sobol(self.size, scramble=True, rng=stream(0, "structure"))
-        left = qmc.scale(sobol.random(STATIONS), self.lower, self.upper)
+        sobol = scipy.stats.qmc.Sobol(self.size, scramble=True, rng=stream(0, "structure"))
+        left = scipy.stats.qmc.scale(sobol.random(STATIONS), self.lower, self.upper)
         grown = True
         while grown and len(left):
-            nearest = cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
+            nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
             found = assembly.from_known(left, known.take(nearest))
             good = found.condition < SAMPLED  # an imperfect copy may lack what is nearly singular
             known = Known(
@@ -205,4 +212,4 @@ class Mechanism(Joints):
                 known.sense,
             )
             left, grown = left[~good], bool(good.any())
-        return known, cKDTree(known.joints / self._ranges)
+        return known, scipy.spatial.cKDTree(known.joints / self._ranges)

@@ -83,6 +83,10 @@ def read_mechanism(path: Path) -> MechanismFile:
             acceleration=acceleration,
             tree=reader.tree(document),
         )
+        if not mechanism.tree.passive:
+            raise LabError(
+                "nothing in it is passive, so it has no loop; describe a chain by a Denavit-Hartenberg table"
+            )
         mechanism.refuse_open()
     except LabError as error:
         raise error if str(error).startswith(str(path)) else LabError(f"{path}: {error}") from error
@@ -233,12 +237,12 @@ class _Tree:
             number = section.optional(kind, ANGLES if len(kind) == 2 else LENGTHS)
             if number is not None:
                 kinds.append((kind, number))
+        joint, passive, exact = self._joint(section), section.flag("passive"), section.flag("exact")
+        section.refuse_the_rest(_OF_STEP)
         if len(kinds) != 1:
             raise LabError(f"{section.where}: {len(kinds)} motions; give {_OF_STEP}")
-        joint, passive, exact = self._joint(section), section.flag("passive"), section.flag("exact")
         if (joint is not None) + passive + exact > 1:
             raise LabError(f"{section.where}: a step has a joint, or is passive, or exact; keep one")
-        section.refuse_the_rest(_OF_STEP)
         kind, value = kinds[0]
         if joint is not None and self.slides[joint] == (len(kind) == 2):
             turns = len(kind) == 2
@@ -255,6 +259,7 @@ class _Tree:
     def _rod(self, section: Section, name: str) -> Rod:
         ends, joint, exact = self._ends(section), self._joint(section), section.flag("exact")
         length = section.optional("length", LENGTHS)
+        section.refuse_the_rest("name, between, length_mm (or _m), joint, exact")
         if joint is None:
             if length is None:
                 raise LabError(f"{section.where}: length is missing; give length_mm or a joint that sets it")
@@ -267,5 +272,4 @@ class _Tree:
                 )
             if exact:
                 raise LabError(f"{section.where}: exact is of rods whose length no joint sets; leave it out")
-        section.refuse_the_rest("name, between, length_mm (or _m), joint, exact")
         return Rod(name, ends, length or 0.0, exact, joint)
