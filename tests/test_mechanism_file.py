@@ -170,7 +170,10 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
         ("frame A2, step 1: 2 motions", "give one of"),
     ),
     "no motion": (two(("{ x_mm = 600 }", "{ }")), ("frame A2, step 1: 0 motions", "give one of")),
-    "the wrong unit": (two(("{ x_mm = 600 }", "{ x_deg = 600 }")), ("frame A2, step 1: unknown key 'x_deg'", "x, y, z with _mm")),
+    "the wrong unit": (
+        two(("{ x_mm = 600 }", "{ x_deg = 600 }")),
+        ("frame A2, step 1: unknown key 'x_deg'", "x, y, z with _mm"),
+    ),
     "two units": (two(("{ x_mm = 600 }", "{ x_mm = 600, x_m = 2 }")), ("step 1", "x_m and x_mm", "keep one")),
     "a motion twice": (
         two(("{ x_mm = 600 }", "{ x_mm = 600 }, { x_mm = 1 }")),

@@ -85,7 +85,7 @@ def harmonics(chain: Joints, order: int = 1) -> Effect:
 def coupling(chain: Joints) -> Effect:
     """Axes that their neighbours drag along: joint i stands at q_i + k_ij q_j, and the last one also by j = i - 2."""
     last, turning = chain.size - 1, _turning(chain)
-    pairs = [*((i, i - 1) for i in range(1, chain.size)), (last, last - 2)]
+    pairs = [*((i, i - 1) for i in range(1, chain.size)), *([(last, last - 2)] if last >= 2 else [])]
     pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
     names = tuple(f"joint{i + 1}.coupling{j + 1}" for i, j in pairs)
 
@@ -193,7 +193,10 @@ def effect(name: str, chain: Joints, loads: Loads | None, course: Course = Cours
         "backlash": lambda: backlash(chain),
         "drift": lambda: drift(course.start_s),
     }
-    return made[name]()
+    found = made[name]()
+    if not found.parameters:
+        raise LabError(f"--model {name}: robot {chain.name} has no joint that could have it; leave it out")
+    return found
 
 
 def _turning(chain: Joints) -> tuple[int, ...]:

@@ -105,12 +105,17 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     if options.noise_mm is not None:
         noise = Noise(None, options.noise_mm / 1e3)
     fitter = Fitter(robot, options.targets, data, Observing(), noise, options.fitting, False, options.seed)
+    rows, fresh = _seen(data), fresh_poses(real, options, asked)
     with naming(options.plan or f"--poses {options.poses}"):
-        fit = fitter(data)
+        fit = fitter(rows)
     identification = fit.identification
-    judgement = Judgement("fresh", errors_of(identification, fresh_poses(real, options, asked)))
+    said = [*_impossible("poses", data), *_impossible("fresh poses", fresh)]
+    judgement = Judgement("fresh", errors_of(identification, fresh), tuple(said))
     truth = truth_of(real, robot.arm(options.targets))
     effects = true_parameters(real.effects)
+    if truth is None:
+        hidden = "what the drawing hides shows in this robot: its parameters have no one truth to be compared with"
+        judgement = replace(judgement, warnings=(*judgement.warnings, hidden))
     comparison = None if truth is None else compare_with_truth(identification, replace(truth, effects=effects))
     seconds = time.perf_counter() - started
     return _outcome(
@@ -230,6 +235,16 @@ def _read(robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | 
     read = read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
     return read if load is None else load.weighed(read)
+
+
+def _impossible(what: str, data: Measurements) -> list[str]:
+    """That the real robot cannot take poses that its drawing can: a jump to another assembly mode is none of them."""
+    if not (lost := np.flatnonzero(~data.seen.any(axis=1))).size:
+        return []
+    return [
+        f"{len(lost)} of {len(data)} {what} (the first is {data.ids[lost[0]]}) are beyond a parallel singularity of "
+        "the real robot, which takes none of them in the drawn assembly mode: left out"
+    ]
 
 
 def _seen(data: Measurements) -> Measurements:

@@ -9,7 +9,6 @@ from lab.calibration.load.cost import sag_uncertainty
 from lab.errors import LabError, naming
 from lab.frames import Array
 from lab.geometry.inverse import Wanted
-from lab.geometry.serial import SerialArm
 from lab.measurements import asked
 from lab.study.calibrated import Calibrated, read_calibrated
 from lab.study.options import Correction
@@ -59,9 +58,14 @@ class Corrected:
         joints = self.settings[:, : arm.chain.size]
         if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
             return np.zeros(len(joints))
-        assert isinstance(arm, SerialArm)  # what sags
         off = sag_uncertainty(
-            arm, values, run.compliance, joints, run.robot.loads.gravity, run.load.covariance, self.target
+            run.robot.serial_arm(arm.targets),
+            values,
+            run.compliance,
+            joints,
+            run.robot.loads.gravity,
+            run.load.covariance,
+            self.target,
         )
         carried = self.settings[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
         return np.asarray(np.where(carried, off, 0.0))

@@ -136,7 +136,8 @@ def run_jobs(
                 waiting[executor.submit(call)] = key
             if not waiting:
                 return
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            done = wait(waiting, return_when=FIRST_COMPLETED).done
+            for future in [future for future in waiting if future in done]:  # in the order in which they were given
                 yield waiting.pop(future), future.result()
     except BrokenExecutor as error:
         raise StoppedError("a worker process ended (killed, or out of memory); --resume goes on") from error

@@ -48,8 +48,9 @@ COLUMNS = {  # of every campaign's row, and what they mean
     "mixed_rms": "the same of all identified parameters, in mm and rad as they are, as the thesis takes it",
     "nees": "squared parameter errors by their predicted covariance, a parameter: one on average",
     "before_mm": "mean position error over the fresh poses with nominal links, base and tool fitted",
+    "lost": "poses, to be measured or fresh, that the robot cannot take, as its loops do not close there: left out",
 }
-METRICS = tuple(COLUMNS)[5:]
+METRICS = tuple(COLUMNS)[5:-1]
 
 
 def cell_poses(study: Study, cell: Cell) -> Array:
@@ -170,13 +171,16 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
     )
     real = perturbed_arm(fitted.robot, asked)
     measured = _measured(real, fitted.device, asked, joints, study.draws)
+    exact = real.points(joints, study.targets, _conditions(real, asked, joints, "conditions"))
+    there = real.points(fresh, study.targets, _conditions(real, asked, fresh, "fresh"))
+    taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
+    measured, exact, joints, there, fresh = measured[:, taken], exact[taken], joints[taken], there[met], fresh[met]
     campaigns = _turned(fitted, real, joints, measured)
     found = fit_many(fitted.stacked, campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
-    there = real.points(fresh, study.targets, _conditions(real, asked, fresh, "fresh"))
     judged = _judged(fitted, real, found, campaigns, fresh, there)
-    exact = real.points(joints, study.targets, _conditions(real, asked, joints, "conditions"))
     before = _before(fitted, joints, exact, fresh, there)
-    return {**judged, "before_mm": np.full(study.draws, before)}
+    lost = int((~taken).sum() + (~met).sum())
+    return {**judged, "before_mm": np.full(study.draws, before), "lost": np.full(study.draws, lost, dtype=np.int32)}
 
 
 def _conditions(real: RealArm, asked: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
@@ -255,7 +259,8 @@ def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array
         part = slice(at, at + JUDGED_TOGETHER)
         off = fitted.stacked.points(fresh, values[part]) - exact[part]
         parts.append(1e3 * np.sqrt((off**2).sum(axis=2)).reshape(len(off), -1))
-    return np.concatenate(parts)
+    errors = np.concatenate(parts)
+    return errors[:, np.isfinite(errors).all(axis=0)]  # where a fit's loops do not close it says nothing
 
 
 def _true_values(fitted: _Fitted, real: RealArm, Ts_instrument_drawing: Array) -> Array:

@@ -131,8 +131,8 @@ def _by_sag(options: PayloadTask) -> Weighed:
     """From tracker positions with and without the load, and the compliances of a calibrated arm."""
     assert options.run is not None
     run = read_calibrated(options.run)
-    robot, (arm, values) = run.robot, run.geometry
-    assert isinstance(arm, SerialArm)  # what is compliant is
+    robot, values = run.robot, run.geometry[1]
+    arm = robot.serial_arm(run.arm.targets)
     data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
     if data.targets != arm.targets:
         raise LabError(

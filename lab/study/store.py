@@ -26,7 +26,7 @@ from lab.study.robots import load_robot
 
 _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
 _TEMPORARY = ".*.partial-*"
-_TYPES = dict.fromkeys(("cell", "robot", "draw", "steps"), pa.int32()) | {"converged": pa.bool_()}
+_TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}
 SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
 _REALS = [field.name for field in SCHEMA if field.type == pa.float64()]
 

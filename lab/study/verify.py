@@ -55,6 +55,7 @@ def run_verification(options: Verification) -> VerifiedRun:
         read = calibrated.load.weighed(read)
     rows = read.only("calibrate", "reference", "test")
     rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
+    calibrated.robot.refuse_impossible(options.file, rows)
     if not len(rows):
         raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")
     with _naming(options):

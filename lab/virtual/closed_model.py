@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import mujoco
 import numpy as np
 
 from lab import frames
+from lab.errors import LabError
 from lab.frames import Array
 from lab.geometry.closed.closed_arm import ClosedArm
 from lab.geometry.closed.mechanism import Mechanism
@@ -104,6 +106,12 @@ class RealMechanism(RealArm):
 
     robot: ClosedModel
     values: Array
+
+    def with_effects(self, effects: Effects) -> Self:
+        """As of any arm; nothing of it bends."""
+        if effects.yielding:
+            raise LabError(f"robot {self.robot.chain.name} has loops, and nothing bends such a robot here")
+        return super().with_effects(effects)
 
     def _qpos(self, driven: Array) -> Array:
         """Newton's method on MuJoCo's constraints, from the drawing's passive values: a jump to another mode is NaN."""

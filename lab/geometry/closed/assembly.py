@@ -60,18 +60,18 @@ class Assembly:
     lever_m: Array
     turns: NDArray[np.bool_]
 
-    def from_known(self, joints: Array, known: Known, *, at_once: bool = False) -> "Closed":
+    def from_known(self, joints: Array, known: Known, least_step: float = LEAST_STEP) -> "Closed":
         """At readings ``(n, joints)``, each from a known place of its own.
 
         Args:
-            at_once: leave open what does not close in one go, without looking for a way there.
+            least_step: of the way there, below which it is taken to end.
         """
         with np.errstate(all="ignore"):  # on a way to nowhere numbers may grow
             posture, smooth = self._corrected(joints, known.passive, 0.0)
             if not smooth.all():
                 rows = np.flatnonzero(~smooth)
                 passive = posture.passive.copy()
-                passive[:, rows] = np.nan if at_once else self._followed(joints[rows], known.take(rows))
+                passive[:, rows] = self._followed(joints[rows], known.take(rows), least_step)
                 posture.move(passive)
             return self.closed(posture, known.sense)
 
@@ -112,7 +112,7 @@ class Assembly:
                 return posture, smooth
         return posture, smooth & shut
 
-    def _followed(self, joints: Array, known: Known) -> Array:
+    def _followed(self, joints: Array, known: Known, least_step: float) -> Array:
         """Passive values ``(z, n)`` along straight ways from known places; NaN where a way ends.
 
         The gaps that these dimensions leave at a place known of others are closed in proportion on the way.
@@ -120,7 +120,7 @@ class Assembly:
         passive, reached = known.passive.copy(), np.zeros(len(joints))
         step = np.full(len(joints), FIRST_STEP)
         gaps = np.array(Posture.of(self.tree, self.dimensions, known.joints, passive).closures()[0])
-        while (rows := np.flatnonzero((reached < 1) & (step >= LEAST_STEP))).size:
+        while (rows := np.flatnonzero((reached < 1) & (step >= least_step))).size:
             to = np.minimum(reached[rows] + step[rows], 1.0)
             at = known.joints[rows] + to[:, None] * (joints[rows] - known.joints[rows])
             posture, smooth = self._corrected(at, passive[:, rows], (1 - to) * gaps[:, rows])

@@ -84,11 +84,11 @@ class ClosedArm:
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
         """Poses ``(n, 4, 4)`` of a target, turned as the platform, and its geometric Jacobian ``(n, 6, joints)``.
 
-        As of ``SerialArm.tool``; NaN where refused, or not closed at once (``Mechanism.assembled``).
+        As of ``SerialArm.tool``; NaN where refused, or not closed quickly (``Mechanism.assembled``).
         """
         Ts, jacobian = np.zeros((len(joints), 4, 4)), np.zeros((len(joints), 6, self.chain.size))
         Ts[:, 3, 3] = 1.0
-        for part, closed in self._closed(joints, values, at_once=True):
+        for part, closed in self._closed(joints, values, quickly=True):
             point = self._targets(closed.posture, values)[:, target]
             for column, vector in enumerate((*closed.posture.frames[self.chain.tree.platform][0], point)):
                 Ts[part, :3, column] = vector[:3].T
@@ -104,13 +104,13 @@ class ClosedArm:
         return pose(np.stack(columns, axis=2), np.broadcast_to(origin[:3], (3, len(joints))).T)
 
     def legs(self, joints: Array, values: Array) -> list[Array]:
-        """The frames' origins along each closure ``(n, c, 3)`` m, from the base's side to the platform."""
+        """The frames' origins along each closure ``(n, c, 3)`` m, from the end that is less loose to the other."""
         posture = self.chain.assembled(joints, values).posture
         ends = [rod.ends for rod in self.chain.tree.rods] + [pin.ends for pin in self.chain.tree.pins]
         return [self._along(posture, sorted(pair, key=lambda end: self.chain.tree.loose[end])) for pair in ends]
 
     def rods(self, joints: Array, values: Array) -> Array:
-        """The two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the base's side first."""
+        """The two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the one that no passive value moves first."""
         posture, loose = self.chain.assembled(joints, values).posture, self.chain.tree.loose
         out = np.empty((len(joints), len(self.chain.tree.rods), 2, 3))
         for i, rod in enumerate(self.chain.tree.rods):
@@ -145,7 +145,7 @@ class ClosedArm:
     def _sizes(self, joints: Array, values: Array, target: int) -> Array:
         """Logarithms ``(2, n)`` of products of singular values: of how the target moves, of what closes the loops."""
         moved = self.tool(joints, values, target)[1][:, : min(3, self.chain.size)]
-        closed = np.concatenate([each.inverse for _, each in self._closed(joints, values, at_once=True)])
+        closed = np.concatenate([each.inverse for _, each in self._closed(joints, values, quickly=True)])
         with np.errstate(all="ignore"):
             square = np.linalg.det(moved @ moved.swapaxes(1, 2))
             return np.stack([np.log(np.abs(square)) / 2, -np.log(np.abs(np.linalg.det(closed)))])
@@ -163,13 +163,13 @@ class ClosedArm:
         """Readings at which identifiability is decided: random within the limits, where the loops close."""
         return self.chain.random_joints(count, rng)
 
-    def _closed(self, joints: Array, values: Array, *, at_once: bool = False) -> Iterator[tuple[slice, Closed]]:
+    def _closed(self, joints: Array, values: Array, *, quickly: bool = False) -> Iterator[tuple[slice, Closed]]:
         if joints.ndim != 2 or joints.shape[1] != self.chain.size:
             raise LabError(
                 f"joints of shape {joints.shape} do not fit robot '{self.chain.name}': give (poses, {self.chain.size})"
             )
         for part in chunks(len(joints), len(self.targets)):
-            yield part, self.chain.assembled(joints[part], values, at_once=at_once)
+            yield part, self.chain.assembled(joints[part], values, quickly=quickly)
 
     def _targets(self, posture: Posture, values: Array) -> Array:
         """Target positions ``(5, k, n)`` from the platform."""

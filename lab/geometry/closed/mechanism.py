@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lab.errors import LabError
 from lab.frames import Array
-from lab.geometry.closed.assembly import CLOSED_M, SINGULAR, Assembly, Closed, Known
+from lab.geometry.closed.assembly import CLOSED_M, LEAST_STEP, SINGULAR, Assembly, Closed, Known
 from lab.geometry.closed.posture import Dimensions, Posture
 from lab.geometry.closed.refusals import refuse_unsound
 from lab.geometry.closed.tree import Tree
@@ -19,6 +19,9 @@ from lab.geometry.serial import BASE_NAMES
 from lab.seeds import stream
 
 SAMPLED = 3.0  # condition of the closures (one at best) up to which poses are drawn at random
+COPIES, OFF = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
+WITH_COPIES = 2.0  # times the condition that the drawing is to have
+QUICK_STEP = 0.25  # of a way that is not to cost much
 UNLIKE = 0.05  # m or rad: dimensions this far from the drawing's are no copy's, and not worth a way
 STATIONS = 512  # readings at which the drawing's passive values are sought beforehand
 _LEAST_LEVER_M = 1e-3
@@ -70,21 +73,21 @@ class Mechanism(Joints):
                 return self.tree.name_of(f, s)
         return next(f"{rod.name}.length" for rod in self.tree.rods if rod.joint == joint)
 
-    def assembled(self, joints: Array, values: Array, *, at_once: bool = False) -> Closed:
+    def assembled(self, joints: Array, values: Array, *, quickly: bool = False) -> Closed:
         """The loops closed at readings ``(n, joints)``, in the mode of the drawn position where a way leads there.
 
         From a station, with these parameters; where that way ends, with the drawing's, and on to these at the readings.
 
         Args:
-            at_once: be quick, and leave open what takes a way to be found: a little of what is nearly singular.
+            quickly: take few steps on the way, and leave open what takes more, nearly singular or none of this mode.
         """
         known, tree = self._stations
         nearest = known.take(tree.query(joints / self._ranges)[1])
         own = slice(len(BASE_NAMES), len(self.names))
-        at_once |= bool(np.abs(values[own] - self.drawn[own]).max(initial=0.0) > UNLIKE)
-        found = self._assembly(values).from_known(joints, nearest, at_once=at_once)
+        quickly |= bool(np.abs(values[own] - self.drawn[own]).max(initial=0.0) > UNLIKE)
+        found = self._assembly(values).from_known(joints, nearest, QUICK_STEP if quickly else LEAST_STEP)
         lost = np.flatnonzero(~np.isfinite(found.posture.passive).all(axis=0))
-        if at_once or not lost.size or values is self.drawn:
+        if quickly or not lost.size or values is self.drawn:
             return found
         drawn = self._assembly(self.drawn).from_known(joints[lost], nearest.take(lost))
         again = self._assembly(values).from_known(joints[lost], Known(joints[lost], drawn.posture.passive, known.sense))
@@ -102,7 +105,18 @@ class Mechanism(Joints):
 
     def stands(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
         """As of any joints: whether the drawing's loops close, in the mode of the drawn position."""
-        return np.asarray(self.assembled(joints, self.drawn).condition < (SAMPLED if well else SINGULAR))
+        if not well:
+            return np.asarray(self.assembled(joints, self.drawn).condition < SINGULAR)
+        fits = self.assembled(joints, self.drawn).condition < SAMPLED
+        for values in self._copies:
+            fits[fits] = self.assembled(joints[fits], values, quickly=True).condition < WITH_COPIES * SAMPLED
+        return np.asarray(fits)
+
+    @cached_property
+    def _copies(self) -> list[Array]:
+        """Parameters ``(p,)`` of imperfect copies, off by more than a real one should be."""
+        rng = stream(0, "arm")
+        return [self.drawn + OFF * rng.standard_normal(len(self.drawn)) for _ in range(COPIES)]
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Readings ``(count, joints)`` uniform within the limits where the drawing assembles, well from singularities.

@@ -33,6 +33,7 @@ _TOP_KEYS = ("name", "height_mm", "joint", "frame", "rod", "pin", "platform", "t
 _OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration"
 _OF_STEP = "one of x, y, z with _mm or _m, rx, ry, rz with _deg or _rad; and joint, passive or exact"
 _GROUND = "base"
+RESERVED = ("world", "tracker", "floor")  # names that the virtual robot's model has of its own
 _LARGEST = 1e6  # m, of any length in a path
 
 
@@ -65,6 +66,9 @@ def read_mechanism(path: Path) -> MechanismFile:
     joints = [JointSection(path, i, content) for i, content in enumerate(_sections(path, document, "joint"))]
     names = [joint.name for joint in joints]
     refuse_doubled_names(path, names)
+    for name in (*names, *read_tool(path, document.get("tool", {}))):
+        if "." in name or name in RESERVED:
+            raise LabError(f"{path}: {name} cannot be a joint's or a target's name; give it another, without a dot")
     limits = [joint.limits(warnings) for joint in joints]
     speed, acceleration = (np.array([joint.rate(name) for joint in joints]) for name in RATES)
     sign = np.array([joint.sign() for joint in joints])
@@ -191,7 +195,7 @@ class _Tree:
         name = section.take("name")
         if not isinstance(name, str) or not name.strip() or "." in name or "," in name:
             raise LabError(f"{section.where}: name is {name!r}; give it a name, without a dot or a comma")
-        if name in taken or not is_link(name):
+        if name in taken or name in RESERVED or not is_link(name):
             raise LabError(f"{section.where}: the name {name} is taken; give it another")
         return name
 
