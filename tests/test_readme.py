@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import ROOT
+from undrawn import nothing_drawn  # noqa: F401
 
 from lab.cli import main
 from lab.geometry.closed.mechanism_file import read_mechanism

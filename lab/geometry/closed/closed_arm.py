@@ -110,7 +110,7 @@ class ClosedArm:
         return [self._along(posture, sorted(pair, key=lambda end: self.chain.tree.loose[end])) for pair in ends]
 
     def rods(self, joints: Array, values: Array) -> Array:
-        """The two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the one that no passive value moves first."""
+        """The two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the fixed one first."""
         posture, loose = self.chain.assembled(joints, values).posture, self.chain.tree.loose
         out = np.empty((len(joints), len(self.chain.tree.rods), 2, 3))
         for i, rod in enumerate(self.chain.tree.rods):

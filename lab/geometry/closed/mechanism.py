@@ -18,7 +18,8 @@ from lab.geometry.joints import Joints
 from lab.geometry.serial import BASE_NAMES
 from lab.seeds import stream
 
-SAMPLED = 3.0  # condition of the closures (one at best) up to which poses are drawn at random
+SAMPLED = 1.5  # times the closures' condition in the drawn position, up to which poses are drawn at random
+STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
 COPIES, OFF = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
 WITH_COPIES = 2.0  # times the condition that the drawing is to have
 QUICK_STEP = 0.25  # of a way that is not to cost much
@@ -107,10 +108,16 @@ class Mechanism(Joints):
         """As of any joints: whether the drawing's loops close, in the mode of the drawn position."""
         if not well:
             return np.asarray(self.assembled(joints, self.drawn).condition < SINGULAR)
-        fits = self.assembled(joints, self.drawn).condition < SAMPLED
+        most = SAMPLED * max(self._home_condition, 1.0)
+        fits = self.assembled(joints, self.drawn).condition < most
         for values in self._copies:
-            fits[fits] = self.assembled(joints[fits], values, quickly=True).condition < WITH_COPIES * SAMPLED
+            fits[fits] = self.assembled(joints[fits], values, quickly=True).condition < WITH_COPIES * most
         return np.asarray(fits)
+
+    @cached_property
+    def _home_condition(self) -> float:
+        """Of the closures in the drawn position."""
+        return float(self.assembled(self.home[None], self.drawn).condition[0])
 
     @cached_property
     def _copies(self) -> list[Array]:
@@ -219,7 +226,7 @@ class Mechanism(Joints):
         while grown and len(left):
             nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
             found = assembly.from_known(left, known.take(nearest))
-            good = found.condition < SAMPLED  # an imperfect copy may lack what is nearly singular
+            good = found.condition < STATION  # an imperfect copy may lack what is nearly singular
             known = Known(
                 np.concatenate([known.joints, left[good]]),
                 np.concatenate([known.passive, found.posture.passive[:, good]], axis=1),
