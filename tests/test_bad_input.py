@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from undrawn import nothing_drawn  # noqa: F401
 
 from lab.cli import main
 from lab.geometry.serial import SerialArm
