@@ -14,7 +14,7 @@ from lab.frames import Array, transform
 from lab.measurements import Measurements
 from lab.output.result import rigid
 from lab.output.scene import moved, world_of
-from lab.output.strips import frame_lines, strips
+from lab.output.strips import joint_places, strips
 from lab.study.campaign import Outcome
 from lab.study.options import MeasuredCampaign, VirtualCampaign
 from lab.study.virtual_arm import asked_conditions, fresh_poses
@@ -137,7 +137,7 @@ def arm_places(outcome: Outcome) -> ArmPlaces:
     arm, values = rigid(outcome, identification.values)
     T_world_frame0 = outcome.robot.model.T_world_frame0
     lines = [moved(T_world_frame0, line) for line in strips(arm, values, fitted.joints[rows])]
-    joints = moved(T_world_frame0, np.concatenate(frame_lines(arm, values, fitted.joints[rows]), axis=1))
+    joints = moved(T_world_frame0, joint_places(arm, values, fitted.joints[rows]))
     tips = _predicted(outcome, fitted.take(rows))
     first = int(np.argmax(np.abs(joints[:, -1, 0] - joints[:, 0, 0])))
     order = [first, *(i for i in range(len(rows)) if i != first)]

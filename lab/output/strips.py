@@ -46,11 +46,16 @@ def _from_base(values: Array) -> Array:
 
 def frame_origins(arm: RigidArm, values: Array, joints: Array) -> Array:
     """Where the arm's frames are ``(n, f, 3)`` m in the base's frame, from the base's own outward to the targets'."""
+    places = joint_places(arm, values, joints)
+    return places if isinstance(arm, SerialArm) else np.concatenate([np.zeros((len(joints), 1, 3)), places], axis=1)
+
+
+def joint_places(arm: RigidArm, values: Array, joints: Array) -> Array:
+    """The frames on the arm's lines ``(n, f, 3)`` m in the base's frame, last the one that carries the targets."""
     lines = frame_lines(arm, values, joints)
     if isinstance(arm, ClosedArm):
-        ends = np.zeros((len(joints), 1, 3)), arm.platforms(joints, _from_base(values))[:, None, :3, 3]
-        return np.concatenate([ends[0], *lines, ends[1]], axis=1)
-    return lines[0]
+        lines = [*lines, arm.platforms(joints, _from_base(values))[:, None, :3, 3]]
+    return np.concatenate(lines, axis=1)
 
 
 def frame_lines(arm: RigidArm, values: Array, joints: Array) -> list[Array]:
