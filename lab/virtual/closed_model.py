@@ -39,8 +39,10 @@ class ClosedModel(RobotModel):
 
     def qpos(self, joints: Array) -> Array:
         """As of any robot; passive joints where the drawing's loops have them."""
-        passive = self.chain.assembled(joints, self.chain.drawn).posture.passive
-        return passive_coordinates(self.model, self.chain, joints, passive)
+        closed = self.chain.assembled(joints, self.chain.drawn)
+        return passive_coordinates(
+            self.model, self.chain, joints, np.where(closed.fits, closed.posture.passive, np.nan)
+        )
 
     def speeds(self) -> Array:
         """``(joints,)``: how far a joint moves a target (m per m or rad), the most of many random poses."""

@@ -32,16 +32,17 @@ def contacts(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None
 
     So does, as it were, a mechanism whose loops do not close.
     """
-    possible = robot.chain.stands(joints)
-    stands = standing(robot, joints[possible], data)
-    for can in possible:
+    data = mujoco.MjData(robot.model) if data is None else data
+    stands = robot.qpos(joints)
+    for qpos, can in zip(stands, np.isfinite(stands).all(axis=1).tolist(), strict=True):
         if not can:
             yield True
             continue
-        stand = next(stands)
-        mujoco.mj_comPos(robot.model, stand)
-        mujoco.mj_collision(robot.model, stand)
-        yield stand.ncon > 0
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(robot.model, data)
+        mujoco.mj_comPos(robot.model, data)
+        mujoco.mj_collision(robot.model, data)
+        yield data.ncon > 0
 
 
 def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:

@@ -5,7 +5,7 @@ differentiation dh/dp = h_p - h_z c_z^-1 c_p. Closures hang on few parameters ea
 column by column.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,7 @@ from lab.geometry.closed.posture import Posture, crossed
 from lab.geometry.serial import DEFAULT_TOOL, chunks, padded
 
 STEP = 1e-5  # rad or m, of differences
+Place = tuple[int, int]  # a frame, and a step of its path
 
 
 @dataclass(frozen=True)
@@ -186,23 +187,9 @@ class ClosedArm:
         lever = points - padded(base[:3])[:, None]
         for i, axis in enumerate(left_jacobian(base[3:]).T, start=3):
             jacobian[i] = crossed(padded(axis)[:, None], lever)
-        carried = tree.ancestry(tree.platform)
-        motions = np.zeros((len(tree.passive), *points[:3].shape))
-        for i, step in enumerate(tree.passive):
-            if step in carried:
-                motions[i] = posture.motion(step, points)
-        answer = _answers(closed, motions)
-        column = {step: i for i, step in enumerate(tree.constants, start=6)}
-        for step in carried:
-            if step in column:
-                jacobian[column[step]] = posture.motion(step, points)
-        for i, opening in enumerate(tree.openings):
-            for step, end, sign in opening:
-                if step in column:
-                    slope = posture.slope(step, posture.frames[end][1], closed.directions[i])
-                    jacobian[column[step]] -= answer[i] * (sign * slope)
-        for i, rod in enumerate(tree.lengths, start=6 + len(column)):
-            jacobian[i] = answer[rod]
+        steps = {step: i for i, step in enumerate(tree.constants, start=6)}
+        rods = {rod: i for i, rod in enumerate(tree.lengths, start=6 + len(steps))}
+        self._add(jacobian, closed, lambda step: posture.motion(step, points), steps, rods)
         for axis, vector in enumerate(posture.frames[tree.platform][0]):
             for k in range(len(self.targets)):
                 jacobian[len(self.chain.names) + 3 * k + axis, :, k] = vector[:3]
@@ -210,32 +197,51 @@ class ClosedArm:
     def _twists(self, closed: Closed, point: Array) -> Array:
         """How the readings move a point ``(5, n)`` of the platform, and turn it, ``(n, 6, joints)``."""
         posture, tree = closed.posture, self.chain.tree
-        carried, count = tree.ancestry(tree.platform), posture.passive.shape[1]
+        count = posture.passive.shape[1]
 
-        def twist(step: tuple[int, int]) -> Array:
+        def twist(step: Place) -> Array:
             axis = posture.steps[step[0]][step[1]][0][:3]
             moved = posture.motion(step, point[:, None])[:, 0]
             turned = axis if tree.step(*step).is_turn else np.zeros((3, 1))
             return np.concatenate([np.broadcast_to(part, (3, count)) for part in (moved, turned)])
 
-        by_passive = np.zeros((len(tree.passive), 6, count))
+        steps = {step: joint for step in tree.constants if (joint := tree.step(*step).joint) is not None}
+        rods = {i: rod.joint for i, rod in enumerate(tree.rods) if rod.joint is not None}
+        out = np.zeros((self.chain.size, 6, count))
+        self._add(out, closed, twist, steps, rods)
+        return (out * self.chain.sign[:, None, None]).transpose(2, 1, 0)
+
+    def _add(
+        self,
+        out: Array,
+        closed: Closed,
+        motion: Callable[[Place], Array],
+        steps: Mapping[Place, int],
+        rods: Mapping[int, int],
+    ) -> None:
+        """Add h_p - h_z c_z^-1 c_p to rows of ``out`` ``(rows, ..., n)``.
+
+        Args:
+            motion: h by a step that carries the platform, ``(..., n)``.
+            steps, rods: the row of each step's constant and each rod's length that are asked for.
+        """
+        posture, tree = closed.posture, self.chain.tree
+        carried = tree.ancestry(tree.platform)
+        by_passive = np.zeros((len(tree.passive), *out.shape[1:]))
         for i, step in enumerate(tree.passive):
             if step in carried:
-                by_passive[i] = twist(step)
+                by_passive[i] = motion(step)
         answer = _answers(closed, by_passive)
-        out = np.zeros((6, self.chain.size, count))
         for step in carried:
-            if (joint := tree.step(*step).joint) is not None:
-                out[:, joint] += twist(step)
+            if step in steps:
+                out[steps[step]] += motion(step)
         for i, opening in enumerate(tree.openings):
             for step, end, sign in opening:
-                if (joint := tree.step(*step).joint) is not None:
+                if step in steps:
                     slope = posture.slope(step, posture.frames[end][1], closed.directions[i])
-                    out[:, joint] -= answer[i] * (sign * slope)
-        for i, rod in enumerate(tree.rods):
-            if rod.joint is not None:
-                out[:, rod.joint] += answer[i]
-        return (out * self.chain.sign[:, None]).transpose(2, 0, 1)
+                    out[steps[step]] -= answer[i] * (sign * slope)
+        for rod, row in rods.items():
+            out[row] += answer[rod]
 
 
 def _answers(closed: Closed, motions: Array) -> Array:

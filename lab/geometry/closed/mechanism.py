@@ -82,20 +82,24 @@ class Mechanism(Joints):
         Args:
             quickly: take few steps on the way, and leave open what takes more, nearly singular or none of this mode.
         """
-        known, tree = self._stations
-        nearest = known.take(tree.query(joints / self._ranges)[1])
+        nearest, assembly = self._nearest(joints), self._assembly(values)
         own = slice(len(BASE_NAMES), len(self.names))
         quickly |= bool(np.abs(values[own] - self.drawn[own]).max(initial=0.0) > UNLIKE)
-        found = self._assembly(values).from_known(joints, nearest, QUICK_STEP if quickly else LEAST_STEP)
+        found = assembly.from_known(joints, nearest, QUICK_STEP if quickly else LEAST_STEP)
         lost = np.flatnonzero(~np.isfinite(found.posture.passive).all(axis=0))
         if quickly or not lost.size or values is self.drawn:
             return found
         drawn = self._assembly(self.drawn).from_known(joints[lost], nearest.take(lost))
-        again = self._assembly(values).from_known(joints[lost], Known(joints[lost], drawn.posture.passive, known.sense))
+        again = assembly.from_known(joints[lost], Known(joints[lost], drawn.posture.passive, nearest.sense))
         passive = found.posture.passive.copy()
         passive[:, lost] = again.posture.passive
         found.posture.move(passive)
-        return self._assembly(values).closed(found.posture, known.sense)
+        return assembly.closed(found.posture, nearest.sense)
+
+    def _nearest(self, joints: Array) -> Known:
+        """The station nearest to each of the readings ``(n, joints)``."""
+        known, tree = self._stations
+        return known.take(tree.query(joints / self._ranges)[1])
 
     def _assembly(self, values: Array) -> Assembly:
         return Assembly(self.tree, self.dimensions(values), self.levers, self._turns)
@@ -148,10 +152,8 @@ class Mechanism(Joints):
         found = self.assembled(joints[None], self.drawn)
         if found.fits[0]:
             return ""
-        assembly = self._assembly(self.drawn)
-        known, tree = self._stations
-        start = known.passive[:, tree.query(joints / self._ranges)[1]]
-        gaps = assembly.nearest(joints, start)[1]
+        start = self._nearest(joints[None]).passive[:, 0]
+        gaps = self._assembly(self.drawn).nearest(joints, start)[1]
         if np.abs(gaps).max() > CLOSED_M:
             return self._said_open(joints, gaps)
         if np.isfinite(found.condition[0]):
@@ -175,7 +177,7 @@ class Mechanism(Joints):
         slopes = np.abs(posture.by_passive(posture.closures()[1])[0]).max(axis=0, initial=_LEAST_LEVER_M)
         return np.where(self._turns, slopes, 1.0)
 
-    @property
+    @cached_property
     def _turns(self) -> NDArray[np.bool_]:
         """``(z,)`` which passive values are turns."""
         return np.array([self.tree.step(f, s).is_turn for f, s in self.tree.passive], dtype=bool)
