@@ -34,8 +34,9 @@ def contacts(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None
     """
     data = mujoco.MjData(robot.model) if data is None else data
     stands = robot.qpos(joints)
-    for qpos, can in zip(stands, np.isfinite(stands).all(axis=1).tolist(), strict=True):
-        if not can:
+    lost = np.asarray(np.isnan(stands).any(axis=1))
+    for i, qpos in enumerate(stands):
+        if lost[i]:
             yield True
             continue
         data.qpos[:] = qpos
