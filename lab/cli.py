@@ -12,10 +12,8 @@ from typing import Annotated, Any, Union
 
 import tyro
 
-from lab.errors import LabError
-from lab.study.config_file import read_options
-from lab.study.option_groups import Fitting, Flag, Names, Numbers
-from lab.study.options import (
+from lab.commands.config_file import read_options
+from lab.commands.options import (
     Correction,
     MeasuredCampaign,
     PayloadTask,
@@ -23,6 +21,8 @@ from lab.study.options import (
     Verification,
     VirtualCampaign,
 )
+from lab.commands.shared_options import Fitting, Flag, Names, Numbers
+from lab.core.errors import LabError
 
 
 @dataclass(frozen=True)
@@ -240,11 +240,11 @@ def _one_line(panel: str) -> str:
 
 def _campaign(command: Calibrate | Identify) -> int:
     """Run, write and print a campaign; 1 where its verdict is bad."""
-    from lab.calibration.sightings.sighting import sighting_of
-    from lab.output.result import summary
-    from lab.output.run import write_run
-    from lab.output.tables import print_outcome
-    from lab.study.campaign import run_measured, run_virtual
+    from lab.calibration.observations.protocol import sighting_of
+    from lab.commands.calibrate.console import print_outcome
+    from lab.commands.calibrate.result import summary
+    from lab.commands.calibrate.run import run_measured, run_virtual
+    from lab.commands.run_folder import write_run
 
     options = command.campaign
     inputs: tuple[Path | None, ...]
@@ -256,10 +256,10 @@ def _campaign(command: Calibrate | Identify) -> int:
         outcome = run_measured(options) if isinstance(options, MeasuredCampaign) else run_virtual(options)
         write_run(folder, outcome, options)
         if sighting_of(outcome.identification.model).positions:  # of a cable or a socket there is nothing to draw
-            from lab.output.recording import record  # slow to import: only once there is something to show
+            from lab.commands.calibrate.recording import record  # slow to import: only once there is something to show
 
             record(folder / "recording.rrd", outcome)
-        from lab.output.report import write_report  # slow to import, as all that draws
+        from lab.commands.calibrate.report import write_report  # slow to import, as all that draws
 
         write_report(folder / "report.html", outcome, options)
     _tell(outcome.warnings, summary(outcome) if command.json else None)
@@ -270,9 +270,9 @@ def _campaign(command: Calibrate | Identify) -> int:
 
 def _design(command: Design) -> int:
     """Choose, write and print a plan."""
-    from lab.output.plan import plan_summary, write_plan
-    from lab.output.plan_tables import print_plan
-    from lab.study.plan import plan_campaign
+    from lab.commands.design.console import print_plan
+    from lab.commands.design.result import plan_summary, write_plan
+    from lab.commands.design.run import plan_campaign
 
     options = command.campaign
     stem = f"design-{Path(options.robot).stem}-seed{options.seed}"
@@ -280,9 +280,9 @@ def _design(command: Design) -> int:
         with _status() as progress:
             plan = plan_campaign(options, progress)
         write_plan(folder, plan)
-        from lab.output.plan_recording import record_plan  # slow to import, as the plots are
-        from lab.output.plan_report import write_plan_report
-        from lab.output.plots import plot_plan
+        from lab.commands.design.figures import plot_plan
+        from lab.commands.design.recording import record_plan  # slow to import, as the plots are
+        from lab.commands.design.report import write_plan_report
 
         plot_plan(folder, plan)
         write_plan_report(folder, plan)
@@ -295,14 +295,14 @@ def _design(command: Design) -> int:
 
 def _compensate(command: Compensate) -> int:
     """Correct, write and print; 1 where a target is not reached."""
-    from lab.output.correction import correction_summary, print_correction, warnings_of, write_correction
-    from lab.study.compensation import run_correction
+    from lab.commands.compensate.result import correction_summary, print_correction, warnings_of, write_correction
+    from lab.commands.compensate.run import run_correction
 
     asked = command.correction
     with _written(command.out, f"compensate-{asked.targets.stem}", asked.targets, asked.run) as (folder, out):
         done = run_correction(asked)
         write_correction(folder, done, asked)
-        from lab.output.correction_report import write_correction_report  # slow to import, as all that draws
+        from lab.commands.compensate.report import write_correction_report  # slow to import, as all that draws
 
         write_correction_report(folder / "report.html", done, command.correction)
     _tell(warnings_of(done), correction_summary(done) if command.json else None)
@@ -313,14 +313,14 @@ def _compensate(command: Compensate) -> int:
 
 def _verify(command: Verify) -> int:
     """Test, write and print; 1 where something has changed."""
-    from lab.output.verification import print_verification, verification_summary, write_verification
-    from lab.study.verify import run_verification
+    from lab.commands.verify.result import print_verification, verification_summary, write_verification
+    from lab.commands.verify.run import run_verification
 
     asked = command.verification
     with _written(command.out, f"verify-{asked.file.stem}", asked.file, asked.run) as (folder, out):
         run = run_verification(asked)
         write_verification(folder, run, asked)
-        from lab.output.verification_report import write_verification_report  # slow to import, as all that draws
+        from lab.commands.verify.report import write_verification_report  # slow to import, as all that draws
 
         write_verification_report(folder / "report.html", run, command.verification)
     _tell(run.warnings, verification_summary(run) if command.json else None)
@@ -331,18 +331,18 @@ def _verify(command: Verify) -> int:
 
 def _payload(command: Payload) -> int:
     """Identify, write and print; 1 where the load's weight is not told, or the residuals say not to believe it."""
-    from lab.output.payload import payload_summary, print_payload, write_payload
-    from lab.study.payload import run_payload
+    from lab.commands.payload.result import payload_summary, print_payload, write_payload
+    from lab.commands.payload.run import run_payload
 
     asked = command.task
     with _written(command.out, f"payload-{asked.file.stem}", asked.file, asked.sensor, asked.run) as (folder, out):
         run = run_payload(asked)
         write_payload(folder, run, asked)
-        from lab.output.payload_report import write_payload_report  # slow to import, as all that draws
+        from lab.commands.payload.report import write_payload_report  # slow to import, as all that draws
 
         write_payload_report(folder / "report.html", run, asked)
         if run.records is not None:
-            from lab.output.payload_recording import record_payload
+            from lab.commands.payload.recording import record_payload
 
             record_payload(folder / "recording.rrd", run)
     _tell(run.warnings, payload_summary(run) if command.json else None)
@@ -353,11 +353,11 @@ def _payload(command: Payload) -> int:
 
 def _study(command: Study) -> int:
     """Run a study, or go on with one; 130 where it was interrupted."""
-    from lab.output.progress import bars
-    from lab.output.run import free_name
-    from lab.study.executors import StoppedError, cluster_executor, local_executor
-    from lab.study.grid import read_study
-    from lab.study.run_study import run_study
+    from lab.commands.run_folder import free_name
+    from lab.render.progress import bars
+    from lab.studies.executors import StoppedError, cluster_executor, local_executor
+    from lab.studies.grid import read_study
+    from lab.studies.run import run_study
 
     if command.resume and command.out is None:
         raise LabError("--resume goes on with a study: give its folder, --out")
@@ -374,7 +374,7 @@ def _study(command: Study) -> int:
     except KeyboardInterrupt:
         print(f"lab: interrupted; --resume goes on with what is in {place}", file=sys.stderr)
         return 130
-    from lab.output.study_report import print_study, write_study  # slow to import, as all that draws
+    from lab.commands.study.report import print_study, write_study  # slow to import, as all that draws
 
     analysis = write_study(done)
     _tell((), done.summary if command.json else None)
@@ -388,7 +388,7 @@ def _written(out: Path | None, stem: str, *inputs: Path | None) -> Iterator[tupl
     """The folder to write a run into, and what it becomes when the block ends well; ``inputs`` are not replaced."""
     from threadpoolctl import threadpool_limits
 
-    from lab.output.run import free_name, run_folder
+    from lab.commands.run_folder import free_name, run_folder
 
     place = out or free_name(Path("runs"), stem)
     with (
@@ -420,8 +420,8 @@ def _tell(warnings: Sequence[str], result: dict[str, Any] | None) -> None:
 
 def _inspect(command: Inspect) -> int:
     """Print what a robot is and what of it can be identified."""
-    from lab.output.inspection import Question, inspection, print_inspection
-    from lab.study.robots import load_robot
+    from lab.commands.inspect.run import Question, inspection, print_inspection
+    from lab.commands.robot import load_robot
 
     robot = load_robot(command.robot)
     fitting = Fitting(command.model, fix=command.fix, free=command.free)

@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from lab.output.plots import save
-from lab.output.progress import at_work
-from lab.output.question_plots import instruments_figure
-from lab.study.analysis import Mean, means
-from lab.study.grid import Study
-from lab.study.option_groups import Flag
+from lab.commands.design.figures import save
+from lab.commands.shared_options import Flag
+from lab.experiments.figures import instruments_figure
+from lab.render.progress import at_work
+from lab.studies.analysis import Mean, means
+from lab.studies.grid import Study
 
 INSTRUMENTS = ("uniform-8um", "leica-at960", "leica-at500", "faro-vantage", "optical-cmm")
 METRICS = {"fresh_mean_mm": "mean", "fresh_p95_mm": "95 % of the poses are within"}

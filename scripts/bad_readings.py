@@ -17,21 +17,21 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
-from lab.calibration.solver import Observations
-from lab.calibration.statistics.null import Shape
+from lab.calibration.statistics.linearized import Shape
 from lab.calibration.statistics.outliers import LEVEL, Outliers, find_outliers
 from lab.calibration.weights import Noise
-from lab.frames import Array
-from lab.geometry.serial import SerialArm
-from lab.instruments import instrument
-from lab.measurements import Measurements
-from lab.seeds import stream
-from lab.study.options import VirtualCampaign
-from lab.study.robots import Robot, load_robot
-from lab.study.virtual_arm import perturbed_arm
-from lab.virtual.feasible import random_poses
-from lab.virtual.real import RealArm, track
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.options import VirtualCampaign
+from lab.commands.robot import Robot, load_robot
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.collisions import random_poses
+from lab.simulation.true_robot import RealArm, track
 
 INSTRUMENT = instrument("uniform-8um")
 POSES, FRESH, BAD_SHARE = 60, 1000, 0.05

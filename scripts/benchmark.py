@@ -15,38 +15,38 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
+from lab.calibration.batch import aligned, fit_many
+from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, identify, locate_before
-from lab.calibration.planning.certificate import certify
-from lab.calibration.sightings.sighted import Observing
-from lab.calibration.sightings.sighting import Points
-from lab.calibration.solver import Observations, fit
-from lab.calibration.stacked import aligned, fit_many
-from lab.calibration.statistics.null import Shape
+from lab.calibration.observations.protocol import Points
+from lab.calibration.observations.select import Observing
+from lab.calibration.statistics.linearized import Shape
+from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
-from lab.calibration.statistics.selection import select
 from lab.calibration.weights import Noise, weighed
-from lab.geometry.closed_form import closed_form_of
-from lab.geometry.effects import HOUR_S
-from lab.geometry.gauge import base_set
-from lab.geometry.inverse import Wanted
-from lab.geometry.serial import SerialArm
-from lab.geometry.stacked import StackedArm
-from lab.instruments import instrument
-from lab.measurements import Measurements
-from lab.seeds import stream
-from lab.study.campaign import run_virtual
-from lab.study.closed_loop import compensator_of
-from lab.study.fitting import Fitter
-from lab.study.option_groups import ArmEffects, Fitting
-from lab.study.options import PlannedCampaign, VirtualCampaign
-from lab.study.plan import best_design
-from lab.study.problem import pose_problem
-from lab.study.robots import load_robot
-from lab.study.virtual_arm import perturbed_arm
-from lab.virtual.candidates import draw_candidates
-from lab.virtual.effect_draws import random_conditions
-from lab.virtual.feasible import random_poses
-from lab.virtual.real import track
+from lab.commands.calibrate.fit import Fitter
+from lab.commands.calibrate.run import run_virtual
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.design.problem import pose_problem
+from lab.commands.design.run import best_design
+from lab.commands.options import PlannedCampaign, VirtualCampaign
+from lab.commands.robot import load_robot
+from lab.commands.shared_options import ArmEffects, Fitting
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements
+from lab.core.random import stream
+from lab.design.certificate import certify
+from lab.experiments.closed_loop import compensator_of
+from lab.kinematics.effects.groups import HOUR_S
+from lab.kinematics.gauge import base_set
+from lab.kinematics.inverse.analytic.select import closed_form_of
+from lab.kinematics.inverse.newton import Wanted
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.batch import StackedArm
+from lab.simulation.candidate_poses import draw_candidates
+from lab.simulation.collisions import random_poses
+from lab.simulation.random_effects import random_conditions
+from lab.simulation.true_robot import track
 
 BUDGET_MS = {
     "identify 27 parameters, 50 poses": 5,

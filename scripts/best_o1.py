@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 
-from lab.calibration.planning.observability import indices
-from lab.study.thesis import searched
+from lab.design.criteria import indices
+from lab.experiments.thesis_mahdadi_2020 import searched
 
 CANDIDATES, STARTS = 1000, 12
 

@@ -8,8 +8,8 @@ an equality each; the file rests in the drawn position, with its loops closed.
 
 from pathlib import Path
 
-from lab.study.robots import load_robot, models_folder
-from lab.virtual.closed_spec import closed_mjcf
+from lab.commands.robot import load_robot, models_folder
+from lab.simulation.build_closed import closed_mjcf
 
 
 def target(description: Path) -> Path:

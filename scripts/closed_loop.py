@@ -15,18 +15,18 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.iso9283 import accuracy, repeatability
-from lab.errors import LabError
-from lab.instruments import instrument
-from lab.measurement_file import write_measurements
-from lab.measurements import measured
-from lab.study.campaign import Outcome, run_virtual
-from lab.study.closed_loop import ClosedLoop, Cube, close_loop, reachable_cube
-from lab.study.option_groups import ArmEffects, Fitting
-from lab.study.options import PlannedCampaign, VirtualCampaign
-from lab.study.plan import best_design
-from lab.study.problem import pose_problem
-from lab.study.robots import load_robot
+from lab.commands.calibrate.run import Outcome, run_virtual
+from lab.commands.design.problem import pose_problem
+from lab.commands.design.run import best_design
+from lab.commands.options import PlannedCampaign, VirtualCampaign
+from lab.commands.robot import load_robot
+from lab.commands.shared_options import ArmEffects, Fitting
+from lab.compensation.iso9283 import accuracy, repeatability
+from lab.core.errors import LabError
+from lab.core.instruments import instrument
+from lab.core.measurements import measured
+from lab.experiments.closed_loop import ClosedLoop, Cube, close_loop, reachable_cube
+from lab.formats.measurement_csv import write_measurements
 
 POSES = 30
 COURSES = ("targets", "circle", "line")
@@ -97,7 +97,7 @@ def closed(outcome: Outcome, cube: Cube, seed: int, given: argparse.Namespace) -
     loop = close_loop(outcome, cube, instrument(given.instrument), seed, given.payload_kg, given.targets)
     whole = bool(outcome.fit.groups) == (given.stiffness_nm_per_rad is not None)
     if given.out is not None and seed == given.seed and whole:
-        from lab.output.loop_recording import record_loop
+        from lab.experiments.closed_loop_recording import record_loop
 
         record_loop(given.out, outcome, loop)
     return loop

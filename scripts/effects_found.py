@@ -18,23 +18,23 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import identify
-from lab.calibration.planning.design import exchange
-from lab.calibration.planning.observability import criterion
-from lab.calibration.statistics.selection import Selection, select
+from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.weights import Noise
-from lab.frames import Array
-from lab.geometry.effects import HOUR_S
-from lab.geometry.gauge import base_set
-from lab.instruments import instrument
-from lab.measurements import Measurements
-from lab.seeds import stream
-from lab.study.options import VirtualCampaign
-from lab.study.robots import Robot, load_robot
-from lab.study.virtual_arm import perturbed_arm
-from lab.virtual.candidates import draw_candidates
-from lab.virtual.effect_draws import EffectSizes, random_effects
-from lab.virtual.feasible import random_poses
-from lab.virtual.real import RealArm, track
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.options import VirtualCampaign
+from lab.commands.robot import Robot, load_robot
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.design.criteria import criterion
+from lab.design.exchange import exchange
+from lab.kinematics.effects.groups import HOUR_S
+from lab.kinematics.gauge import base_set
+from lab.simulation.candidate_poses import draw_candidates
+from lab.simulation.collisions import random_poses
+from lab.simulation.random_effects import EffectSizes, random_effects
+from lab.simulation.true_robot import RealArm, track
 
 POSES, CANDIDATES, FRESH = 60, 1000, 1000
 TARGETS, PAYLOADS_KG = ("p1",), (0.0, 3.0)

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from lab.calibration.assess import errors_at
 from lab.calibration.identify import identify
+from lab.calibration.validation import errors_at
 from lab.calibration.weights import Noise
-from lab.instruments import instrument
-from lab.seeds import stream
-from lab.study.robots import load_robot
-from lab.virtual.feasible import random_poses
-from lab.virtual.real import random_perturbation, random_tracker, real_arm, track
+from lab.commands.robot import load_robot
+from lab.core.instruments import instrument
+from lab.core.random import stream
+from lab.simulation.collisions import random_poses
+from lab.simulation.true_robot import random_perturbation, random_tracker, real_arm, track
 
 SEED = 7
 

@@ -21,20 +21,20 @@ from matplotlib.figure import Figure
 from scipy.special import elliprg
 from threadpoolctl import threadpool_limits
 
-from lab import frames
-from lab.calibration.stacked_poses import MAX_STEPS, SeenPoses, StackedPoses, fit_poses
-from lab.errors import LabError
-from lab.frames import Array
-from lab.geometry.chain import Chain
-from lab.geometry.model import is_angle
-from lab.geometry.serial import SerialArm
-from lab.output.plots import save
-from lab.seeds import stream
-from lab.study.analysis import LEVEL
-from lab.study.arranged import RESAMPLES
-from lab.study.bootstrap import resampled
-from lab.study.option_groups import Flag
-from lab.study.robots import load_robot
+from lab.calibration.batch_poses import MAX_STEPS, SeenPoses, StackedPoses, fit_poses
+from lab.commands.design.figures import save
+from lab.commands.robot import load_robot
+from lab.commands.shared_options import Flag
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.model import is_angle
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+from lab.studies.analysis import LEVEL
+from lab.studies.bootstrap import resampled
+from lab.studies.table import RESAMPLES
 
 SIGMA_M = 1e-4  # of a coordinate
 SIGMAS_RAD = (1e-5, 1e-4, 3e-4, 1e-3)  # of an orientation, per axis
@@ -103,7 +103,7 @@ class Campaigns:
         """With noise, per axis; that of rotations about the axes of the target's frame."""
         points = self.exact.points + sigma_m * self.noise[..., :3]
         return replace(
-            self.exact, points=points, rotations=self.exact.rotations @ frames.exp(sigma_rad * self.noise[..., 3:])
+            self.exact, points=points, rotations=self.exact.rotations @ se3.exp(sigma_rad * self.noise[..., 3:])
         )
 
     def errors_mm(self, values: Array) -> Array:

@@ -15,20 +15,20 @@ import tyro
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.assess import compare_with_truth, error_tangent
 from lab.calibration.identify import identify
-from lab.calibration.sightings.sighting import sighting_of
-from lab.calibration.statistics.adequacy import adequacy, isotropy, sandwich
-from lab.calibration.statistics.null import Shape, linearized
+from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.statistics.goodness_of_fit import adequacy, isotropy, sandwich
+from lab.calibration.statistics.linearized import Shape, linearized
+from lab.calibration.validation import compare_with_truth, error_tangent
 from lab.calibration.weights import Noise, weighed
-from lab.instruments import Instrument, instrument
-from lab.seeds import stream
-from lab.study.option_groups import ArmEffects, Flag
-from lab.study.options import VirtualCampaign
-from lab.study.robots import load_robot
-from lab.study.virtual_arm import perturbed_arm
-from lab.virtual.feasible import random_poses
-from lab.virtual.real import track
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.options import VirtualCampaign
+from lab.commands.robot import load_robot
+from lab.commands.shared_options import ArmEffects, Flag
+from lab.core.instruments import Instrument, instrument
+from lab.core.random import stream
+from lab.simulation.collisions import random_poses
+from lab.simulation.true_robot import track
 
 GAUSSIAN = Instrument("gaussian-8um", "gaussian", radial_m=8e-6 / np.sqrt(3))
 NOISES = {

@@ -4,12 +4,12 @@ import numpy as np
 
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
-from lab.geometry.affected import AffectedArm
-from lab.geometry.effects import Effect
-from lab.instruments import instrument
-from lab.measurements import measured
-from lab.seeds import stream
-from lab.study.robots import load_robot
+from lab.commands.robot import load_robot
+from lab.core.instruments import instrument
+from lab.core.measurements import measured
+from lab.core.random import stream
+from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.groups import Effect
 
 
 def third_harmonics(joints, conditions, values):

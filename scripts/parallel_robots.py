@@ -22,32 +22,32 @@ from matplotlib.figure import Figure
 from scipy.stats import quantile_test
 from threadpoolctl import threadpool_limits
 
-from lab import frames
+from lab.calibration.gauss_newton import fit
 from lab.calibration.identify import Identification, Wishes, identify
+from lab.calibration.observations.protocol import sighting_of
 from lab.calibration.prior import Tolerance
-from lab.calibration.sightings.sighting import sighting_of
-from lab.calibration.solver import fit
-from lab.calibration.statistics.adequacy import adequacy
+from lab.calibration.statistics.goodness_of_fit import adequacy
 from lab.calibration.weights import Noise, weighed
-from lab.errors import LabError
-from lab.frames import Array
-from lab.geometry.affected import Arm
-from lab.geometry.closed.closed_arm import ClosedArm
-from lab.geometry.closed.course_model import CourseModel, course_model_of
-from lab.geometry.closed.mechanism import Mechanism
-from lab.geometry.gauge import STRUCTURE_POSES, named
-from lab.geometry.joints import Joints
-from lab.instruments import Instrument, instrument
-from lab.output.plots import STYLE, save
-from lab.seeds import stream
-from lab.study.executors import local_executor
-from lab.study.option_groups import ArmEffects, Flag
-from lab.study.options import VirtualCampaign
-from lab.study.robots import load_robot, models_folder
-from lab.study.virtual_arm import perturbed_arm
-from lab.virtual.closed_model import ClosedModel, RealMechanism, real_mechanism
-from lab.virtual.feasible import random_poses
-from lab.virtual.real import RealArm, track
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.design.figures import STYLE, save
+from lab.commands.options import VirtualCampaign
+from lab.commands.robot import load_robot, models_folder
+from lab.commands.shared_options import ArmEffects, Flag
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument, instrument
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.closed.recognize import CourseModel, course_model_of
+from lab.kinematics.effects.arm import Arm
+from lab.kinematics.gauge import STRUCTURE_POSES, named
+from lab.kinematics.joints import Joints
+from lab.simulation.closed_robot import ClosedModel, RealMechanism, real_mechanism
+from lab.simulation.collisions import random_poses
+from lab.simulation.true_robot import RealArm, track
+from lab.studies.executors import local_executor
 
 POSES, FRESH = 50, 1000
 DEVICE = Instrument("gaussian-5um", "gaussian", radial_m=5e-6)
@@ -169,7 +169,7 @@ def one_robot(name: str, seed: int, noiseless: bool = False) -> Row:
     if case.tracker != "anywhere":
         assert isinstance(real, RealMechanism)
         x, y, turn = stream(seed, "tracker").uniform(-1, 1, 3) * (case.tracker == "in the plane")
-        moved = frames.pose(frames.exp(np.array([0.0, 0.0, turn])), np.array([x, y, 0.0]))
+        moved = se3.pose(se3.exp(np.array([0.0, 0.0, turn])), np.array([x, y, 0.0]))
         real = real_mechanism(real.robot, real.values, real.robot.T_world_frame0 @ moved).with_effects(real.effects)
     bench, model = Bench.of(real, case.targets, seed), robot.arm_with(case.targets, case.groups)
     found, row = bench.identified(model, Wishes(case.fix, case.free), device, seed)
@@ -217,7 +217,7 @@ def longer_rod() -> Row:
     values = robot.chain.drawn + LONGER_M * (np.array(robot.chain.names) == "rod1a.length")
     bench = Bench.of(real_mechanism(robot.model, values, place), ("p1",), 0)
     Ts = ClosedArm(robot.chain).tool(bench.fresh, np.concatenate([values, np.zeros(3)]))[0]
-    tilt = 1e3 * np.linalg.norm(frames.log(Ts[:, :3, :3]), axis=1)
+    tilt = 1e3 * np.linalg.norm(se3.log(Ts[:, :3, :3]), axis=1)
     row = bench.identified(robot_of("delta").arm(("p1",)), Wishes(), instrument("exact"), 0)[1]
     return row | {"tilt_mrad": float(tilt.mean()), "worst_mrad": float(tilt.max())}
 

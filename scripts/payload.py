@@ -19,25 +19,31 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.load.cost import sag_uncertainty
-from lab.calibration.load.estimate import LoadEstimate
-from lab.calibration.load.torques import from_torques
-from lab.calibration.load.wrench import from_wrench
-from lab.calibration.planning.design import information
-from lab.calibration.planning.excitation import RATE_HZ, SECONDS, Prediction, design_path, design_poses, predicted
-from lab.calibration.planning.fourier import CHECKED, FourierPath, Limits, random_path
-from lab.errors import LabError
-from lab.frames import Array
-from lab.geometry.rigid_load import elements, hand_motion, inertia_about_centre, torque_regressor, wrench_regressor
-from lab.load_records import LoadRecords, Mounting
-from lab.output.plots import save
-from lab.output.progress import bars
-from lab.seeds import stream
-from lab.study.option_groups import Flag
-from lab.study.robots import load_virtual
-from lab.virtual.feasible import collides, random_poses
-from lab.virtual.load import CarryingArm, RigidLoad, peak_torques
-from lab.virtual.load_runs import LoadBench, RunErrors
+from lab.commands.design.figures import save
+from lab.commands.robot import load_virtual
+from lab.commands.shared_options import Flag
+from lab.core.errors import LabError
+from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.design.exchange import information
+from lab.kinematics.dynamics.rigid_body import (
+    elements,
+    hand_motion,
+    inertia_about_centre,
+    torque_regressor,
+    wrench_regressor,
+)
+from lab.payload.estimate import LoadEstimate
+from lab.payload.excitation import RATE_HZ, SECONDS, Prediction, design_path, design_poses, predicted
+from lab.payload.fourier_path import CHECKED, FourierPath, Limits, random_path
+from lab.payload.from_torques import from_torques
+from lab.payload.from_wrench import from_wrench
+from lab.payload.sag_uncertainty import sag_uncertainty
+from lab.render.progress import bars
+from lab.simulation.collisions import collides, random_poses
+from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
+from lab.simulation.payload_bench import LoadBench, RunErrors
 
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
 MOUNTING = Mounting.tilted(np.zeros(2), sign=-1.0)

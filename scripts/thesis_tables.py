@@ -15,11 +15,13 @@ import tyro
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from lab.output.plots import save
-from lab.output.progress import at_work
-from lab.output.question_plots import criteria_figure
-from lab.output.thesis_tables import print_thesis, thesis_summary
-from lab.output.which_criterion import (
+from lab.commands.design.figures import save
+from lab.commands.shared_options import Flag
+from lab.experiments.figures import criteria_figure
+from lab.experiments.other_searches import other_searches
+from lab.experiments.thesis_mahdadi_2020 import reproduced
+from lab.experiments.thesis_tables import print_thesis, thesis_summary
+from lab.experiments.which_criterion import (
     CRITERIA,
     REFERENCE,
     SCALINGS,
@@ -28,9 +30,7 @@ from lab.output.which_criterion import (
     criterion_study,
     print_answer,
 )
-from lab.study.option_groups import Flag
-from lab.study.searches import other_searches
-from lab.study.thesis import reproduced
+from lab.render.progress import at_work
 
 THESIS_DRAWS = 2000
 SHOWN = {"fresh_mean_mm": "mean fresh error", "length_rms_mm": "error of the lengths"}

@@ -18,19 +18,19 @@ import tyro
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import Identification, identify
-from lab.calibration.promise import LEVEL, Promise
-from lab.calibration.sightings.sighting import sighting_of
-from lab.calibration.verify import Verified, verify
+from lab.calibration.observations.protocol import sighting_of
 from lab.calibration.weights import Noise, weighed
-from lab.frames import Array
-from lab.instruments import Instrument, instrument
-from lab.seeds import stream
-from lab.study.option_groups import Flag
-from lab.study.options import VirtualCampaign
-from lab.study.robots import load_robot
-from lab.study.virtual_arm import perturbed_arm
-from lab.virtual.feasible import random_poses
-from lab.virtual.real import RealArm, track
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.options import VirtualCampaign
+from lab.commands.robot import load_robot
+from lab.commands.shared_options import Flag
+from lab.core.instruments import Instrument, instrument
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.simulation.collisions import random_poses
+from lab.simulation.true_robot import RealArm, track
+from lab.verification.prediction import LEVEL, Promise
+from lab.verification.test import Verified, verify
 
 TARGETS = ("p1",)
 UNIFORM = instrument("uniform-8um")

@@ -15,15 +15,15 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from lab.errors import LabError
-from lab.output.plots import save
-from lab.output.progress import at_work
-from lab.output.question_plots import Cost, costs_figure
-from lab.study.analysis import LEVEL, compared, means
-from lab.study.arranged import Arranged, Group
-from lab.study.bootstrap import holm
-from lab.study.grid import NONE, Cell, Study
-from lab.study.option_groups import ArmEffects, Flag
+from lab.commands.design.figures import save
+from lab.commands.shared_options import ArmEffects, Flag
+from lab.core.errors import LabError
+from lab.experiments.figures import Cost, costs_figure
+from lab.render.progress import at_work
+from lab.studies.analysis import LEVEL, compared, means
+from lab.studies.bootstrap import holm
+from lab.studies.grid import NONE, Cell, Study
+from lab.studies.table import Arranged, Group
 
 METRIC = "fresh_mean_mm"
 BASE = Cell()

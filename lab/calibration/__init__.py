@@ -1,1 +1,1 @@
-"""What runs on a real robot's data just the same: locate, identify, assess."""
+"""Identify an arm from measurements."""

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.frames import Array
-from lab.geometry.gauge import BaseSet, base_set
-from lab.geometry.model import Model
-from lab.seeds import stream
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.gauge import BaseSet, base_set
+from lab.kinematics.model import Model
 
 ALIAS_FLOOR = 1e-9  # coefficients below this share of their row are rounding
 WEAK_CONDITION = 100.0  # directions with less than this part of the largest singular value are weak

@@ -11,19 +11,19 @@ from functools import partial
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
-from lab import frames
+from lab.calibration.gauss_newton import Fit, Further, Observations, Status, fit
 from lab.calibration.identifiability import poses_needed
-from lab.calibration.locate import columns_of
+from lab.calibration.initial_guess import columns_of
+from lab.calibration.observations.protocol import Sighting, sighting_of
 from lab.calibration.prior import Tolerance, prior_of
-from lab.calibration.sightings.sighting import Sighting, sighting_of
-from lab.calibration.solver import Fit, Further, Observations, Status, fit
 from lab.calibration.weights import Noise, joined, known_beside, root_mean_square_sigma, weighed
-from lab.errors import LabError
-from lab.frames import Array
-from lab.geometry.gauge import BaseSet, base_set, independent_columns
-from lab.geometry.model import Model
-from lab.measurements import Measurements, seen_mask
-from lab.seeds import stream
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.gauge import BaseSet, base_set, independent_columns
+from lab.kinematics.model import Model
 
 Solve = Callable[[Sighting, Observations, Sequence[int], Array], Fit]
 BARELY_TOLD_APART = 1e3  # a condition above which poses hardly tell the parameters apart
@@ -240,13 +240,13 @@ def _canonical(model: Model, solution: Fit) -> Fit:
     """
     turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
     values = solution.values.copy()
-    values[turning] = frames.log(frames.exp(values[turning]))
+    values[turning] = se3.log(se3.exp(values[turning]))
     if np.abs(values - solution.values).max() <= 1.0:
         return replace(solution, values=values)
     if not set(turning) <= set(solution.free):  # held in part: another vector is another rotation
         return solution
     at = [solution.free.index(i) for i in turning]
-    old, new = (frames.left_jacobian(v[turning]) for v in (solution.values, values))
+    old, new = (se3.left_jacobian(v[turning]) for v in (solution.values, values))
     jacobian = solution.triangle * solution.scale
     jacobian[:, at] = jacobian[:, at] @ np.linalg.solve(old, new)
     scale = np.linalg.norm(jacobian, axis=0)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.solver import Further
-from lab.frames import Array
-from lab.geometry.gauge import BaseSet
-from lab.geometry.model import Model, is_link, unit_of
+from lab.calibration.gauss_newton import Further
+from lab.core.se3 import Array
+from lab.kinematics.gauge import BaseSet
+from lab.kinematics.model import Model, is_link, unit_of
 
 EFFECT_GROUPS = ("drift", "session", "payload", "cable")  # of parameters that belong to no joint
 EFFECTS = {  # one standard deviation of what is not geometry, by the unit: large, so that it only keeps it in bounds

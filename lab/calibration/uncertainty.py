@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.frames import Array
+from lab.core.se3 import Array
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from lab.calibration.assess import Judgement
 from lab.calibration.identify import Identification
-from lab.calibration.sightings.sighting import sighting_of
-from lab.geometry.model import is_link, unit_of
+from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.validation import Judgement
+from lab.kinematics.model import is_link, unit_of
 
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the drawing's: below, it does not change from pose to pose
 LARGEST_CHANGE_M = 20e-3  # of a link where only places hold the arm: no drawing is that wrong, but arm and place shrink

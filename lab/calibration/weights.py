@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.sightings.sighting import Sighting
-from lab.calibration.solver import Further, Observations, typical_weight, whitening
-from lab.errors import LabError
-from lab.frames import Array
-from lab.instruments import Instrument
-from lab.measurements import Measurements, seen_mask
+from lab.calibration.gauss_newton import Further, Observations, typical_weight, whitening
+from lab.calibration.observations.protocol import Sighting
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.se3 import Array
 
 
 @dataclass(frozen=True)

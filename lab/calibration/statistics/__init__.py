@@ -1,1 +1,1 @@
-"""What residuals say: outliers, adequacy, lag, rounding, and which groups of parameters the data support."""
+"""Goodness of fit, outliers, model selection."""

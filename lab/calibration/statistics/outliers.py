@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.solver import Fit, Further, Observations, fit
-from lab.calibration.statistics.null import Linear, Mask, Shape, Within, linearized, smallest_p
-from lab.frames import Array
-from lab.geometry.model import Model
-from lab.measurements import seen_mask
+from lab.calibration.gauss_newton import Fit, Further, Observations, fit
+from lab.calibration.statistics.linearized import Linear, Mask, Shape, Within, linearized, smallest_p
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
 
 LEVEL = 0.01  # of a campaign
 MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise

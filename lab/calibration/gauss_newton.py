@@ -1,0 +1,238 @@
+"""Gauss-Newton, damped where it must be, on whitened positions and unit columns.
+
+The step is solved through an orthogonal factorization of the scaled Jacobian and the singular
+values of its triangle, so that a deficient system gives the shortest step, and is told.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+Status = Literal["converged", "not converged"]
+Further = Callable[[Array], tuple[Array, Array]]  # parameters to further whitened residuals, and their Jacobian
+MAX_ITERATIONS = 300
+LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
+PROBE = 0.1  # of a step, at which its curvature is looked for
+MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
+RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Seen points as rows, ready to be fitted.
+
+    Attributes:
+        settings: ``(n, joints + conditions)``, what the model is asked at.
+        points: ``(n, k, d)``, k things of d numbers each (positions in m, d = 3), NaN where not seen.
+        whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, d, d)`` the inverse of
+            the covariance's Cholesky factor; ones where the noise is to be estimated.
+    """
+
+    settings: Array
+    points: Array
+    whiten: Array
+
+    @staticmethod
+    def unweighted(data: Measurements) -> "Observations":
+        """The points of some measurements, all with weight one, for a model that asks for nothing but readings."""
+        return Observations(data.joints, data.points, np.ones(data.points.shape[:2]))
+
+    def apply(self, vectors: Array) -> Array:
+        """Whitened rows of the seen points: ``(n, k, d, ...)`` to ``(d seen, ...)``."""
+        seen = seen_mask(self.points)
+        if self.whiten.ndim == 2:
+            rows = vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
+        else:
+            flat = vectors.reshape(*vectors.shape[:3], -1)
+            rows = (self.whiten @ flat).reshape(vectors.shape)
+        picked: Array = (rows if seen.all() else rows[seen]).reshape(-1, *vectors.shape[3:])
+        return picked
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where Gauss-Newton ended.
+
+    Attributes:
+        values: all parameters ``(p,)``.
+        free: indices of those that were fitted.
+        cost_trace: half the sum of squared whitened residuals, before the first and after each step.
+        triangle: ``(f, f)`` R of the whitened Jacobian's free columns, scaled to unit norm.
+        scale: ``(f,)`` the norms they had.
+        singular_values: of ``triangle``, descending.
+    """
+
+    values: Array
+    free: tuple[int, ...]
+    status: Status
+    cost_trace: tuple[float, ...]
+    triangle: Array
+    scale: Array
+    singular_values: Array
+
+    @property
+    def iterations(self) -> int:
+        """The number of steps taken."""
+        return len(self.cost_trace) - 1
+
+    @property
+    def rank(self) -> int:
+        """The number of singular values that are not zero."""
+        return int((self.singular_values > RANK_TOLERANCE * self.singular_values[0]).sum())
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value of the column-scaled Jacobian."""
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0 else float("inf")
+
+    def unit_covariance(self) -> Array:
+        """Covariance ``(f, f)`` of the free parameters where whitened noise has variance one."""
+        inverse = np.linalg.pinv(self.triangle, rcond=RANK_TOLERANCE) / self.scale[:, None]
+        covariance: Array = inverse @ inverse.T
+        return covariance
+
+
+def whitening(covariance: Array) -> Array:
+    """Matrices ``(..., 3, 3)`` that make noise of these covariances white: inverse Cholesky factors."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
+
+
+def fit(
+    model: Model,
+    seen: Observations,
+    free: Sequence[int],
+    start: Array,
+    *,
+    tolerance_m: float = 1e-9,
+    further: Further | None = None,
+) -> Fit:
+    """Least squares over the free parameters from ``start``, the others held.
+
+    Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full
+    step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
+    weighed as one metre); that step is still taken, so that what remains is its square.
+
+    Args:
+        further: what else is known of the parameters, e.g. a prior.
+    """
+    index = list(free)
+    metre = typical_weight(seen) * np.sqrt(max(len(seen.settings), 1))
+
+    def at(values: Array) -> _State:
+        return _State(values, *_linearized(model, seen, values, index, further))
+
+    here, damping = at(start.copy()), LEAST_DAMPING
+    trace = [here.cost]
+    status: Status = "not converged"
+    while True:
+        scale = np.linalg.norm(here.jacobian, axis=0)
+        scale[scale == 0] = 1.0
+        triangle, right = _triangle(here.jacobian / scale, here.residual)
+        decomposed = np.linalg.svd(triangle)
+        step = _step(*decomposed, right)
+        moved = float(np.linalg.norm(triangle @ step)) / metre
+        values = here.values.copy()
+        if moved < tolerance_m:
+            values[index] += step / scale
+            status = "converged"
+            break
+        if len(trace) > MAX_ITERATIONS:
+            break
+        values[index] += step / scale
+        there = at(values)
+        if not there.cost < here.cost:
+            there, damping = _damped(at, here, index, scale, decomposed.S, decomposed.Vh, damping)
+        if not there.cost < here.cost:  # nothing lowers it: rounding, if what is left to move is
+            values = here.values
+            status = "converged" if moved < 1e3 * tolerance_m else "not converged"
+            break
+        here = there
+        trace.append(here.cost)
+    return Fit(values, tuple(index), status, tuple(trace), triangle, scale, decomposed.S)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Parameters with the whitened residual ``(r,)`` and the Jacobian ``(r, f)`` there."""
+
+    values: Array
+    residual: Array
+    jacobian: Array
+
+    @property
+    def cost(self) -> float:
+        return 0.5 * float(self.residual @ self.residual)
+
+
+def _damped(
+    at: Callable[[Array], _State], here: _State, index: list[int], scale: Array, sizes: Array, vt: Array, damping: float
+) -> tuple[_State, float]:
+    """Where a damped step lowers the cost, and the damping to begin with next time; ``here`` if none does.
+
+    Levenberg and Marquardt's steps v, each bent by half of a = -(J'J + d)^-1 J'f_vv, with f_vv the prediction's
+    curvature along v (geodesic acceleration: Transtrum, Machta & Sethna 2011): a valley that is narrow and
+    curved, as that of a target near the last axis, is else followed in hundreds of short steps.
+    """
+    jacobian = here.jacobian / scale
+    downhill = vt @ (jacobian.T @ here.residual)
+
+    def moved(step: Array) -> _State:
+        values = here.values.copy()
+        values[index] += step / scale
+        return at(values)
+
+    while damping <= LARGEST_DAMPING:
+        weight = 1 / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2)
+        step = vt.T @ (weight * downhill)
+        ahead = moved(PROBE * step).residual
+        curvature = 2 / PROBE * ((here.residual - ahead) / PROBE - jacobian @ step)
+        bend = -vt.T @ (weight * (vt @ (jacobian.T @ curvature)))
+        if 2 * np.linalg.norm(bend) <= MOST_BENT * np.linalg.norm(step):
+            there = moved(step + bend / 2)
+            if there.cost < here.cost:
+                return there, max(damping / 10, LEAST_DAMPING)
+        damping *= 10
+    return here, LEAST_DAMPING
+
+
+def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
+    """The step that solves the linearized problem; the shortest, where some directions do nothing."""
+    gain = np.where(sizes > RANK_TOLERANCE * sizes[0], 1 / np.maximum(sizes, 1e-300), 0.0)
+    step: Array = vt.T @ (gain * (u.T @ right))
+    return step
+
+
+def _linearized(
+    model: Model, seen: Observations, values: Array, free: list[int], further: Further | None
+) -> tuple[Array, Array]:
+    """Whitened residual ``(r,)``, measured less predicted, and Jacobian ``(r, f)`` of the prediction."""
+    points, derivative = model.observe(seen.settings, values)
+    residual, jacobian = seen.apply(seen.points - points), seen.apply(derivative[..., free])
+    if further is None:
+        return residual, jacobian
+    more, rows = further(values)
+    return np.concatenate([residual, more]), np.concatenate([jacobian, rows[:, free]])
+
+
+def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:
+    """R of the Jacobian and Q'r, from one factorization of both side by side."""
+    size = jacobian.shape[1]
+    both = np.linalg.qr(np.column_stack([jacobian, residual]), mode="r")
+    padded = np.zeros((size + 1, size + 1))
+    padded[: len(both)] = both
+    return padded[:size, :size], padded[:size, size]
+
+
+def typical_weight(seen: Observations) -> float:
+    """The root mean square weight of a coordinate."""
+    whiten = seen.whiten[seen_mask(seen.points)]
+    if whiten.ndim == 1:
+        return float(np.sqrt(np.mean(whiten**2)))
+    return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(1, 2))) / whiten.shape[1]))

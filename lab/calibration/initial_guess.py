@@ -1,0 +1,121 @@
+"""Where the base and the targets are, with no idea of either: the start of every fit.
+
+With nominal links the flange's pose in the base is known at each measured pose. The base's
+rotation, its place and the targets then enter linearly, if the rotation's nine entries are
+taken as free (the direct linear transform); the nearest rotation is the start.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.core import se3
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+Mask = NDArray[np.bool_]
+
+
+def columns_of(model: Model, groups: Sequence[str]) -> tuple[int, ...]:
+    """Indices of the parameters of these groups, e.g. ``("base", "tool")``: what stands before the first dot."""
+    return tuple(i for i, name in enumerate(model.names) if name.split(".")[0] in groups)
+
+
+def locate(model: Model, seen: Observations, values: Array, groups: Sequence[str] = ("base", "tool")) -> Array:
+    """Values with the base, the targets, or both placed anew, near enough for Gauss-Newton.
+
+    Args:
+        values: the links to believe, and whichever of base and targets ``groups`` leaves alone.
+    """
+    base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
+    placed = values.copy()
+    placed[list(base)] = 0.0
+    origins, rotations = _flange_poses(model, seen.settings, placed, tool)
+    offsets = values[list(tool)].reshape(-1, 3)  # (k, 3)
+    mask = seen_mask(seen.points)
+    if "base" not in groups:
+        starts = [se3.exp(values[list(base)][3:])]
+    else:
+        expected = origins[:, None] + np.einsum("nij,kj->nki", rotations, offsets)
+        starts = [_kabsch(expected[mask], seen.points[mask])]
+        if "tool" in groups:
+            starts.append(_direct_rotation(origins, rotations, seen.points, mask))
+    best: tuple[float, Array] | None = None
+    for rotation in starts:
+        size, place, targets = _given_rotation(
+            rotation, origins, rotations, seen.points, mask, values, base, tool, groups
+        )
+        if best is None or size < best[0]:
+            found = values.copy()
+            found[list(base)] = np.concatenate([place, se3.log(rotation)])
+            found[list(tool)] = targets.ravel()
+            best = size, found
+    assert best is not None
+    return best[1]
+
+
+def _flange_poses(model: Model, joints: Array, values: Array, tool: Sequence[int]) -> tuple[Array, Array]:
+    """The last frame's origins ``(n, 3)`` and rotations ``(n, 3, 3)`` in the base.
+
+    The derivatives of a target with respect to its place in that frame are the frame's axes.
+    """
+    points, jacobian = model.observe(joints, values)
+    rotations = jacobian[:, 0, :, list(tool[:3])].transpose(1, 2, 0)
+    origins: Array = points[:, 0] - rotations @ values[list(tool[:3])]
+    return origins, rotations
+
+
+def _kabsch(source: Array, measured: Array) -> Array:
+    """The rotation that turns ``source`` best into ``measured``, each ``(m, 3)`` about its mean."""
+    moment: Array = (measured - measured.mean(0)).T @ (source - source.mean(0))
+    return se3.nearest_rotation(moment)
+
+
+def _direct_rotation(origins: Array, rotations: Array, points: Array, mask: Mask) -> Array:
+    """Rotation from ``origin + R_flange t = A p + s``, linear in A (nine entries), s and each t."""
+    pose, target = np.nonzero(mask)
+    measured = points[pose, target]
+    m, k = len(pose), mask.shape[1]
+    system = np.zeros((m, 3, 12 + 3 * k))
+    for i in range(3):
+        system[:, i, 3 * i : 3 * i + 3] = measured - measured.mean(0)
+        system[:, i, 9 + i] = 1.0
+    for t in range(k):
+        chosen = target == t
+        system[chosen, :, 12 + 3 * t : 15 + 3 * t] = -rotations[pose[chosen]]
+    solution = np.linalg.lstsq(system.reshape(3 * m, -1), origins[pose].ravel(), rcond=1e-9)[0]
+    return se3.nearest_rotation(np.array(solution[:9]).reshape(3, 3).T)
+
+
+def _given_rotation(
+    rotation: Array,
+    origins: Array,
+    rotations: Array,
+    points: Array,
+    mask: Mask,
+    values: Array,
+    base: Sequence[int],
+    tool: Sequence[int],
+    groups: Sequence[str],
+) -> tuple[float, Array, Array]:
+    """With the base's rotation given: the residual's length, the base's place, the targets; linear."""
+    pose, target = np.nonzero(mask)
+    m, k = len(pose), mask.shape[1]
+    system = np.zeros((m, 3, 3 + 3 * k))
+    system[:, :, :3] = np.eye(3)
+    for t in range(k):
+        chosen = target == t
+        system[chosen, :, 3 + 3 * t : 6 + 3 * t] = rotation @ rotations[pose[chosen]]
+    known = np.concatenate([values[list(base[:3])], values[list(tool)]])
+    flat = system.reshape(3 * m, -1)
+    free = np.concatenate([np.full(3, "base" in groups), np.full(3 * k, "tool" in groups)])
+    error = (points[pose, target] - origins[pose] @ rotation.T).ravel()
+    if "base" in groups:
+        known[:3] = 0.0
+    error -= flat @ known
+    known[free] += np.linalg.lstsq(flat[:, free], error, rcond=1e-9)[0]
+    size = float(np.linalg.norm((points[pose, target] - origins[pose] @ rotation.T).ravel() - flat @ known))
+    return size, known[:3], known[3:].reshape(k, 3)

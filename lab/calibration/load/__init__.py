@@ -1,1 +1,0 @@
-"""The load at the hand from measurements: torque differences, a wrist sensor's wrench, or the arm's sag."""

@@ -1,0 +1,62 @@
+"""The most likely arm among all that predict the same: what is exported.
+
+The canonical gauge holds some parameters at nominal, and errors of these go into others. Among
+all arms with the same predictions the drawing's tolerances make one most likely: its errors are
+spread over each aliased group by their variances. It is the same whichever of a group was kept.
+"""
+
+import numpy as np
+
+from lab.calibration.identify import Identification
+from lab.calibration.prior import Tolerance, gather, standard_deviations
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.gauge import STRUCTURE_POSES
+from lab.kinematics.model import is_link
+
+STEPS = 8
+SETTLED = 1e-13  # m or rad
+SAME_M = 1e-9  # what predictions may differ by
+ANYWHERE = 1e3  # standard deviation of what has no drawing, m or rad
+
+
+def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
+    """Parameters ``(p,)`` of least prior-weighted norm that predict what the identified ones do.
+
+    They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the drawing's
+    predictions change (``prior.gather``): w is found by Gauss-Newton on the predictions themselves,
+    so that these are equal to rounding, not to first order. What has no drawing gives way freely; effects
+    stay as they are. With links held on request the arm is what was asked for, and stays as it is; and so where
+    the iteration does not settle, because the measurements hardly told the parameters apart.
+
+    Args:
+        nominal: the drawing's parameters ``(p,)``.
+    """
+    model, structure = identification.model, identification.base_set
+    links = [i for i, name in enumerate(model.names) if is_link(name)]
+    if set(structure.held) & set(links):
+        return identification.values
+    settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+    wanted = model.points(settings, identification.values)
+    answered = np.isfinite(wanted).all(axis=(1, 2))
+    settings, wanted = settings[answered], wanted[answered]
+    sigma = standard_deviations(model, tolerance)
+    sigma[[i for i in range(len(sigma)) if i not in links and np.isfinite(sigma[i])]] = 0.0
+    sigma[np.isinf(sigma)] = ANYWHERE
+    directions = sigma[:, None] ** 2 * gather(structure, len(model.names)).T
+    directions = directions[:, directions.any(axis=0)]
+    directions /= np.linalg.norm(directions / np.where(sigma > 0, sigma, 1.0)[:, None], axis=0)
+    values = identification.values.copy()
+    values[links] = nominal[links]
+    for _ in range(STEPS):
+        points, jacobian = model.observe(settings, values)
+        if np.isnan(points).any():
+            return identification.values
+        rows = jacobian.reshape(-1, len(values)) @ directions
+        scale = np.linalg.norm(rows, axis=0)
+        step = np.linalg.lstsq(rows / scale, (wanted - points).ravel(), rcond=1e-12)[0] / scale
+        values += directions @ step
+        if np.abs(directions @ step).max() < SETTLED:
+            break
+    missed = np.abs(model.points(settings, values) - wanted).max(initial=0.0)
+    return values if missed < SAME_M else identification.values

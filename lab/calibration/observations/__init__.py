@@ -1,0 +1,1 @@
+"""Kinds of observation: points, poses, fixtures."""

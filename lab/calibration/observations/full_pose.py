@@ -1,0 +1,199 @@
+"""Full poses of a target: its position, and the orientation of a frame that is fixed to it.
+
+Metres and radians are compared by one number, the ratio of their noises. It is given, or found from the
+residuals as a ratio of two variance components (Foerstner 1979): a position's and a rotation's sum of squares,
+each over its own share of the degrees of freedom. Of few poses that is rough: n poses leave each share about
+3 n - 15 numbers, so that the ratio is known to one part in sqrt(3 n - 15).
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification, Wishes, identify
+from lab.calibration.initial_guess import locate
+from lab.calibration.observations.protocol import nothing_further
+from lab.calibration.weights import Noise
+from lab.core import se3
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+ROTATION_NAMES = ("tool.rx", "tool.ry", "tool.rz")
+QUATERNION = ("qw", "qx", "qy", "qz")
+START_RATIO = 1.0  # rad per m: 1 mrad beside 1 mm, until the residuals say better
+ROUNDS = 4  # of the ratio's iteration
+SETTLED = 0.01  # a change of the ratio that is none
+EXACT = 1e-12  # residuals below this have no noise to be compared
+
+
+@dataclass(frozen=True)
+class Poses:
+    """An arm of which positions and one orientation are seen.
+
+    Observed are the positions of the arm's targets, then log(R_measured' R_predicted) (rad), measured as zero.
+    The measured orientation is a condition of the pose: ``<target>_qw`` to ``_qz``.
+
+    Attributes:
+        arm: the arm, seen by points.
+        oriented: the target whose orientation was measured.
+        ratio: how large the noise of a rotation is (rad) where a position's is 1 m.
+    """
+
+    arm: Model
+    oriented: str
+    ratio: float = START_RATIO
+    names: tuple[str, ...] = field(init=False)
+    placed: tuple[str, ...] = ("base", "tool")
+
+    def __post_init__(self) -> None:
+        assert self.ratio > 0 and self.oriented in self.arm.targets
+        object.__setattr__(self, "names", (*self.arm.names, *ROTATION_NAMES))
+
+    @property
+    def model(self) -> Self:
+        """Itself: a model and a sighting."""
+        return self
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The arm's, then the orientation."""
+        return (*self.arm.targets, f"{self.oriented} orientation")
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The arm's, then the measured quaternion."""
+        return (*self.arm.conditions, *(f"{self.oriented}_{part}" for part in QUATERNION))
+
+    @property
+    def units(self) -> Array:
+        """Rotations by the ratio."""
+        return np.append(np.ones(self.positions), self.ratio)
+
+    @property
+    def positions(self) -> int:
+        """All but the orientation."""
+        return len(self.arm.targets)
+
+    def within(self, data: Measurements) -> Self:
+        """The same whatever was measured."""
+        return self
+
+    def nominal(self, values: Array) -> Array:
+        """The arm's, and the measured frame along the last one."""
+        return np.concatenate([values[: len(self.arm.names)], np.zeros(3)])
+
+    def preferred(self) -> tuple[int, ...]:
+        """The arm's order; the tool's rotation after its places."""
+        order = list(self.arm.preferred())
+        after = 1 + max(order.index(i) for i, name in enumerate(self.arm.names) if name.startswith("tool."))
+        return (*order[:after], *range(len(self.names) - 3, len(self.names)), *order[after:])
+
+    def structural(self, values: Array) -> Array:
+        """The arm's."""
+        return np.concatenate([self.arm.structural(values[:-3]), values[-3:]])
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """The arm's, with no rotation measured: any other would turn the same rows."""
+        straight = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4))
+        return np.concatenate([self.arm.structure_joints(count, rng), straight], axis=1)
+
+    def points(self, settings: Array, values: Array) -> Array:
+        """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
+        return self.observe(settings, values)[0]
+
+    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+        """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``.
+
+        A turn w of the predicted frame (in the tracker's) changes the residual v = log(R_measured' R) by
+        J_l(v)^-1 R_measured' w.
+        """
+        arm_settings, measured = settings[:, :-4], se3.rotation_from_quaternion(settings[:, -4:])
+        points, jacobian = self.arm.observe(arm_settings, values[:-3])
+        flange, turns = flange_turns(self.arm, arm_settings, values[:-3], jacobian)
+        back = np.swapaxes(measured, 1, 2)
+        rotation = se3.log(back @ flange @ se3.exp(values[-3:]))  # (n, 3)
+        turns = np.concatenate([turns, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
+        rows = np.linalg.solve(se3.left_jacobian(rotation), back @ turns)
+        wide = np.concatenate([jacobian, np.zeros((*jacobian.shape[:3], 3))], axis=3)
+        return np.concatenate([points, rotation[:, None]], 1), np.concatenate([wide, rows[:, None]], 1)
+
+    def located(self, seen: Observations, values: Array) -> Array:
+        """Base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""
+        n = len(self.names) - 3
+        positions = Observations(seen.settings[:, :-4], seen.points[:, :-1], seen.whiten[:, : self.positions])
+        arm = locate(self.arm, positions, values[:n])
+        rows = np.isfinite(seen.points[:, -1]).all(axis=1)
+        _, jacobian = self.arm.observe(positions.settings[rows], arm)
+        flange, _ = flange_turns(self.arm, positions.settings[rows], arm, jacobian)
+        measured = se3.rotation_from_quaternion(seen.settings[rows, -4:])
+        mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
+        return np.concatenate([arm, se3.log(mean)])
+
+    def further(self, values: Array) -> tuple[Array, Array]:
+        """Nothing else is known."""
+        return nothing_further(self)
+
+    def errors(self, data: Measurements, values: Array) -> Array:
+        """Lengths of position errors ``(n, k)``: rotations are fitted, and not judged."""
+        arm = self.arm.points(data.settings(self.arm.conditions), values[:-3])
+        return np.asarray(np.linalg.norm(arm - data.points[:, : self.positions], axis=2))
+
+    def held_together(self, data: Measurements) -> None:
+        """Repeats of a configuration."""
+
+
+def flange_turns(arm: Model, settings: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
+    """The last frame's rotations ``(n, 3, 3)`` and what turns them, ``(n, 3, p)``, in the tracker's frame.
+
+    A target's place in the last frame enters as p = o + R t: its derivatives are the frame's axes r, and where
+    t is moved by one axis's unit, every other derivative changes by dr. A turn w makes dr = w x r, so
+    w = (1/2) sum r x dr over the three axes.
+
+    Args:
+        jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
+    """
+    tool = [i for i, name in enumerate(arm.names) if name.startswith("tool.")][:3]
+    stretched = jacobian[:, 0][..., tool]
+    size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
+    rotation = stretched / size
+    turns = np.zeros((len(settings), 3, len(values)), dtype=jacobian.dtype)
+    for axis, column in enumerate(tool):
+        moved = values.copy()
+        moved[column] += 1.0
+        change = arm.observe(settings, moved)[1][:, 0] - jacobian[:, 0]
+        turns += 0.5 * se3.skew(rotation[..., axis]) @ (change / size[:, :, axis, None])
+    return rotation, turns
+
+
+def balanced(sight: Poses, data: Measurements, nominal: Array, wishes: Wishes | None = None) -> Poses:
+    """The same with the ratio of the noises that the residuals show (the module's text).
+
+    Args:
+        data: sighted, as ``identify`` takes it.
+    """
+    for _ in range(ROUNDS):
+        sums = np.array(_variances(sight, identify(sight, data, nominal, Noise(), wishes), data))
+        if not np.isfinite(sums).all() or (np.sqrt(sums) < EXACT).any():
+            return sight
+        change = float(np.sqrt(sums[1] / sums[0]))
+        sight = replace(sight, ratio=sight.ratio * change)
+        if abs(change - 1) < SETTLED:
+            break
+    return sight
+
+
+def _variances(sight: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
+    """Variances of positions and of rotations in m^2: sums of squares over their shares of the freedom."""
+    _, jacobian = sight.observe(data.settings(sight.conditions), found.values)
+    rows = jacobian[..., list(found.fit.free)] / sight.units[:, None, None]
+    used = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3) leverages
+    seen = seen_mask(data.points)
+    result = []
+    for part in (slice(None, sight.positions), slice(sight.positions, None)):
+        squares = (found.residuals[:, part] / sight.units[part, None])[seen[:, part]] ** 2
+        freedom = float((1 - used[:, part][seen[:, part]]).sum())
+        result.append(float(squares.sum()) / freedom if freedom > 0.5 else float("nan"))
+    return result[0], result[1]

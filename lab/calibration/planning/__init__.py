@@ -1,1 +1,0 @@
-"""Which poses to measure: candidates' information, exchange and ascent, certificate, promise, tour."""

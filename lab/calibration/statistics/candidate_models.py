@@ -1,0 +1,195 @@
+"""One set of measurements, and every model that groups of parameters make for it: what can be tried at all."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Further, Observations
+from lab.calibration.identify import WEAK, Identification, Wishes, identify
+from lab.calibration.observations.protocol import Sighting, sighting_of
+from lab.calibration.prior import prior_of
+from lab.calibration.statistics.nested_models import Labels, Nested, nested_at
+from lab.calibration.validation import folds, kept_together
+from lab.calibration.weights import Noise, joined, known_beside, weighed
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
+from lab.kinematics.model import Model, unit_of
+
+FLOOR_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
+USEFUL = {"rad/Nm": 1e-4, "kg": 1.0}  # the largest standard deviations that tell anything; of other units WEAK
+
+ModelWith = Callable[[Sequence[str]], Model]
+Drawn = Callable[[Model], Array]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be identified, whatever the model.
+
+    Attributes:
+        model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
+        drawn: the nominal parameters of such a model.
+    """
+
+    model_with: ModelWith
+    drawn: Drawn
+    data: Measurements
+    noise: Noise
+    wishes: Wishes
+
+    def identified(self, groups: Sequence[str], held: Sequence[str] = ()) -> Identification:
+        """With these groups less the parameters held; wishes that are of other groups' are left out."""
+        model = self.model_with(groups)
+        wishes = self.wishes.of(sighting_of(model).within(self.data).model.names)
+        held_too = replace(wishes, fix=(*wishes.fix, *held))
+        return identify(model, self.data, self.drawn(model), self.noise, held_too)
+
+    def refusal(self, group: str) -> str:
+        """Why a group cannot be tried; empty if it can."""
+        try:
+            self.data.settings(sighting_of(self.model_with([group])).model.conditions)
+        except LabError as error:
+            return str(error)
+        return ""
+
+    def refuse_unknown_wishes(self, groups: Sequence[str]) -> None:
+        """A LabError for patterns that mean no parameter of geometry or of any of the groups that can be built."""
+        names: dict[str, None] = {}
+        for group in ([], *([name] for name in groups)):
+            with suppress(LabError):
+                names |= dict.fromkeys(sighting_of(self.model_with(group)).within(self.data).model.names)
+        for option, patterns in (("--fix", self.wishes.fix), ("--free", self.wishes.free)):
+            named(tuple(names), option, patterns)
+
+    def parameters(self, group: str) -> set[str]:
+        """Names of those that a group adds."""
+        with_it, without = (sighting_of(self.model_with(g)).within(self.data).model.names for g in ([group], []))
+        return set(with_it) - set(without)
+
+
+@dataclass(frozen=True)
+class Large:
+    """The model with all groups that can be tried, in which every other one is nested.
+
+    Attributes:
+        start: the drawing's parameters.
+        seen: the measurements as it sees them, weighed.
+        groups: indices of each one's parameters, less those to be held on request.
+        structure, measured: triangles of its Jacobian at the drawing, over all its limits and at the measured poses.
+        folds, clusters: ``(n,)`` labels: rows of a fold, and rows that are held out as one.
+        further: what is known beside the measurements, a prior too.
+        floor: the least standard deviation of a whitened residual.
+    """
+
+    sight: Sighting
+    start: Array
+    seen: Observations
+    groups: dict[str, tuple[int, ...]]
+    structure: Array
+    measured: Array
+    folds: Labels
+    clusters: Labels
+    further: Further
+    floor: float
+
+    @classmethod
+    def of(cls, task: Task, groups: Sequence[str], alone: Identification, seed: int) -> "Large":
+        """With the base and the tool of geometry alone."""
+        made = task.model_with(groups)
+        sight = sighting_of(made).within(task.data)
+        model, start = sight.model, sight.nominal(task.drawn(made))
+        seen, known = weighed(sight, task.data, task.noise)
+        at = model.structural(_filled(start, model, alone.model, alone.before))
+        anywhere = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+        structure, measured = (model.observe(settings, at)[1] for settings in (anywhere, seen.settings))
+        further = sight.further(at)[1]
+        held = named(model.names, "--fix", task.wishes.of(model.names).fix)
+        own = {name: task.parameters(name) for name in groups}
+        clusters = kept_together(made, task.data)
+        return cls(
+            sight=sight,
+            start=start,
+            seen=seen,
+            groups={
+                name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in held)
+                for name in groups
+            },
+            structure=_triangle(structure.reshape(-1, len(model.names)), further),
+            measured=_triangle(measured[seen_mask(seen.points)].reshape(-1, len(model.names)), further),
+            folds=folds(clusters, seed),
+            clusters=clusters,
+            further=_known(task, sight, seen, start, at, alone.sigma_m if not known else 1.0),
+            floor=1.0 if known else FLOOR_M,
+        )
+
+    @property
+    def least_rows(self) -> int:
+        """Residuals that the largest fold leaves to fit; none where there is one fold only."""
+        sizes = np.bincount(self.folds, seen_mask(self.seen.points).sum(axis=1) * self.seen.points.shape[2])
+        return int(sizes.sum() - sizes.max())
+
+    def around(self, found: Identification) -> Nested:
+        """All nested models near an identified one."""
+        values = _filled(self.start, self.sight.model, found.model, found.values)
+        effects = [i for group in self.groups.values() for i in group]
+        columns = sorted({*self.fitted(found), *effects})
+        drawn = np.array([self.start[i] if i in effects else values[i] for i in columns])
+        kinds = self.folds, self.clusters
+        return nested_at(self.sight, self.seen, values, columns, drawn, *kinds, self.further, self.floor)
+
+    def fitted(self, found: Identification) -> tuple[int, ...]:
+        """What an identification fitted, as indices of this model."""
+        return self._indices(found, found.fit.free)
+
+    def added(self, table: Nested, found: Identification, group: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Parameters of a group that say what an identified model does not, and those of them to be fitted.
+
+        Left out are those that these poses do not tell apart, and, the least known first, those whose standard
+        deviation would be larger than such an effect: fitted all the same, they run off to where the model is not
+        linear, for nothing.
+        """
+        fitted = self.fitted(found)
+        new = self._new(self.structure, self._indices(found, found.base_set.kept), self.groups[group])
+        shown = list(self._new(self.measured, fitted, new))
+        useful = {i: USEFUL.get(unit_of(self.sight.model.names[i]), WEAK) for i in shown}
+        while shown:
+            unsure = table.std([*fitted, *shown])[len(fitted) :] / [useful[i] for i in shown]
+            if unsure.max() <= 1:
+                break
+            del shown[int(unsure.argmax())]
+        return new, tuple(shown)
+
+    def _indices(self, found: Identification, parameters: Sequence[int]) -> tuple[int, ...]:
+        names = self.sight.model.names
+        return tuple(names.index(found.model.names[i]) for i in parameters)
+
+    @staticmethod
+    def _new(triangle: Array, known: Sequence[int], wanted: Sequence[int]) -> tuple[int, ...]:
+        """Those of the wanted columns that the known ones and those before them do not span."""
+        kept = independent_columns(triangle, [*known, *wanted])
+        return tuple(i for i in wanted if i in kept)
+
+
+def _known(task: Task, sight: Sighting, seen: Observations, start: Array, at: Array, sigma: float) -> Further:
+    """What is known beside the measurements: of the sighting, and the prior of the whole model if one is wished."""
+    beside = known_beside(sight, seen)
+    if task.wishes.tolerance is None:
+        return beside
+    structure = base_set(sight.model, at, known=sight.further(at)[1])
+    return joined(beside, prior_of(sight.model, structure, start, task.wishes.tolerance).rows(sigma))
+
+
+def _triangle(jacobian: Array, further: Array) -> Array:
+    """As few rows with the same inner products."""
+    return np.asarray(np.linalg.qr(np.concatenate([jacobian, further]), mode="r"))
+
+
+def _filled(start: Array, model: Model, source: Model, values: Array) -> Array:
+    """``start`` with the values that another model has for the same names."""
+    known = dict(zip(source.names, values, strict=True))
+    return np.array([known.get(name, value) for name, value in zip(model.names, start, strict=True)])

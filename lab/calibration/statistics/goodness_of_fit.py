@@ -1,0 +1,241 @@
+"""Whether a model says all there is in the measurements, and by what that can be told.
+
+A known sigma, repeats of one configuration, or poses held out are each something to hold the residuals against;
+the fit's own residuals are not. What is said comes with the test that says it.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from lab.calibration.gauss_newton import Fit, Further, Observations
+from lab.calibration.statistics.linearized import Linear, Shape, linearized
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+LEVEL = 0.05  # of the tests of adequacy
+STRICT = 1e-3  # of those whose outcome is a warning
+_TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
+
+By = Literal["chi2", "repeats", "holdout", "nothing"]
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """Whether the model is adequate for what measured it.
+
+    Attributes:
+        adequate: None where it cannot be said.
+        p: the chance of residuals as large as these if it were; NaN if nothing tells.
+        by: chi squared against a known sigma, F against repeats, or F of held-out errors.
+        words: a sentence for the report, with its figures.
+    """
+
+    adequate: bool | None
+    p: float
+    by: By
+    words: str
+
+
+def adequacy(
+    model: Model,
+    seen: Observations,
+    fit: Fit,
+    *,
+    known: bool,
+    shape: Shape = Shape(),  # noqa: B008
+    labels: NDArray[np.int_] | None = None,
+    held: Observations | None = None,
+    further: Further | None = None,
+) -> Adequacy:
+    """The best test that there is something for: a known sigma, then repeats, then poses held out.
+
+    Args:
+        seen: what was fitted, weighed as it was.
+        known: whether its weights stand on a known sigma.
+        shape: of the noise.
+        labels: ``(n,)`` one a configuration; rows that share one are repeats.
+        held: poses that were not fitted.
+        further: what else was known of the parameters when they were fitted.
+    """
+    linear = linearized(model, seen, fit.values, fit.free, further)
+    if known:
+        return by_noise(linear, shape)
+    if labels is not None and (found := by_repeats(linear, labels)).by != "nothing":
+        return found
+    if held is not None:
+        return by_holdout(linear, linearized(model, held, fit.values, fit.free))
+    why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
+    return Adequacy(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")
+
+
+def by_noise(linear: Linear, shape: Shape) -> Adequacy:
+    """Chi squared of the whitened residuals, of which noise of a known sigma explains one each.
+
+    Noise that is not Gaussian has another variance of r'r: with M = I - H and excess kurtosis k it is
+    2 nu + k sum M_ii^2 (Seber & Lee 2003, theorem 1.6); chi squared is scaled to have it.
+    """
+    within = linear.everywhere()
+    if within.freedom < 1:
+        return _nothing_left()
+    total, nu = float((linear.residual**2).sum()), within.freedom
+    left = (1 - (within.basis**2).sum(axis=2))[linear.seen]
+    variance = 2 * nu + shape.excess_kurtosis * float((left**2).sum())
+    p = float(stats.chi2.sf(total * 2 * nu / variance, 2 * nu**2 / variance))
+    ratio = np.sqrt(total / nu)
+    test = f"(chi2 test, {nu} degrees of freedom, p = {p:.2g})"
+    if p < LEVEL:
+        return Adequacy(
+            False, p, "chi2", f"the model is not adequate: residuals are {ratio:.3g} times the noise {test}"
+        )
+    if p > _TOO_SMALL:
+        words = f"residuals are only {ratio:.2g} times the noise, which is given too large to judge the model {test}"
+        return Adequacy(None, p, "chi2", words)
+    return Adequacy(True, p, "chi2", f"the residuals are what the instrument's noise explains {test}")
+
+
+def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> Adequacy:
+    """F of lack of fit against pure error: scatter between configurations and within their repeats.
+
+    Residuals are compared, not points, so that readings that differ a little do not count (Draper & Smith 1998,
+    section 2.1). Repeats tell of the noise of one setup alone.
+
+    Args:
+        labels: ``(n,)`` one a configuration (and session).
+    """
+    within = linear.everywhere()
+    _, group = np.unique(
+        np.append(labels, labels.max() + 1 + np.arange(len(linear.seen) - linear.poses)), return_inverse=True
+    )
+    member = np.eye(group.max() + 1)[group]  # (n, groups)
+    count = member.T @ linear.seen  # (groups, m)
+    mean = (member.T @ linear.residual) / np.maximum(count, 1)
+    scatter = np.where(linear.seen, linear.residual - mean[group], 0.0)
+    pure = int(np.maximum(count - 1, 0).sum())
+    lack = within.freedom - pure
+    if pure < 1 or lack < 1:
+        return _nothing_left()
+    error, total = float((scatter**2).sum()), float((linear.residual**2).sum())
+    ratio = (total - error) / lack / max(error / pure, 1e-300)
+    p = float(stats.f.sf(ratio, lack, pure))
+    test = f"(F test of lack of fit, {lack} and {pure} degrees of freedom, p = {p:.2g})"
+    if p < LEVEL:
+        words = f"the model is not adequate: poses are off by {np.sqrt(ratio):.3g} times what repeats scatter {test}"
+        return Adequacy(False, p, "repeats", words)
+    return Adequacy(True, p, "repeats", f"the residuals are what the scatter of repeated poses explains {test}")
+
+
+def by_holdout(linear: Linear, held: Linear) -> Adequacy:
+    """F of held-out errors against what the fit says they are: sigma^2 (I + J C J') (Chow 1960).
+
+    e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
+    """
+    within = linear.everywhere()
+    numbers = int(held.seen.sum())
+    if within.freedom < 1 or not numbers:
+        return _nothing_left()
+    moved = (held.jacobian * held.scale @ within.back).reshape(-1, within.back.shape[1])
+    errors = held.residual.ravel()
+    pull = moved.T @ errors
+    rise = float(errors @ errors - pull @ np.linalg.solve(np.eye(len(pull)) + moved.T @ moved, pull))
+    ratio = rise / numbers / max(float((linear.residual**2).sum()) / within.freedom, 1e-300)
+    p = float(stats.f.sf(ratio, numbers, within.freedom))
+    test = f"(F test of held-out errors, {numbers} and {within.freedom} degrees of freedom, p = {p:.2g})"
+    if p < LEVEL:
+        words = f"the model is not adequate: held-out poses are off by {np.sqrt(ratio):.3g} times what it claims {test}"
+        return Adequacy(False, p, "holdout", words)
+    words = f"the model predicts poses held out as well as it claims {test}; whether noise is all that is left, "
+    return Adequacy(None, p, "holdout", words + "only a known sigma or repeats could say")
+
+
+@dataclass(frozen=True)
+class Isotropy:
+    """Whether residuals along the line of sight and across it have one variance.
+
+    Attributes:
+        ratio: standard deviation of a number across over that along.
+        words: a warning where they do not, else empty.
+    """
+
+    ratio: float
+    p: float
+    words: str
+
+
+def isotropy(model: Model, seen: Observations, fit: Fit) -> Isotropy:
+    """F test of residuals across against along the line from the head, at the origin; for equal weights on x, y, z.
+
+    With A the projection of every point on its line, and M = I - H, the sums r'A r and r'(I - A) r have the means
+    tr AM and tr (I - A) M, and the log of their quotient a variance from tr (AM)^2 and its like: the test's
+    degrees of freedom are those of an F with that variance (Satterthwaite 1946).
+    """
+    linear = linearized(model, seen, fit.values, fit.free)
+    within = linear.everywhere()
+    shape = seen.points.shape
+    sight = np.nan_to_num(seen.points / np.linalg.norm(seen.points, axis=2, keepdims=True))
+    along = (linear.residual.reshape(shape) * sight).sum(axis=2)
+    hat = (within.basis.reshape(*shape, -1) * sight[..., None]).sum(axis=2).reshape(along.size, -1)  # (n k, f)
+    taken = hat.T @ hat
+    count = int(seen_mask(seen.points).sum())
+    first = count - float(np.trace(taken))  # tr AM
+    second = within.freedom - first
+    if min(first, second) < 1:
+        return Isotropy(float("nan"), float("nan"), "")
+    own = count - 2 * float(np.trace(taken)) + float((taken**2).sum())  # tr (AM)^2
+    shared = first - own
+    other = within.freedom - own - 2 * shared
+    variance = own / first**2 + other / second**2 - 2 * shared / (first * second)
+    gain = (1 / first + 1 / second) / variance
+    inner, total = float((along**2).sum()), float((linear.residual**2).sum())
+    square = (total - inner) / second / max(inner / first, 1e-300)
+    tails = stats.f.sf(square, gain * second, gain * first), stats.f.cdf(square, gain * second, gain * first)
+    p = min(1.0, 2 * float(min(tails)))
+    ratio = float(np.sqrt(square))
+    if p >= STRICT:
+        return Isotropy(ratio, p, "")
+    words = (
+        f"residuals across the line of sight are {ratio:.2g} times those along it (F test, p = {p:.1g}): the noise is "
+        "not isotropic, so neither intervals nor the level of the outliers' test are right; say whose with --instrument"
+    )
+    return Isotropy(ratio, p, words)
+
+
+@dataclass(frozen=True)
+class Sandwich:
+    """A covariance that does not believe the weights.
+
+    Attributes:
+        covariance: ``(f, f)`` of the free parameters (m, rad).
+        freedom: ``(f,)`` of Student's t for each one's interval.
+    """
+
+    covariance: Array
+    freedom: Array
+
+
+def sandwich(linear: Linear) -> Sandwich:
+    """Covariance from each pose's own residuals, whatever their distribution is (CR2).
+
+    V = C (sum J_i' A_i r_i r_i' A_i J_i) C, A_i = (I - H_ii)^-1/2, unbiased where the weights are right after all;
+    degrees of freedom by Satterthwaite's rule (Bell & McCaffrey 2002).
+    """
+    within = linear.everywhere()
+    bent = within.root @ within.basis  # (n, m, f) A_i Q_i
+    scores = np.einsum("nmf,nm->nf", bent, linear.residual)
+    half = within.back @ scores.T  # (f, n)
+    freedom = np.empty(len(half))
+    for j, row in enumerate(within.back):
+        pulls = bent @ row  # (n, m) u_i
+        shared = np.einsum("nmf,nm->nf", within.basis, pulls)
+        products = np.diag((pulls**2).sum(axis=1)) - shared @ shared.T
+        freedom[j] = np.trace(products) ** 2 / (products**2).sum()
+    return Sandwich(half @ half.T, freedom)
+
+
+def _nothing_left() -> Adequacy:
+    why = "the measurements are no more than the parameters need; measure more poses"
+    return Adequacy(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")

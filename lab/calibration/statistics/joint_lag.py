@@ -1,0 +1,90 @@
+"""Joint values that do not follow the arm: residuals that look like a part of the last move.
+
+Joints read back before they have followed lag behind the arm by a share of the move from the pose before; where a
+controller reports where the joints are to be, the arm lags behind them, and the share is negative.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from lab.calibration.gauss_newton import Fit, Observations
+from lab.calibration.statistics.linearized import FULL_RANK, Linear, Within, linearized
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+LEVEL = 1e-3  # of a warning
+SEVERAL = 2  # joints: one alone is as well an error of that joint
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A session whose joint values do not follow the arm.
+
+    Attributes:
+        session: its name.
+        p: the chance, over all sessions, that noise follows the moves as well.
+        fractions: ``(joints,)`` of the last move that the readings still lack; negative where the arm lacks it.
+        significant: ``(joints,)``, whether a joint's own fraction is more than noise would make it.
+    """
+
+    session: str
+    p: float
+    fractions: Array
+    significant: NDArray[np.bool_]
+
+
+def lagging(
+    model: Model, seen: Observations, fit: Fit, moves: Array, reading_jacobian: Array, sessions: Sequence[str]
+) -> tuple[Lag, ...]:
+    """The sessions where several joints lag.
+
+    Residuals are regressed on J_q (reading - reading before), after what the fit takes up of it (Frisch & Waugh
+    1933): F for all joints together, Student's t for each, both with sigma from what is then left.
+
+    Args:
+        moves: ``(n, joints)``, reading less the reading before, which need not be among the rows.
+        reading_jacobian: ``(n, k, d, joints)``, of the prediction by the readings.
+        sessions: ``(n,)`` names.
+    """
+    linear = linearized(model, seen, fit.values, fit.free)
+    within = linear.everywhere()
+    names = list(dict.fromkeys(sessions))
+    found = []
+    for name in names:
+        rows = [i for i, session in enumerate(sessions) if session == name]
+        here = np.zeros_like(moves)
+        here[rows] = moves[rows]
+        mask = seen_mask(seen.points)
+        columns = np.zeros(reading_jacobian.shape)
+        columns[mask] = seen.apply(reading_jacobian * here[:, None, None, :]).reshape(columns[mask].shape)
+        lag = _regressed(name, linear, within, columns.reshape(*linear.seen.shape, -1), len(names))
+        if lag.p < LEVEL and lag.significant.sum() >= SEVERAL:
+            found.append(lag)
+    return tuple(found)
+
+
+def _regressed(name: str, linear: Linear, within: Within, columns: Array, sessions: int) -> Lag:
+    """Regression of the residuals on ``columns`` ``(n, m, joints)`` beside the fit's own."""
+    joints = columns.shape[2]
+    left = np.moveaxis(within.residuals(np.moveaxis(columns, 2, 0)), 0, 2).reshape(-1, joints)
+    before, scale = (np.linalg.norm(part, axis=0) for part in (columns.reshape(-1, joints), left))
+    told = scale > FULL_RANK * np.maximum(before, 1e-300)
+    fractions, significant, p = np.zeros(joints), np.zeros(joints, dtype=bool), 1.0
+    u, sizes, vt = np.linalg.svd(left[:, told] / scale[told], full_matrices=False)
+    kept = sizes > FULL_RANK * sizes.max(initial=0.0)
+    u, inverse = u[:, kept], vt[kept].T / sizes[kept]
+    residual = linear.residual.ravel()
+    pull = u.T @ residual
+    freedom = within.freedom - len(pull)
+    if len(pull) and freedom > 0:
+        variance = max(float(residual @ residual - pull @ pull) / freedom, 1e-300)
+        p = min(1.0, sessions * float(stats.f.sf(pull @ pull / len(pull) / variance, len(pull), freedom)))
+        estimate, std = inverse @ pull, np.sqrt(variance) * np.linalg.norm(inverse, axis=1)
+        fractions[told] = estimate / scale[told]
+        significant[told] = 2 * stats.t.sf(np.abs(estimate / std), freedom) * joints < LEVEL
+    return Lag(name, p, fractions, significant)

@@ -1,0 +1,64 @@
+"""What observations owe to the joint readings: derivatives, and what rounding alone makes of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+STEP = 1e-6  # rad or m, of central differences: exact to about 1e-10 of a lever
+STEPS_DEG = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)  # that displays and files round to, coarse ones first
+_WRITTEN_RAD = 1e-9  # how near to a multiple a reading is that was written as one
+_LEAST_DIFFERENT = 3  # readings of a joint: fewer may be round by choice
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Readings rounded to ``step_rad``, and the root mean square ``rms_m`` that this makes of an observation."""
+
+    step_rad: float
+    rms_m: float
+
+
+def rounding(model: Model, data: Measurements, values: Array, things: int | None = None) -> Rounding | None:
+    """What the rounding of the readings alone makes; None where they do not look rounded.
+
+    An error within half a step is uniform, of variance step^2 / 12 for each joint on its own; through the
+    derivatives by the readings it is the observation's: rms^2 = mean over rows of step^2 / 12 tr(J J').
+
+    Args:
+        data: with what the model observes.
+        things: how many of the observed things, from the first, are lengths; all where None.
+    """
+    turning = [j for j in range(data.joints.shape[1]) if len(np.unique(data.joints[:, j])) >= _LEAST_DIFFERENT]
+    step = _step_of(data.joints[:, turning])
+    if step is None:
+        return None
+    slope = by_readings(model, data.settings(model.conditions), values, data.joints.shape[1])[:, :things]
+    squares = (slope[..., turning] ** 2).sum(axis=(2, 3))
+    seen = seen_mask(data.points[:, :things])
+    return Rounding(step, float(step * np.sqrt(squares[seen].mean() / 12)))
+
+
+def _step_of(joints: Array) -> float | None:
+    """The coarsest step (rad) of which all readings ``(n, j)`` are multiples."""
+    if not joints.size:
+        return None
+    for degrees in STEPS_DEG:
+        step = float(np.deg2rad(degrees))
+        if np.abs(joints - step * np.round(joints / step)).max() < _WRITTEN_RAD:
+            return step
+    return None
+
+
+def by_readings(model: Model, settings: Array, values: Array, joints: int) -> Array:
+    """Derivatives ``(n, k, d, joints)`` of observations by the readings, the first columns of ``settings``."""
+    columns = []
+    for joint in range(joints):
+        step = np.zeros(settings.shape[1])
+        step[joint] = STEP
+        ahead, behind = (model.points(settings + sign * step, values) for sign in (1, -1))
+        columns.append((ahead - behind) / (2 * STEP))
+    return np.stack(columns, axis=-1)

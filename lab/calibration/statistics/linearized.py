@@ -1,0 +1,190 @@
+"""A fit's linear problem pose by pose, and what noise alone makes of the poses' residuals.
+
+Every test of residuals stands on it: outliers, adequacy, lagging joints. Near the solution the whitened
+residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg 1982, section 2.1).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from lab.calibration.gauss_newton import Further, Observations
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+Mask = NDArray[np.bool_]
+FULL_RANK = 1e-8  # of the largest singular value of the column-scaled Jacobian
+_DETERMINED = 1e-6  # share of a direction's variance that other poses must leave to its residual
+_BLOCK = 2_000_000  # numbers drawn at a time
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The distribution of whitened noise: mean zero, variance one, the mean of some readings."""
+
+    kind: Literal["gaussian", "uniform"] = "gaussian"
+    readings: int = 1
+
+    @property
+    def excess_kurtosis(self) -> float:
+        """Zero if Gaussian; that of a mean of readings falls as one over their number."""
+        return 0.0 if self.kind == "gaussian" else -1.2 / self.readings
+
+    def draw(self, size: tuple[int, ...], rng: np.random.Generator) -> Array:
+        """Independent whitened errors."""
+        if self.kind == "gaussian":
+            return rng.standard_normal(size)
+        total = sum((rng.random(size) for _ in range(self.readings)), np.full(size, -0.5 * self.readings))
+        return np.asarray(total * np.sqrt(12 / self.readings))
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Whitened residuals and derivatives near a solution, one block a pose.
+
+    Attributes:
+        residual: ``(n, m)`` measured less predicted, m = k d; zero where not seen.
+        jacobian: ``(n, m, f)`` of the prediction, columns scaled to unit norm; zero where not seen.
+        scale: ``(f,)`` the norms they had.
+        seen: ``(n, m)``.
+        poses: how many of the n blocks are poses, the first; the others hold what else is known, and are not tested.
+    """
+
+    residual: Array
+    jacobian: Array
+    scale: Array
+    seen: Mask
+    poses: int
+
+    def everywhere(self) -> "Within":
+        """Least squares on all poses."""
+        return self.within(np.ones(len(self.seen), dtype=bool))
+
+    def within(self, inside: Mask) -> "Within":
+        """Least squares on the poses ``inside`` ``(n,)``."""
+        used = np.where(inside[:, None, None], self.jacobian, 0.0).reshape(-1, len(self.scale))
+        triangle = np.linalg.qr(used, mode="r")
+        _, sizes, vt = np.linalg.svd(triangle, full_matrices=False)
+        told = sizes > FULL_RANK * sizes[0]
+        gain = np.where(told, 1 / np.maximum(sizes, 1e-300), 0.0)
+        back = vt.T * gain
+        basis = self.jacobian @ back
+        own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
+        spread, axes = np.linalg.eigh(np.eye(own.shape[1]) + np.where(inside, -1.0, 1.0)[:, None, None] * own)
+        alone = spread < _DETERMINED
+        root = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))
+        return Within(
+            inside=inside,
+            basis=basis,
+            back=back / self.scale[:, None],
+            root=(root[:, None, :] * axes) @ np.swapaxes(axes, 1, 2),
+            count=np.where(np.arange(len(own)) < self.poses, self.seen.sum(axis=1) - alone.sum(axis=1), 0),
+            freedom=int(self.seen[inside].sum()) - int(told.sum()),
+            full_rank=bool(told.all()) and len(told) == len(self.scale),
+        )
+
+
+@dataclass(frozen=True)
+class Within:
+    """Least squares on some poses, with every pose judged by the others of them.
+
+    Attributes:
+        basis: ``(n, m, f)`` Q: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction.
+        back: ``(f, f)`` from the basis to the parameters: their covariance is back back' where noise is white.
+        root: ``(n, m, m)`` whitens a pose's residual: (I - H_ii)^-1/2 inside, (I + H_ii)^-1/2 outside.
+        count: ``(n,)`` numbers of a pose that the other poses predict.
+        freedom: residual degrees of freedom inside.
+        full_rank: whether the poses inside tell all parameters apart.
+    """
+
+    inside: Mask
+    basis: Array
+    back: Array
+    root: Array
+    count: NDArray[np.int_]
+    freedom: int
+    full_rank: bool
+
+    def residuals(self, errors: Array) -> Array:
+        """What least squares inside leaves of errors ``(..., n, m)``, outside too."""
+        flat = errors.reshape(*errors.shape[:-2], -1)
+        basis = self.basis.reshape(flat.shape[-1], -1)
+        fitted = np.where(np.repeat(self.inside, errors.shape[-1])[:, None], basis, 0.0)
+        return np.asarray(errors - ((flat @ fitted) @ basis.T).reshape(errors.shape))
+
+    def squares(self, residuals: Array) -> tuple[Array, Array]:
+        """Squared whitened distance ``(..., n)`` of each pose from what the others predict, and the fit's own sum.
+
+        Inside, r' (I - H)^-1 r is how much the sum falls when the pose is left out (Cook & Weisberg 1982,
+        eq. 2.2.8 for blocks), and is so its squared prediction error from the others.
+        """
+        turned = np.einsum("nij,...nj->...ni", self.root, residuals)
+        return (turned**2).sum(axis=-1), (residuals[..., self.inside, :] ** 2).sum(axis=(-2, -1))
+
+    def p_values(
+        self, distance: Array, total: Array, known: bool, floor: float = 0.0, poses: NDArray[np.int_] | None = None
+    ) -> Array:
+        """Each pose's p-value ``(..., n)`` were the noise Gaussian and it alone tested.
+
+        Chi squared with a known sigma; else F of the externally studentized distance, with sigma estimated from
+        the poses inside without it.
+
+        Args:
+            distance, total: of ``squares``.
+            floor: the least sigma that is believed.
+            poses: which ones ``distance`` is of, in its shape; all in their order where not given.
+        """
+        inside, count = (every if poses is None else every[poses] for every in (self.inside, self.count))
+        size = np.maximum(count, 1)
+        if known:
+            p = stats.chi2.sf(distance, size)
+        else:
+            freedom = self.freedom - np.where(inside, count, 0)
+            rest = np.maximum(total[..., None] - np.where(inside, distance, 0.0), 0.0)
+            variance = np.maximum(rest / np.maximum(freedom, 1), max(floor, 1e-150) ** 2)
+            p = np.where(freedom > 0, stats.f.sf(distance / size / variance, size, np.maximum(freedom, 1)), 1.0)
+        return np.where(count > 0, p, 1.0)
+
+
+def linearized(
+    model: Model, seen: Observations, values: Array, free: Sequence[int], further: Further | None = None
+) -> Linear:
+    """The linear problem of ``seen`` at ``values`` ``(p,)`` in the parameters ``free``.
+
+    Args:
+        further: what else is known of the parameters; its rows stay whichever poses are looked at.
+    """
+    predicted, jacobian = model.observe(seen.settings, values)
+    mask = seen_mask(seen.points)
+    n, k, d = seen.points.shape
+    more, rows = (np.empty(0), np.empty((0, len(values)))) if further is None else further(values)
+    blocks = n + -(-len(more) // (k * d))
+    residual, slopes = np.zeros((blocks, k * d)), np.zeros((blocks, k * d, len(free)))
+    numbers = np.zeros((blocks, k * d), dtype=bool)
+    numbers[:n] = np.repeat(mask, d, axis=1)
+    numbers[n:].flat[: len(more)] = True
+    residual[numbers] = np.concatenate([seen.apply(seen.points - predicted), more])
+    slopes[numbers] = np.concatenate([seen.apply(jacobian[..., list(free)]), rows[:, list(free)]])
+    scale = np.linalg.norm(slopes.reshape(-1, len(free)), axis=0)
+    scale[scale == 0] = 1.0
+    return Linear(residual, slopes / scale, scale, numbers, n)
+
+
+def smallest_p(within: Within, seen: Mask, shape: Shape, known: bool, draws: int, rng: np.random.Generator) -> Array:
+    """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape."""
+    found = []
+    sizes = np.unique(within.count)
+    block = max(1, _BLOCK // seen.size)
+    for first in range(0, draws, block):
+        errors = shape.draw((min(block, draws - first), *seen.shape), rng) * seen
+        distance, total = within.squares(within.residuals(errors))
+        # Among poses of as many numbers the farthest has the smallest p-value: only those are worked out.
+        farthest = np.stack([np.where(within.count == size, distance, -1.0).argmax(axis=1) for size in sizes], axis=1)
+        largest = np.take_along_axis(distance, farthest, axis=1)
+        found.append(within.p_values(largest, total, known, poses=farthest).min(axis=1))
+    return np.sort(np.concatenate(found))

@@ -1,0 +1,164 @@
+"""All nested models of one large model at once: near a solution every one of them is linear.
+
+One orthogonal factorization of the large model's whitened Jacobian beside the residual holds each nested one's
+sum of squares in its triangle, and one for each fold what the other poses predict there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from lab.calibration.gauss_newton import RANK_TOLERANCE, Further, Observations
+from lab.calibration.observations.protocol import Sighting
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+
+Labels = NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class Score:
+    """How a nested model does.
+
+    Attributes:
+        parameters: how many it fits.
+        squares: its sum of squared whitened residuals.
+        errors: ``(m,)`` lengths (m) of held-out errors, one a seen thing.
+        bic: Bayes' information criterion (Schwarz 1978), lower is better.
+    """
+
+    parameters: int
+    squares: float
+    errors: Array
+    bic: float
+
+
+@dataclass(frozen=True)
+class Nested:
+    """The large model, linearized.
+
+    Attributes:
+        columns: the parameters (of the large model) that some nested model fits, c of them.
+        scale: ``(c,)`` the norms that their columns had.
+        away: ``(c,)`` how far each of them, scaled, stands from the drawing, where it returns if it is not fitted.
+        whole: ``(<= c + 1, c + 1)`` triangle of the scaled whitened Jacobian and, last, the residual.
+        training: the same of all folds but one.
+        held: ``(m_f, d, c + 1)`` of each fold: derivatives and residual of its things, in m.
+        cluster: ``(m,)`` what each thing of the folds, one after the other, was held out together with.
+        rows: the number of residuals.
+        floor: the least standard deviation that a whitened residual may have: 1 where sigma is known.
+    """
+
+    columns: tuple[int, ...]
+    scale: Array
+    away: Array
+    whole: Array
+    training: tuple[Array, ...]
+    held: tuple[Array, ...]
+    cluster: Labels
+    rows: int
+    floor: float
+
+    def score(self, fitted: Sequence[int]) -> Score:
+        """The nested model that fits these columns, held-out errors by linear prediction from the other folds.
+
+        BIC = N log s^2 + RSS / s^2 + p log N, with s^2 = RSS / N but never below what the noise is known to be:
+        the likelihood's maximum under that bound, so that a sigma given too small does not let every column in.
+        """
+        squares = float(np.sum(self._left(self.whole, fitted)[1] ** 2))
+        lengths = [
+            np.linalg.norm(held @ self._left(triangle, fitted)[0], axis=1)
+            for triangle, held in zip(self.training, self.held, strict=True)
+        ]
+        variance = max(squares / self.rows, self.floor**2)
+        bic = self.rows * np.log(variance) + squares / variance + len(fitted) * np.log(self.rows)
+        return Score(len(fitted), squares, np.concatenate(lengths), float(bic))
+
+    def std(self, fitted: Sequence[int]) -> Array:
+        """Standard deviations of the parameters that are fitted; of noise as large as the residuals, or as is known."""
+        index = [self.columns.index(i) for i in fitted]
+        left = self._left(self.whole, fitted)[1]
+        variance = max(float(left @ left) / max(self.rows - len(index), 1), self.floor**2)
+        inverse = np.linalg.pinv(self.whole[:, index], rcond=RANK_TOLERANCE)
+        spread: Array = np.sqrt(variance * (inverse**2).sum(axis=1)) / self.scale[index]
+        return spread
+
+    def p_value(self, small: Score, big: Score) -> float:
+        """The chance of a fall in squares as large as from ``small`` to ``big`` if what was added is not there.
+
+        The larger of the F-test's and of the chi squared test's by the known sigma (Seber & Lee 2003, section
+        4.3): a sigma given too small makes the second one far too sure, and one that says that the smaller model
+        is adequate already must not be overruled by the first.
+        """
+        added, freedom = big.parameters - small.parameters, self.rows - big.parameters
+        fall = max(small.squares - big.squares, 0.0)
+        by_noise = stats.chi2.sf(fall / self.floor**2, added)
+        ratio = fall / added / max(big.squares / freedom, 1e-300)
+        return float(max(by_noise, stats.f.sf(ratio, added, freedom)))
+
+    def gain(self, before: Score, after: Score) -> tuple[float, float]:
+        """How far the mean held-out error falls (m), and the standard error of that: paired, by clusters."""
+        fall = before.errors - after.errors
+        mean = float(fall.mean())
+        together = np.bincount(self.cluster, fall - mean)
+        return mean, float(np.sqrt(np.sum(together**2))) / len(fall)
+
+    def _left(self, triangle: Array, fitted: Sequence[int]) -> tuple[Array, Array]:
+        """Weights ``(c + 1,)`` of columns and residual in what is left, and what is left of the triangle's rows."""
+        index = [self.columns.index(i) for i in fitted]
+        weights = np.append(self.away, 1.0)
+        weights[index] = 0.0
+        weights[index] = -np.linalg.lstsq(triangle[:, index], triangle @ weights, rcond=RANK_TOLERANCE)[0]
+        return weights, triangle @ weights
+
+
+def nested_at(
+    sight: Sighting,
+    seen: Observations,
+    values: Array,
+    columns: Sequence[int],
+    drawn: Array,
+    folds: Labels,
+    clusters: Labels,
+    further: Further,
+    floor: float,
+) -> Nested:
+    """The large model near ``values`` ``(p,)``.
+
+    Args:
+        columns: the parameters that some nested model fits.
+        drawn: ``(c,)`` what they are where they are not fitted.
+        folds, clusters: ``(n,)`` labels: a row's fold, from 0 on, and what it is held out together with.
+        further: what is known beside the measurements, weighed as they are.
+    """
+    index, count = list(columns), int(folds.max()) + 1
+    predicted, jacobian = sight.model.observe(seen.settings, values)
+    both = np.concatenate([jacobian[..., index], (seen.points - predicted)[..., None]], axis=3)
+    rows, mask = seen.apply(both), seen_mask(seen.points)
+    scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
+    scale[scale == 0] = 1.0
+    residual, slopes = further(values)
+    beside = np.column_stack([slopes[:, index], residual]) / scale
+    fold = np.repeat(folds[np.nonzero(mask)[0]], seen.points.shape[2])
+    parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]
+    in_m = (both / sight.units[:, None, None])[:, : sight.positions or None]
+    inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]
+    return Nested(
+        columns=tuple(columns),
+        scale=scale[:-1],
+        away=(values[index] - drawn) * scale[:-1],
+        whole=_stacked([*parts, beside]),
+        training=tuple(_stacked([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
+        held=tuple(in_m[part] / scale for part in inside),
+        cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
+        rows=len(rows) + len(residual),
+        floor=floor,
+    )
+
+
+def _stacked(parts: Sequence[Array]) -> Array:
+    """The triangle of rows below each other."""
+    return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))

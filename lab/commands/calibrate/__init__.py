@@ -1,0 +1,1 @@
+"""`lab calibrate` and `lab identify`: one campaign, on a virtual or a measured arm."""

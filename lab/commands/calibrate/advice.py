@@ -1,0 +1,50 @@
+"""What to change to see parameters that measurements barely tell apart, tried out on the model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.identifiability import condition_of
+from lab.calibration.observations.full_pose import Poses
+from lab.commands.robot import Robot
+from lab.core.se3 import Array
+
+OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second one stands from the first
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of what is measured, and the condition that the same poses would then have."""
+
+    words: str
+    condition: float
+
+
+def changes(
+    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], values: Array, settings: Array
+) -> tuple[Change, ...]:
+    """The changes that anyone can make, the best first.
+
+    Args:
+        values: ``(p,)`` of the arm with these targets and groups, seen by points.
+        settings: where it is measured, ``(n, joints + conditions)``.
+    """
+    arm = robot.arm_with(targets, groups)
+    known = dict(zip(arm.names, values, strict=True))
+    moved = known | {name: value + OFFSET_M for name, value in known.items() if name.endswith(".x") and "tool." in name}
+    away = np.array([moved[name] for name in arm.names])
+    more = robot.arm_with((*targets, "another"), groups)
+    first = [known[f"tool.{targets[0]}.{axis}"] for axis in "xyz"]
+    second = dict(zip("xyz", np.array(first) + np.array([OFFSET_M, OFFSET_M, 0.0]), strict=True))
+    both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
+    posed = Poses(arm, targets[0])
+    turned = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(settings), 4))
+    found = [
+        Change(f"the target {1e3 * OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, settings)),
+        Change("a second target", condition_of(more, np.array([both[name] for name in more.names]), settings)),
+        Change(
+            "orientations measured too",
+            condition_of(posed, posed.nominal(values), np.concatenate([settings, turned], axis=1)),
+        ),
+    ]
+    return tuple(sorted(found, key=lambda change: change.condition))

@@ -1,0 +1,289 @@
+"""What a set of measurements says: the model asked for or found, the poses that are off, and how far to trust it."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification, Wishes, identify
+from lab.calibration.observations.full_pose import Poses, balanced
+from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.select import Observing, sighted
+from lab.calibration.prior import Tolerance
+from lab.calibration.sequential import fit_sequentially
+from lab.calibration.statistics.candidate_models import Task
+from lab.calibration.statistics.goodness_of_fit import Adequacy, adequacy, isotropy, sandwich
+from lab.calibration.statistics.linearized import Shape, linearized
+from lab.calibration.statistics.model_selection import CANDIDATES, Selection, follow, select
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.statistics.replicates import repeats
+from lab.calibration.weights import Noise, weighed
+from lab.commands.calibrate.fit_result import Fitted, named_poses
+from lab.commands.calibrate.warnings import (
+    of_drawing,
+    of_export,
+    of_groups,
+    of_joints,
+    of_outliers,
+    of_prior,
+    of_weakness,
+)
+from lab.commands.robot import Robot
+from lab.commands.shared_options import Fitting
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.effects.groups import Course
+from lab.kinematics.model import Model
+
+CLEANINGS = 5  # of the poses and what they are judged by
+BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """How measurements of one arm are fitted.
+
+    Attributes:
+        targets: of the arm, measured or (of a cable, a socket, a plane) the one that is tied.
+        data: all measurements, by which what is observed is known.
+        judged_by: further rows that the model must be able to answer, with the groups that it does without there.
+    """
+
+    robot: Robot
+    targets: tuple[str, ...]
+    data: Measurements
+    observing: Observing
+    noise: Noise
+    options: Fitting
+    sequential: bool
+    seed: int
+    judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
+
+    def model_with(self, groups: Sequence[str]) -> Model:
+        """The arm with groups of effects, as it is observed."""
+        arm = self.robot.arm_with(self.targets, groups, self.course)
+        return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[0]
+
+    @property
+    def course(self) -> Course:
+        """Of the measurements that are to be fitted."""
+        rows = self.data.only("calibrate")
+        if self.observing.kind in ("points", "pose"):
+            rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
+        time_s = rows.conditions.get("time_s", np.zeros(1))
+        told = time_s[np.isfinite(time_s)]
+        return Course(tuple(dict.fromkeys(rows.sessions)), float(told[0]) if len(told) else 0.0)
+
+    def observed(self) -> Measurements:
+        """What is observed of the measurements."""
+        arm = self.robot.arm(self.targets)
+        return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[1]
+
+    def nominal(self, model: Model) -> Array:
+        """The drawing's parameters of one of these models."""
+        arm = self.robot.arm(self.targets)
+        drawn = dict(zip(arm.names, arm.nominal(self.robot.tool), strict=True))
+        return np.array([drawn.get(name, 0.0) for name in model.names])
+
+    @property
+    def wishes(self) -> Wishes:
+        """What is asked of the identification."""
+        chosen = self.options
+        tolerance = self.tolerance if chosen.prior else None
+        return Wishes(chosen.fix, chosen.free, tolerance, fit_sequentially if self.sequential else None)
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """Of manufacture."""
+        return Tolerance(self.options.tolerance_mm / 1e3, self.options.tolerance_mrad / 1e3)
+
+    def identified(
+        self, rows: Measurements, groups: Sequence[str], held: Sequence[str] = ()
+    ) -> tuple[Identification, Measurements, Outliers | None]:
+        """One identification of the arm with these groups, the rows that it comes from, and what was left out.
+
+        Args:
+            held: parameters of the groups that the selection found these poses not to show.
+        """
+        model = self.model_with(groups)
+        wishes = self.wishes if self.options.model == "geometric" else self.wishes.of(model.names)
+        wishes = replace(wishes, fix=(*wishes.fix, *held))
+        found, clean, outliers = self._identify(model, rows, wishes), rows, None
+        for _ in range(CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
+            before, outliers = outliers, self._outliers(found, rows)
+            if before is not None and set(before.rows) == set(outliers.rows):
+                break
+            clean = rows.take(np.setdiff1d(np.arange(len(rows)), outliers.rows))
+            found = self._identify(model, clean, wishes)
+        return found, clean, outliers
+
+    def __call__(self, rows: Measurements, held: Measurements | None = None) -> Fitted:
+        """Everything that the rows say.
+
+        Args:
+            rows, held: some of what is observed; ``held`` are poses held out, by which adequacy can be judged.
+        """
+        selection = self._selected(rows)
+        groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
+        found, clean, outliers = self.identified(rows, groups, unshown)
+        sight, robust = sighting_of(found.model), self.options.robust
+        seen, known = weighed(sight, clean, self.noise)
+        outliers = outliers or self._outliers(found, rows)
+        off = named_poses(rows, outliers)
+        if held is not None and sight.positions:
+            off += named_poses(held, self._off_held_out(found, clean, held), held_out=True)
+        judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
+        judged = self._adequacy(found, clean, judged_by)
+        warnings = [judged.words] if judged.adequate is False else []
+        warnings += [] if robust else of_outliers(found, seen, outliers)
+        trusted = found
+        if not warnings and self.observing.kind == "points":
+            trusted, warnings = self._trusted(found, seen, known)
+        if count := sum(pose.held_out for pose in off):
+            warnings.append(f"{count} poses held out are off: the error is {'without' if robust else 'with'} them")
+        warnings += of_groups(groups, selection, self.data)
+        if self.options.model == "auto":
+            lacking = {name: self.unanswerable(name) for name in CANDIDATES}
+            warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in lacking.items() if why]
+        if self.options.prior:
+            warnings += of_prior(found, self.nominal(found.model), self.tolerance)
+        warnings += of_drawing(found, self.nominal(found.model))
+        if self.observing.kind == "points":
+            warnings += of_weakness(self.robot, self.targets, groups, found, seen.settings)
+        warnings += of_joints(found, seen, clean, self._moves(clean))
+        warnings += of_export(self.robot, found, groups, seen.settings)
+        return Fitted(trusted, clean, groups, unshown, off, robust, judged, selection, tuple(warnings))
+
+    def _selected(self, rows: Measurements) -> Selection | None:
+        """The groups that the rows call for, or that are asked for; None for geometry alone."""
+        if self.options.model == "geometric":
+            return None
+        groups = self.options.groups
+        task = Task(self.model_with, self.nominal, rows, self.noise, self.wishes)
+        task.refuse_unknown_wishes(CANDIDATES if self.options.model == "auto" else groups)
+        found, clean, outliers = self.identified(rows, groups)
+        if self.options.model != "auto":
+            model_with = self._balanced_as(found).model_with
+            return follow(model_with, clean, self.nominal, groups, self.noise, self.wishes, seed=self.seed)
+        selection = self._chosen(found, clean)
+        if outliers is None or not len(outliers.rows):
+            return selection
+        other = self._chosen(found, rows)  # a few poses that alone show an effect look like outliers without it
+        if set(other.chosen) == set(selection.chosen):
+            return selection
+        named_by = [len(rows) - len(self.identified(rows, s.chosen, s.held)[1]) for s in (selection, other)]
+        return other if named_by[1] < named_by[0] else selection
+
+    def _chosen(self, found: Identification, rows: Measurements) -> Selection:
+        """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them."""
+        selection = None
+        for _ in range(BALANCINGS):
+            before, model_with = selection, self._balanced_as(found).model_with
+            tried = [name for name in CANDIDATES if not self.unanswerable(name)]
+            asked = (self.noise, self.wishes)
+            selection = select(model_with, rows, self.nominal, *asked, candidates=tried, seed=self.seed)
+            if not isinstance(found.model, Poses) or (before and before.chosen == selection.chosen):
+                break
+            found, _, _ = self.identified(rows, selection.chosen, selection.held)
+        assert selection is not None
+        return selection
+
+    def unanswerable(self, group: str) -> str:
+        """What is missing for a group in the rows that are to be judged by; empty if nothing is."""
+        for rows, without in self.judged_by:
+            if group not in without:
+                with suppress(LabError):  # a group that cannot be built says so elsewhere
+                    conditions = self.robot.arm_with(self.targets, [group], self.course).conditions
+                    try:
+                        rows.settings(conditions)
+                    except LabError as error:
+                        return str(error)
+        return ""
+
+    def _balanced_as(self, found: Identification) -> "Fitter":
+        """The same with the ratio of a pose's two noises that an identification found."""
+        if not isinstance(found.model, Poses):
+            return self
+        return replace(self, observing=replace(self.observing, ratio=found.model.ratio))
+
+    @property
+    def _shape(self) -> Shape:
+        """Of the noise that is assumed."""
+        device = self.noise.instrument
+        uniform = device is not None and device.kind == "uniform" and self.noise.sigma_m is None
+        return Shape("uniform", self.noise.readings) if uniform else Shape()
+
+    def _identify(self, model: Model, rows: Measurements, wishes: Wishes) -> Identification:
+        if isinstance(model, Poses) and self.observing.ratio is None:
+            model = balanced(model, rows, self.nominal(model), wishes)
+        return identify(model, rows, self.nominal(model), self.noise, wishes)
+
+    def _outliers(self, start: Identification, rows: Measurements) -> Outliers:
+        sight = sighting_of(start.model)
+        seen, known = weighed(sight, rows, self.noise)
+        return find_outliers(
+            start.model,
+            seen,
+            start.fit.free,
+            start.before,
+            known=known,
+            rng=stream(self.seed, "null"),
+            shape=self._shape,
+            further=start.further,
+            things=sight.positions or None,
+        )
+
+    def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements) -> HeldOut:
+        sight = sighting_of(found.model)
+        parts = [weighed(sight, part, self.noise) for part in (rows, held)]
+        both = Observations(*(np.concatenate(pair) for pair in zip(*(astuple(seen) for seen, _ in parts), strict=True)))
+        return off_held_out(
+            found.model,
+            both,
+            len(rows),
+            found.fit,
+            known=parts[0][1],
+            further=found.further,
+            things=sight.positions,
+        )
+
+    def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> Adequacy:
+        sight = sighting_of(found.model)
+        seen, known = weighed(sight, rows, self.noise)
+        return adequacy(
+            found.model,
+            seen,
+            found.fit,
+            known=known,
+            shape=self._shape,
+            labels=repeats(rows),
+            held=weighed(sight, held, self.noise)[0] if held is not None and sight.positions else None,
+            further=found.further,
+        )
+
+    def _trusted(self, found: Identification, seen: Observations, known: bool) -> tuple[Identification, list[str]]:
+        """The identification with the poses' own intervals, and what is to be said, where noise is not isotropic."""
+        device = self.noise.instrument
+        if (device is not None and device.kind == "spherical") or found.sigma_m < LEAST_SIGMA_M:
+            return found, []
+        words = isotropy(found.model, seen, found.fit).words
+        if not words:
+            return found, []
+        if known or self.options.prior or len(seen.settings) <= len(found.fit.free):
+            return found, [words]
+        own = sandwich(linearized(found.model, seen, found.values, found.fit.free))
+        trusted = replace(found, covariance=own.covariance, freedom_each=own.freedom)
+        return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
+
+    def _moves(self, rows: Measurements) -> Array:
+        """``(n, joints)`` from the pose that was measured before each row in its session; none to the first."""
+        last: dict[str, Array] = {}
+        moves = {}
+        for name, session, joints in zip(self.data.ids, self.data.sessions, self.data.joints, strict=True):
+            moves[name] = joints - last.get(session, joints)
+            last[session] = joints
+        return np.array([moves[name] for name in rows.ids])

@@ -1,0 +1,58 @@
+"""What a set of measurements was found to say."""
+
+from dataclasses import dataclass
+
+from lab.calibration.identify import Identification
+from lab.calibration.statistics.goodness_of_fit import Adequacy
+from lab.calibration.statistics.model_selection import Selection
+from lab.calibration.statistics.outliers import HeldOut, Outliers
+from lab.core.measurements import Measurements
+
+
+@dataclass(frozen=True)
+class Named:
+    """A pose that the test of outliers names.
+
+    Attributes:
+        id, line: of its row; no line where there is no file.
+        size_m: how far its farthest target is from where the other poses say it is.
+        p: the chance that noise alone makes any pose of a campaign stand out as far.
+        held_out: whether it was not fitted, but is judged by.
+    """
+
+    id: str
+    line: int | None
+    size_m: float
+    p: float
+    held_out: bool
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What a set of measurements says.
+
+    Attributes:
+        rows: those that the parameters come from.
+        groups: of the model.
+        unshown: parameters of these that the selection found the poses not to show: held at zero.
+        outliers: poses that are off: left out if asked for, else fitted all the same.
+        left_out: whether they were.
+        selection: of the model's groups, where that was asked for.
+    """
+
+    identification: Identification
+    rows: Measurements
+    groups: tuple[str, ...]
+    unshown: tuple[str, ...]
+    outliers: tuple[Named, ...]
+    left_out: bool
+    adequacy: Adequacy
+    selection: Selection | None
+    warnings: tuple[str, ...]
+
+
+def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:
+    """What the test found, by the rows' own names."""
+    lines = [rows.lines[i] if rows.lines else None for i in found.rows]
+    parts = zip(found.rows, lines, found.sizes_m, found.p_values, strict=True)
+    return tuple(Named(rows.ids[i], line, float(size), float(p), held_out) for i, line, size, p in parts)

@@ -1,0 +1,178 @@
+"""A campaign as a rerun recording: what it measured, what it found, and how sure, pose by pose.
+
+What moves is on the timeline ``pose``, the 0-based row among all that were measured;
+``convergence/rms`` is on the timeline ``iteration``. Positions are float32 there: the numbers to
+compute with are in the run's other files.
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from lab.commands.calibrate.recording_layout import (
+    AFTER,
+    BEFORE,
+    CONVERGENCE,
+    MAPPING,
+    MEASURED,
+    OFF,
+    PARAMETERS,
+    SINGULAR_VALUES,
+    SUMMARY,
+    UNCERTAINTY,
+    blueprint,
+)  # fmt: skip
+from lab.commands.calibrate.recording_text import parameter_table, times, wording
+from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.scene import Scene, scene
+from lab.core.se3 import Array
+from lab.render.rerun_primitives import (
+    Times,
+    draw_beams,
+    draw_ellipsoid,
+    draw_instrument,
+    draw_legs,
+    draw_shells,
+    draw_tag,
+    markdown,
+    recording_to,
+)
+
+
+def record(path: Path, outcome: Outcome) -> None:
+    """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
+    shown = scene(outcome)
+    with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
+        recording.send_blueprint(blueprint(outcome, shown))
+        draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
+        draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
+        _instrument(recording, outcome, shown)
+        _points(recording, shown)
+        _off_poses(recording, shown)
+        _arrows(recording, shown)
+        _ellipsoids(recording, shown)
+        _numbers(recording, outcome, shown)
+        recording.log(SUMMARY, markdown(wording(outcome, shown)), static=True)
+        recording.log(PARAMETERS, markdown(parameter_table(outcome)), static=True)
+
+
+def _identity(outcome: Outcome) -> str:
+    """The same for the same content, so that the same campaign gives the same recording."""
+    digest = hashlib.sha256(outcome.robot.sha256.encode())
+    for array in (outcome.fitted.joints, outcome.fitted.points, outcome.identification.values):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _poses(rows: NDArray[np.int_]) -> Times:
+    return [rr.TimeColumn("pose", sequence=rows)]
+
+
+def _instrument(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
+    """Its frame; of a virtual tracker also the beam to each target that it sees."""
+    name = "tracker" if outcome.real is not None else "instrument's frame"
+    draw_instrument(recording, name, shown.T_world_instrument)
+    if outcome.real is not None:
+        draw_beams(recording, _poses(shown.at), shown.T_world_instrument[:3, 3], shown.measured)
+
+
+def _points(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Measured and predicted points: these in points on the screen, so that they part when one comes close."""
+    radius = 0.007 * shown.reach_m * min(1.0, (100 / len(shown.all_measured)) ** (1 / 3))
+    cloud = rr.Points3D(shown.all_measured, colors=MEASURED, radii=radius)
+    recording.log("world/targets/all_measured", cloud, static=True)
+    for name, points, colour, size in (
+        ("measured", shown.measured, MEASURED, 5.0),
+        ("predicted_before", shown.before, BEFORE, 4.0),
+        ("predicted_after", shown.after, AFTER, 3.0),
+    ):
+        seen = np.isfinite(points).all(axis=2)
+        columns = rr.Points3D.columns(positions=points[seen]).partition(seen.sum(axis=1))
+        recording.send_columns(f"world/targets/{name}", _poses(shown.at), columns)
+        style = rr.Points3D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
+        recording.log(f"world/targets/{name}", style, static=True)
+
+
+def _off_poses(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Poses that are off, whether they were fitted or not: marked, named, and joined to where they should be."""
+    if not shown.off:
+        return
+    strips = [np.stack([pose.measured, pose.expected]) for pose in shown.off]
+    marks = rr.Points3D(
+        [pose.measured for pose in shown.off],
+        colors=OFF,
+        radii=0.018 * shown.reach_m,
+        labels=[pose.words for pose in shown.off],
+    )
+    recording.log("world/targets/off", marks, static=True)
+    lines = rr.LineStrips3D(strips, colors=OFF, radii=0.005 * shown.reach_m)
+    recording.log("world/targets/off/to_expected", lines, static=True)
+
+
+def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Measured less predicted, magnified, from the predicted point, with the factors.
+
+    The factor of the arrow that points higher stands above the target, the other one's below.
+    """
+    seen = np.isfinite(shown.measured).all(axis=2)
+    lengths = seen.sum(axis=1)
+    height = shown.factor_before * (shown.measured - shown.before) - shown.factor_after * (shown.measured - shown.after)
+    above = np.where(height[:, 0, 2] < 0, -1.0, 1.0)[:, None] * np.array([0.0, 0.0, 0.2 * shown.reach_m])  # (m, 3)
+    for name, points, factor, colour, offset in (
+        ("before", shown.before, shown.factor_before, BEFORE, above),
+        ("after", shown.after, shown.factor_after, AFTER, -above),
+    ):
+        vectors = factor * (shown.measured - points)[seen]
+        columns = rr.Arrows3D.columns(origins=points[seen], vectors=vectors).partition(lengths)
+        recording.send_columns(f"world/errors/{name}", _poses(shown.at), columns)
+        style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
+        recording.log(f"world/errors/{name}", style, static=True)
+        text = f"{name} {times(factor)}"
+        draw_tag(
+            recording,
+            f"world/errors/{name}/factor",
+            _poses(shown.at),
+            shown.after[:, 0] + offset,
+            text,
+            colour,
+        )
+
+
+def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
+    focus = rr.Transform3D.columns(translation=shown.mapping.centers)
+    recording.send_columns("world/focus", _poses(shown.at), focus)
+    draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, MAPPING)
+    if shown.uncertainty is not None:
+        draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, UNCERTAINTY)
+
+
+def _numbers(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
+    """Errors of every fitted pose, singular values, and how the fit converged."""
+    for name, errors, colour in (("before", shown.error_before, BEFORE), ("after", shown.error_after, AFTER)):
+        used = np.flatnonzero(np.isfinite(errors))
+        recording.send_columns(
+            f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=1e3 * errors[used])
+        )
+        line = rr.SeriesLines(colors=colour, names=f"{name}, mm", widths=2)
+        recording.log(f"error_mm/{name}", line, static=True)
+    values = outcome.identification.fit.singular_values
+    recording.log(
+        SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=MAPPING), static=True
+    )
+    rms = convergence(outcome)
+    steps = np.arange(len(rms))
+    iterations = [rr.TimeColumn("iteration", sequence=steps)]
+    recording.send_columns(f"{CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
+    recording.log(f"{CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=AFTER), static=True)
+
+
+def convergence(outcome: Outcome) -> Array:
+    """Root mean square residual of a coordinate before and after each step: in sigmas, in mm if sigma was estimated."""
+    identification = outcome.identification
+    squares = 2 * np.array(identification.fit.cost_trace) / (3 * outcome.fitted.seen.sum())
+    rms: Array = np.sqrt(squares) * (1.0 if identification.sigma_known else 1e3)
+    return rms

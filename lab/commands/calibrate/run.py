@@ -1,0 +1,320 @@
+"""One campaign: plan, measure, identify, assess; on a virtual arm, or on measurements of a real one."""
+
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from lab.calibration.identify import Identification
+from lab.calibration.observations.anchor_changes import found_sessions, with_sessions
+from lab.calibration.observations.fixture_kinds import Cable
+from lab.calibration.observations.select import Observing
+from lab.calibration.prior import Tolerance
+from lab.calibration.validation import (
+    Judgement,
+    TruthComparison,
+    compare_with_truth,
+    errors_of,
+    hold_out,
+    judge_file,
+    judge_folds,
+    judge_rows,
+)
+from lab.calibration.verdict import Verdict, verdict
+from lab.calibration.weights import Noise
+from lab.commands.calibrate.fit import Fitter
+from lab.commands.calibrate.fit_result import Fitted
+from lab.commands.calibrate.virtual_robot import (
+    asked_conditions,
+    drawn_conditions,
+    fresh_poses,
+    perturbed_arm,
+    poses_to_measure,
+    truth_of,
+)
+from lab.commands.options import MeasuredCampaign, VirtualCampaign
+from lab.commands.payload.known_payload import HandLoad, read_hand_load
+from lab.commands.robot import Robot, load_robot, load_virtual
+from lab.commands.shared_options import Fitting
+from lab.core.errors import LabError, naming
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.effects.groups import OF_ITS_CAMPAIGN
+from lab.simulation.effects import true_parameters
+from lab.simulation.true_robot import RealArm, track_knowing
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a campaign ended with.
+
+    Attributes:
+        measurements: all rows that were read or measured.
+        fit: of those to be fitted.
+        nominal: the drawing's parameters, of the model that was fitted.
+        tolerance: of manufacture.
+        comparison, real: of a virtual arm only; so are ``bad``, the ids of its bad readings.
+        seconds: of the identification and its assessment.
+    """
+
+    robot: Robot
+    measurements: Measurements
+    fit: Fitted
+    nominal: Array
+    tolerance: Tolerance
+    judgement: Judgement
+    verdict: Verdict
+    seconds: float
+    warnings: tuple[str, ...]
+    real: RealArm | None = None
+    comparison: TruthComparison | None = None
+    bad: frozenset[str] = frozenset()
+
+    @property
+    def identification(self) -> Identification:
+        """The parameters."""
+        return self.fit.identification
+
+    @property
+    def fitted(self) -> Measurements:
+        """The rows that they come from."""
+        return self.fit.rows
+
+
+def run_virtual(options: VirtualCampaign) -> Outcome:
+    """A campaign on a virtual arm: perturbed, measured by a tracker, identified, judged on fresh poses."""
+    options.check()
+    robot, _ = _carrying(load_virtual(options.robot), options.fitting)
+    robot.refuse_unknown(options.targets)
+    device = instrument(options.instrument)
+    real = perturbed_arm(robot, options)
+    joints, set_there, notes = poses_to_measure(robot, options)
+    asked = asked_conditions(robot, options)
+    conditions = drawn_conditions(real, options, len(joints), stream(options.seed, "conditions"), asked) | set_there
+    noisy = stream(options.seed, "noise")
+    data, bad = track_knowing(real, joints, options.targets, device, noisy, options.readings, conditions)
+    data = replace(data, warnings=notes)
+
+    started = time.perf_counter()
+    noise = Noise(device, readings=options.readings)
+    if options.noise_mm is not None:
+        noise = Noise(None, options.noise_mm / 1e3)
+    fitter = Fitter(robot, options.targets, data, Observing(), noise, options.fitting, False, options.seed)
+    rows, fresh = _seen(data), fresh_poses(real, options, asked)
+    with naming(options.plan or f"--poses {options.poses}"):
+        fit = fitter(rows)
+    identification = fit.identification
+    said = [*_impossible("poses", data), *_impossible("fresh poses", fresh)]
+    judgement = Judgement("fresh", errors_of(identification, fresh), tuple(said))
+    truth = truth_of(real, robot.arm(options.targets))
+    effects = true_parameters(real.effects)
+    if truth is None:
+        hidden = "what the drawing hides shows in this robot: its parameters have no one truth to be compared with"
+        judgement = replace(judgement, warnings=(*judgement.warnings, hidden))
+    comparison = None if truth is None else compare_with_truth(identification, replace(truth, effects=effects))
+    seconds = time.perf_counter() - started
+    return _outcome(
+        fitter,
+        fit,
+        judgement,
+        options.gate_mm,
+        seconds,
+        real=real,
+        comparison=comparison,
+        bad=frozenset(np.array(data.ids)[bad].tolist()),
+    )
+
+
+def run_measured(options: MeasuredCampaign) -> Outcome:
+    """The same from a measurement file, judged by a hold-out, another file, or cross-validation."""
+    options.check()
+    robot, load = _carrying(load_robot(options.robot), options.fitting)
+    read = _read(robot, options.file, options, load)
+    other = None if options.validate is None else _seen(_read(robot, options.validate, options, load))
+    with naming(options.file):
+        fitter = _fitter(robot, read, options)
+        data, observed = fitter.data, fitter.observed()
+    judging: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
+    judging += [] if other is None else [(other, OF_ITS_CAMPAIGN)]
+    fitter = replace(fitter, judged_by=tuple(judging))
+    rows, test = _seen(observed.only("calibrate")), _seen(observed.only("test"))
+    if not len(rows):
+        raise LabError(f"{options.file}: no row with use = calibrate has a measured point; mark or measure some")
+    if "test" in data.use and not len(test):
+        raise LabError(f"{options.file}: no row with use = test has a measured point; mark or measure some")
+    _refuse_gaps(options, rows)
+
+    started = time.perf_counter()
+    held = test if len(test) else None
+    if options.holdout is not None:
+        rows, held = hold_out(fitter.model_with(()), rows, options.holdout, options.seed)
+    with naming(options.file):
+        fit = fitter(rows, held)
+    if other is not None:
+        judgement = _judged_by_file(fitter, fit, other, options)
+    else:
+        judgement = _judged_by_rows(fitter, fit, held, options)
+    return _outcome(fitter, fit, judgement, options.gate_mm, time.perf_counter() - started)
+
+
+def _judged_by_rows(fitter: Fitter, fit: Fitted, held: Measurements | None, options: MeasuredCampaign) -> Judgement:
+    """By the rows held out, else by folds with the same groups of parameters."""
+    if held is not None:
+        judged = held.without([pose.id for pose in fit.outliers if pose.held_out]) if fit.left_out else held
+        strange = set(judged.sessions) - set(fitter.course.sessions) if "sessions" in fit.groups else set()
+        known = judged.take([i for i, session in enumerate(judged.sessions) if session not in strange])
+        judgement = judge_rows(fit.identification, known)
+        said = [f"session {name} was not fitted, so where its frame is nobody knows: not judged by" for name in strange]
+        return replace(judgement, warnings=(*judgement.warnings, *sorted(said)))
+    with naming(options.file):
+        again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
+        return judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
+
+
+def _judged_by_file(fitter: Fitter, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
+    model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in OF_ITS_CAMPAIGN])
+    with naming(options.validate):
+        judgement = judge_file(fit.identification, model, other, options.refit)
+    if set(OF_ITS_CAMPAIGN) & set(fit.groups) and "base" not in options.refit:
+        said = f"{options.validate}: judged in the frame as it was at the start; --refit base if it has moved since"
+        judgement = replace(judgement, warnings=(*judgement.warnings, said))
+    if (
+        "payload_kg" in model.conditions
+        and "payload_kg" in fit.rows.conditions
+        and "payload_kg" not in other.conditions
+    ):
+        said = f"{options.validate}: no column payload_kg: nothing is taken to hang at the flange in any pose"
+        return replace(judgement, warnings=(*judgement.warnings, said))
+    return judgement
+
+
+def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
+    """How the file is to be fitted."""
+    ratio = None
+    if options.noise_mrad is not None and options.noise_mm is not None:
+        ratio = options.noise_mrad / options.noise_mm
+    distance = None if options.socket_distance_mm is None else options.socket_distance_mm / 1e3
+    observing = Observing(options.observe, options.orientation, ratio, distance)
+    device = None if options.instrument is None else instrument(options.instrument)
+    noise = Noise(device, None if options.noise_mm is None else options.noise_mm / 1e3)
+    targets = data.targets if options.observe in ("points", "pose") else ("p1",)
+    fitter = Fitter(
+        robot, targets, data, observing, noise, options.fitting, options.method == "sequential", options.seed
+    )
+    if options.observe == "cable" and not any(data.sessions):
+        return _with_anchors(fitter)
+    return fitter
+
+
+def _with_anchors(fitter: Fitter) -> Fitter:
+    """The same with sessions where the anchor seems to have moved, for a file that names none."""
+    model, data = fitter.model_with(()), fitter.data
+    assert isinstance(model, Cable)
+    starts = found_sessions(model, fitter.observed(), fitter.nominal(model))
+    if len(starts) == 1:
+        return fitter
+    rows = ", ".join(data.ids[start] for start in starts[1:])
+    said = f"the anchor seems to have moved before rows {rows}: {len(starts)} anchors; name them in a column session"
+    return replace(fitter, data=replace(with_sessions(data, starts), warnings=(*data.warnings, said)))
+
+
+def _carrying(robot: Robot, fitting: Fitting) -> tuple[Robot, HandLoad | None]:
+    """The robot with payloads where the load hangs that the options name, and that load."""
+    if fitting.load is None:
+        return robot, None
+    load = read_hand_load(fitting.load)
+    return load.carried_by(robot), load
+
+
+def _read(robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None) -> Measurements:
+    read = read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
+    robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
+    return read if load is None else load.weighed(read)
+
+
+def _impossible(what: str, data: Measurements) -> list[str]:
+    """That the real robot cannot take poses that its drawing can: a jump to another assembly mode is none of them."""
+    if not (lost := np.flatnonzero(~data.seen.any(axis=1))).size:
+        return []
+    return [
+        f"{len(lost)} of {len(data)} {what} (the first is {data.ids[lost[0]]}) are beyond a parallel singularity of "
+        "the real robot, which takes none of them in the drawn assembly mode: left out"
+    ]
+
+
+def _seen(data: Measurements) -> Measurements:
+    """The rows where a target was seen."""
+    return data.take(np.flatnonzero(data.seen.any(axis=1)))
+
+
+def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:
+    """The rows to fit give sigma_mm all or none, unless an option says what the others' is."""
+    given = np.isfinite(rows.sigma_m)
+    if options.noise_mm is None and options.instrument is None and given.any() and not given.all():
+        raise LabError(
+            f"{options.file}: {rows.where(int(np.argmin(given)))}, column sigma_mm: empty, but other rows "
+            "have it; fill it in, or say --noise-mm or --instrument for the empty ones"
+        )
+
+
+def _outcome(
+    fitter: Fitter,
+    fit: Fitted,
+    judgement: Judgement,
+    gate_mm: float,
+    seconds: float,
+    *,
+    real: RealArm | None = None,
+    comparison: TruthComparison | None = None,
+    bad: frozenset[str] = frozenset(),
+) -> Outcome:
+    robot, data, identification = fitter.robot, fitter.data, fit.identification
+    word = verdict(identification, judgement, gate_mm / 1e3)
+    warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *judgement.warnings]
+    if fitter.observing.kind == "points" and (blank := int((~data.seen.any(axis=1)).sum())):
+        warnings.append(f"{blank} of {len(data)} rows have no measured point and are left out")
+    warnings += _outside_limits(robot, data)
+    if fitter.observing.kind in ("points", "pose") and "sessions" not in fit.groups:
+        warnings += _several_sessions(fit.rows)
+    if judgement.errors is not None:
+        before, after = (float(np.nanmean(e)) for e in (judgement.errors.before, judgement.errors.after))
+        if after >= before:
+            warnings.append(f"no improvement: {1e3 * after:.3g} mm after, {1e3 * before:.3g} mm before")
+    return Outcome(
+        robot,
+        data,
+        fit,
+        fitter.nominal(identification.model),
+        fitter.tolerance,
+        judgement,
+        word,
+        seconds,
+        tuple(dict.fromkeys(warnings)),
+        real,
+        comparison,
+        bad,
+    )
+
+
+def _several_sessions(rows: Measurements) -> list[str]:
+    sessions = list(dict.fromkeys(rows.sessions))
+    if len(sessions) < 2:
+        return []
+    return [
+        f"sessions {', '.join(sessions)} are fitted with one base and one tool: --model sessions if the tracker or the "
+        "arm was bumped between them; fit each alone if one was set up anew"
+    ]
+
+
+def _outside_limits(robot: Robot, data: Measurements) -> list[str]:
+    outside = robot.chain.beyond_limits(data.joints, 1e-3)
+    return [
+        f"joint {name}: {int(count)} of {len(data)} poses are beyond its limits; check units, signs and offsets"
+        for name, count in zip(robot.chain.joint_names, outside.sum(axis=0), strict=True)
+        if count
+    ]

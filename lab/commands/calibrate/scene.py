@@ -1,0 +1,242 @@
+"""What a recording shows of a campaign, as arrays in the model's world: magnified so that a person can see it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.identify import Identification
+from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
+from lab.commands.calibrate.result import rigid
+from lab.commands.calibrate.run import Outcome
+from lab.core import se3
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.arm import SerialArm
+from lab.render.skeleton import Legs, frame_origins, legs
+from lab.simulation.meshes import Shell, body_poses, instrument_body, shells
+
+MOST_OFF = 30  # poses that are off, marked
+MOST_POSES = 300  # whose bodies, points and ellipsoids are drawn
+ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
+HALF_AXIS = 0.11  # the same for the longest half-axis of an ellipsoid, in the median over the poses
+LARGEST_FACTOR = 1e6  # of error arrows: what is still too short to be seen is nothing
+ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Ellipsoids in the world, one a drawn pose, magnified.
+
+    Attributes:
+        centers: ``(m, 3)`` m.
+        axes: ``(m, 3, 3)``, columns unit and right-handed.
+        half_sizes: ``(m, 3)``, descending, times ``factor``.
+    """
+
+    centers: Array
+    axes: Array
+    half_sizes: Array
+    factor: float
+
+
+@dataclass(frozen=True)
+class OffPose:
+    """A pose that is off: where its farthest target was measured and where it should be, in the world ``(3,)``."""
+
+    words: str
+    measured: Array
+    expected: Array
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A campaign's fitted poses in the world (m).
+
+    Attributes:
+        rows: ``(m,)`` which of the fitted poses are drawn.
+        numbers: ``(n,)`` each fitted pose's row among all that were measured.
+        off: poses that are off, the farthest first.
+        reach_m: the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it.
+        T_world_instrument: ``(4, 4)``, identified.
+        measured, before, after: ``(m, k, 3)`` points as seen (NaN where not), and as predicted.
+        all_measured: ``(seen, 3)`` of every fitted pose.
+        error_before, error_after: ``(n,)`` m, mean over the targets seen at each fitted pose, NaN where none was.
+        factor_before, factor_after: magnification of the error arrows.
+        uncertainty: None where the noise is not known, or there was none.
+        shells: of the bodies in ``bodies``.
+        bodies: world poses ``(m, 4, 4)`` by name.
+        origins: ``(m, f, 3)`` of the arm's frames.
+        legs: in the world.
+    """
+
+    rows: NDArray[np.int_]
+    numbers: NDArray[np.int_]
+    off: tuple[OffPose, ...]
+    reach_m: float
+    T_world_instrument: Array
+    measured: Array
+    before: Array
+    after: Array
+    all_measured: Array
+    error_before: Array
+    error_after: Array
+    factor_before: float
+    factor_after: float
+    mapping: Drawn
+    uncertainty: Drawn | None
+    shells: tuple[Shell, ...]
+    bodies: dict[str, Array]
+    origins: Array
+    legs: Legs
+
+    @property
+    def at(self) -> NDArray[np.int_]:
+        """``(m,)`` the drawn poses' rows among all that were measured."""
+        return self.numbers[self.rows]
+
+
+def scene(outcome: Outcome) -> Scene:
+    """The scene of a campaign; an evenly spaced part of its poses where they are many."""
+    fitted, identification = outcome.fitted, outcome.identification
+    model = identification.model
+    seen = fitted.points[:, : sighting_of(model).positions]
+    rows, settings = drawn_rows(len(fitted)), fitted.settings(model.conditions)
+    joints = fitted.joints[rows]
+    T_world_instrument = world_of(outcome)
+    both = (identification.before, identification.values)
+    before, after = (model.points(settings, v)[:, : seen.shape[1]] for v in both)
+    errors = [_mean_length(seen - predicted) for predicted in (before, after)]
+    measured, before, after = (moved(T_world_instrument, points) for points in (seen, before, after))
+    there = seen_mask(seen)
+    arm, values = rigid(outcome, identification.values)
+    places = moved(_world_frame0(outcome), frame_origins(arm, values, joints))
+    between = world_legs(_world_frame0(outcome), arm, values, joints)
+    reach = reach_of(_world_frame0(outcome), measured[there], between)
+    visible, bodies = _bodies(outcome, arm, values, joints)
+    everything = {name: i for i, name in enumerate(outcome.measurements.ids)}
+    return Scene(
+        rows,
+        np.array([everything[name] for name in fitted.ids]),
+        _off(outcome, T_world_instrument),
+        reach,
+        T_world_instrument,
+        measured[rows],
+        before[rows],
+        after[rows],
+        measured[there],
+        errors[0],
+        errors[1],
+        _error_factor(errors[0], ARROW * reach),
+        _error_factor(errors[1], ARROW * reach),
+        drawn(mapping_ellipsoids(identification, settings[rows]), after[rows, 0], T_world_instrument, reach),
+        _uncertainty(identification, settings[rows], after[rows, 0], T_world_instrument, reach),
+        visible,
+        bodies,
+        places,
+        between,
+    )
+
+
+def _off(outcome: Outcome, T_world_instrument: Array) -> tuple[OffPose, ...]:
+    """The poses that are named as off; none where the file's points are not all that is observed."""
+    model, data = outcome.identification.model, outcome.measurements
+    named = outcome.fit.outliers[:MOST_OFF]
+    if not named or not isinstance(model, SerialArm | ClosedArm | AffectedArm):
+        return ()
+    part = data.take([data.ids.index(pose.id) for pose in named])
+    expected = model.points(part.settings(model.conditions), outcome.identification.values)
+    worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
+    ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in (part.points, expected))
+    return tuple(
+        OffPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm off", measured, should)
+        for pose, measured, should in zip(named, *ends, strict=True)
+    )
+
+
+def drawn_rows(count: int) -> NDArray[np.int_]:
+    """All rows, or ``MOST_POSES`` of them evenly spaced from the first to the last."""
+    if count <= MOST_POSES:
+        return np.arange(count)
+    return np.round(np.linspace(0, count - 1, MOST_POSES)).astype(np.int_)
+
+
+def magnification(length: float, shown: float) -> float:
+    """The factor out of 1, 2, 5 times a power of ten that draws ``length`` nearest to ``shown``; 1 for nothing."""
+    if not (np.isfinite(length) and length > 0):
+        return 1.0
+    wanted = np.log10(shown / length)
+    steps = [(float(mantissa), int(np.floor(wanted)) + ten) for ten in (0, 1) for mantissa in (1, 2, 5)]
+    mantissa, ten = min(steps, key=lambda step: abs(np.log10(step[0]) + step[1] - wanted))
+    return float(f"{mantissa}e{ten}")
+
+
+def _error_factor(errors: Array, shown: float) -> float:
+    return min(max(magnification(float(np.nanmean(errors)), shown), 1.0), LARGEST_FACTOR)
+
+
+def _mean_length(vectors: Array) -> Array:
+    """Mean length ``(n,)`` of those of the vectors ``(n, k, 3)`` that are not NaN; NaN where all are."""
+    lengths = np.linalg.norm(vectors, axis=2)
+    seen = np.isfinite(lengths)
+    mean: Array = np.where(seen, lengths, 0.0).sum(axis=1) / np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
+    return mean
+
+
+def world_of(outcome: Outcome) -> Array:
+    """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
+    arm, values = rigid(outcome, outcome.identification.values)
+    return _world_frame0(outcome) @ se3.inverse(arm.T_tracker_frame0(values))
+
+
+def _world_frame0(outcome: Outcome) -> Array:
+    return outcome.robot.model.T_world_frame0
+
+
+def moved(T_a_b: Array, points: Array) -> Array:
+    """Points ``(…, 3)`` given in b, in a."""
+    return se3.transform(T_a_b, points.reshape(-1, 3)).reshape(points.shape)
+
+
+def world_legs(T_world_frame0: Array, arm: RigidArm, values: Array, joints: Array) -> Legs:
+    """The legs of an arm, in the world."""
+    found = legs(arm, values, joints)
+    return Legs(moved(T_world_frame0, found.ends), found.measured)
+
+
+def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:
+    """How far (m) points ``(…, 3)`` and legs' ends, in the world, get from frame 0."""
+    every = np.concatenate([points.reshape(-1, 3), between.ends.reshape(-1, 3)])
+    return float(np.linalg.norm(every - T_world_frame0[:3, 3], axis=1).max())
+
+
+def _bodies(
+    outcome: Outcome, arm: RigidArm, values: Array, joints: Array
+) -> tuple[tuple[Shell, ...], dict[str, Array]]:
+    """What is seen of the robot; of the instrument only where it is known: a virtual one."""
+    robot = outcome.robot.model
+    hidden = instrument_body(robot) if outcome.real is None else ""
+    visible = tuple(shell for shell in shells(robot) if shell.body != hidden)
+    poses = body_poses(robot, arm, values, joints)
+    return visible, {shell.body: poses[shell.body] for shell in visible}
+
+
+def _uncertainty(
+    identification: Identification, settings: Array, centers: Array, T_world_instrument: Array, reach_m: float
+) -> Drawn | None:
+    """What the covariance leaves in position; None where it is unknown, or nothing but rounding."""
+    covariance = position_covariance(identification, settings)
+    if not np.isfinite(covariance).all():
+        return None
+    shapes = ellipsoids(covariance)
+    return drawn(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > ROUNDING_M else None
+
+
+def drawn(shapes: Ellipsoids, centers: Array, T_world_instrument: Array, reach_m: float) -> Drawn:
+    """Ellipsoids of the instrument's frame in the world, magnified by a round factor."""
+    factor = magnification(float(np.median(shapes.half_lengths[:, 0])), HALF_AXIS * reach_m)
+    return Drawn(centers, T_world_instrument[:3, :3] @ shapes.axes, factor * shapes.half_lengths, factor)

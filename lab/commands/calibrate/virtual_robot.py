@@ -1,0 +1,177 @@
+"""The virtual arm that a campaign's options describe, and the poses that it takes."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations, fit
+from lab.calibration.most_likely_parameters import SAME_M
+from lab.commands.options import VirtualCampaign
+from lab.commands.robot import Robot
+from lab.commands.shared_options import ArmEffects
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.effects.groups import GROUPS, HOUR_S
+from lab.kinematics.gauge import STRUCTURE_POSES, base_set
+from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import Truth
+from lab.simulation.closed_robot import ClosedModel, random_values, real_mechanism
+from lab.simulation.collisions import collides, random_poses
+from lab.simulation.effects import Effects
+from lab.simulation.random_effects import EffectSizes, random_conditions, random_effects
+from lab.simulation.true_robot import (
+    RealArm,
+    RealSerialArm,
+    random_perturbation,
+    random_table,
+    random_tracker,
+    real_arm,
+    real_arm_from_table,
+    recorded,
+)
+
+FRESH_POSES = 1000
+USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
+
+
+def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
+    """The virtual arm of these options, before its tracker, with its effects."""
+    effects = random_effects(robot.chain, _sizes(robot, options.effects), stream(options.seed, "effects"))
+    if robot.loads is not None:
+        effects = replace(effects, payload_at_m=robot.loads.payload_at_m)
+    return _geometry(robot, options).with_effects(effects)
+
+
+def truth_of(real: RealArm, arm: RigidArm) -> Truth | None:
+    """The parameters that the identifier should find, without effects, in the canonical gauge.
+
+    Of a serial arm they are read off its joint axes. Of a mechanism they are those of the gauge that give its exact
+    positions: None where none do, because what the gauge fixes shows in an imperfect copy.
+    """
+    if isinstance(real, RealSerialArm):
+        assert isinstance(arm, SerialArm)
+        return real.truth(arm)
+    values = real.robot.values_before(arm, real.T_world_tracker)
+    structure = base_set(arm, values)
+    joints = arm.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+    rigid = real.with_effects(Effects.none(arm.chain.size))
+    exact = measured(arm.chain.joint_names, joints, arm.targets, rigid.points(joints, arm.targets))
+    found = fit(arm, Observations.unweighted(exact), structure.kept, values, tolerance_m=1e-12).values
+    missed = np.nanmax(np.abs(arm.points(joints, found) - exact.points))
+    return Truth(arm, found, structure) if missed < SAME_M else None
+
+
+def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
+    """How large the effects are, in SI units."""
+    stiffness = {}
+    if asked.stiffness_nm_per_rad is not None:
+        if robot.loads is None:
+            raise LabError(f"--stiffness-nm-per-rad: robot {robot.name} has no masses, so nothing bends it")
+        bearing = robot.loads.bearing(stream(0, "structure"))
+        stiffness = {joint + 1: asked.stiffness_nm_per_rad for joint in bearing}
+    return EffectSizes(
+        stiffness_nm_per_rad=stiffness,
+        harmonic_rad=asked.harmonic_mrad / 1e3,
+        second_harmonic_rad=asked.harmonic2_mrad / 1e3,
+        gear_sigma=asked.gear_ppm / 1e6,
+        coupling_sigma=asked.coupling_ppm / 1e6,
+        backlash_rad=asked.backlash_mrad / 1e3,
+        repeatability_rad=asked.repeatability_mrad / 1e3,
+        lag=asked.lag,
+        bending_rad_per_nm=asked.bending_mrad_per_knm / 1e6,
+        drift_m_per_h=asked.drift_mm_per_h / 1e3,
+        drift_rad_per_h=asked.drift_mrad_per_h / 1e3,
+        bump_m=asked.bump_mm / 1e3,
+        bump_rad=asked.bump_mrad / 1e3,
+        growth_per_h=asked.growth_ppm_per_h / 1e6,
+        bad_share=asked.bad_share,
+        bad_range_m=(asked.bad_mm[0] / 1e3, asked.bad_mm[1] / 1e3),
+    )
+
+
+def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
+    """The perturbed arm without effects."""
+    place = random_tracker(robot.model, stream(options.seed, "tracker"))
+    rng = stream(options.seed, "arm")
+    sigmas = options.position_sigma_mm / 1e3, options.rotation_sigma_mrad / 1e3
+    if isinstance(robot.model, ClosedModel):
+        if options.dh_only or options.offset_sigma_mrad:
+            raise LabError(
+                f"--dh-only and --offset-sigma-mrad are of serial arms; of {robot.name} every dimension is off, "
+                "its joints' offsets too"
+            )
+        return real_mechanism(robot.model, random_values(robot.model.chain, *sigmas, rng), place)
+    model = robot.serial_model
+    if options.dh_only:
+        arm = robot.serial_arm(tuple(robot.tool))
+        base, table, _ = arm.split(random_table(arm, *sigmas, rng))
+        tool = arm.split(arm.nominal(robot.tool))[2]
+        return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
+    off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
+    return real_arm(model, off, place)
+
+
+def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
+    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings."""
+    model = robot.model
+    if options.plan is None:
+        return random_poses(model, options.poses, stream(options.seed, "poses")), {}, ()
+    plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
+    plan = plan.only("calibrate")
+    if not len(plan):
+        raise LabError(f"{options.plan}: no row has use = calibrate; mark some")
+    joints = plan.joints
+    robot.refuse_beyond_limits(options.plan, plan, 1e-9)
+    robot.refuse_impossible(options.plan, plan)
+    hit = collides(model, joints)
+    if hit.any():
+        row = plan.where(int(np.argmax(hit)))
+        raise LabError(f"{options.plan}: {row}: the arm collides in this pose; take it out of the plan")
+    if "payload_kg" in plan.conditions and any(options.effects.payload_kg):
+        raise LabError(f"{options.plan}: has a column payload_kg, and --payload-kg is given too; keep one")
+    set_there, notes = {}, list(plan.warnings)
+    for name, column in plan.conditions.items():
+        if (empty := np.isnan(column)).any():
+            raise LabError(f"{options.plan}: {plan.where(int(np.argmax(empty)))}, column {name}: empty; fill it in")
+        started = column[0] if name == "time_s" else 0.0  # the virtual arm's clock starts when the plan does
+        set_there[name] = column - started
+    if any(plan.sessions):
+        notes.append(f"{options.plan}: the column session is passed over: only a bump makes sessions of a virtual arm")
+    return joints, set_there, tuple(notes)
+
+
+def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
+    """What is to be written down at each pose: what the model may ask for, and what options set."""
+    groups = GROUPS if options.fitting.model == "auto" else options.fitting.groups
+    asked: dict[str, None] = {}
+    for group in groups:
+        with suppress(LabError):  # what cannot be built says so when it is to be fitted
+            asked |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
+    if any(options.effects.payload_kg):
+        asked["payload_kg"] = None
+    if options.effects.hours is not None:
+        asked["time_s"] = None
+    return tuple(asked)
+
+
+def drawn_conditions(
+    real: RealArm, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
+) -> dict[str, Array]:
+    """What is set at each of so many poses of a campaign."""
+    hours = USUAL_HOURS if options.effects.hours is None else options.effects.hours
+    chain, loads = real.robot.chain, options.effects.payload_kg
+    return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, asked)
+
+
+def fresh_poses(real: RealArm, options: VirtualCampaign, asked: Sequence[str]) -> Measurements:
+    """Where the real arm's targets are at poses that were never measured, with conditions of their own."""
+    rng = stream(options.seed, "fresh")
+    poses = random_poses(real.robot, FRESH_POSES, rng)
+    conditions = drawn_conditions(real, options, len(poses), rng, asked)
+    return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)

@@ -1,0 +1,135 @@
+"""What a person should be told of a fit: what is off, what is barely seen, what was left out or taken for granted."""
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identifiability import WEAK_CONDITION
+from lab.calibration.identify import Identification
+from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.prior import Tolerance, prior_of
+from lab.calibration.statistics.joint_lag import lagging
+from lab.calibration.statistics.joint_rounding import by_readings, rounding
+from lab.calibration.statistics.model_selection import Selection
+from lab.calibration.statistics.outliers import Outliers, would_matter
+from lab.commands.calibrate.advice import changes
+from lab.commands.robot import Robot
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import is_link, unit_of
+
+WORTH = 0.8  # of the condition: a change that leaves more brings nothing
+STRANGE = 0.05  # m or rad from the drawing
+SURPRISING = 5.0  # standard deviations of the prior
+RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
+
+
+def of_outliers(found: Identification, seen: Observations, outliers: Outliers) -> list[str]:
+    """That poses are off which were fitted all the same, and what it would change to leave them out."""
+    if not len(outliers.rows):
+        return []
+    moved = would_matter(found.model, seen, found.values, outliers.fit.values)
+    count = f"{len(outliers.rows)} poses are" if len(outliers.rows) > 1 else "1 pose is"
+    return [
+        f"{count} off by more than noise explains, {1e3 * outliers.sizes_m[0]:.3g} mm "
+        f"the worst: --robust would leave them out, and move what is predicted by {1e3 * moved:.2g} mm"
+    ]
+
+
+def of_weakness(
+    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], found: Identification, settings: Array
+) -> list[str]:
+    """What would show what points barely show."""
+    if found.fit.condition <= WEAK_CONDITION or found.unseen or "sessions" in groups:
+        return []
+    wanted = changes(robot, targets, groups, found.values, settings)[0]
+    if wanted.condition > WORTH * found.fit.condition:
+        return []
+    return [
+        f"some parameters are nearly unidentifiable (weak_directions in result.json): with {wanted.words} the "
+        f"same poses would have a condition of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"
+    ]
+
+
+def of_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> list[str]:
+    """That the tolerances hold back what the measurements say."""
+    prior = prior_of(found.model, found.base_set, nominal, tolerance)
+    off = np.abs(prior.surprise(found.values))
+    if not len(off) or off.max() <= SURPRISING:
+        return []
+    name = found.model.names[prior.of[int(off.argmax())]]
+    return [
+        f"{name} is {off.max():.0f} tolerances from the drawing: --prior holds it back; give larger "
+        "--tolerance-mm and --tolerance-mrad, or leave it out"
+    ]
+
+
+def of_drawing(found: Identification, nominal: Array) -> list[str]:
+    """That the robot came out far from its drawing, and surely so: it may be another one's."""
+    names, free = found.model.names, list(found.fit.free)
+    off = np.abs(found.values - nominal)[free]
+    sure = np.array([is_link(names[i]) for i in free]) & (off > STRANGE) & (off > SURPRISING * found.std)
+    if not sure.any():
+        return []
+    name = names[free[int(np.argmax(np.where(sure, off, 0.0)))]]
+    size = float(np.max(off[sure]))
+    far = f"{np.rad2deg(size):.3g}°" if unit_of(name) == "rad" else f"{1e3 * size:.3g} mm"
+    return [f"{name} came out {far} from the drawing: is the drawing that of this robot?"]
+
+
+def of_joints(found: Identification, seen: Observations, rows: Measurements, moves: Array) -> list[str]:
+    """Readings that are rounded, or that do not follow the arm.
+
+    Args:
+        moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
+    """
+    model, said = found.model, []
+    if (coarse := rounding(model, rows, found.values, sighting_of(model).positions or None)) is not None:
+        said.append(
+            f"joint readings are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes "
+            f"{1e3 * coarse.rms_m:.3g} mm (root mean square) of what is observed"
+        )
+    derivative = by_readings(model, seen.settings, found.values, moves.shape[1])
+    for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions):
+        here = np.array([session == lag.session for session in rows.sessions])
+        made = (derivative @ (moves * np.where(lag.significant, lag.fractions, 0.0))[:, None, :, None])[..., 0]
+        if np.sqrt(np.mean(made[here][seen_mask(seen.points)[here]] ** 2)) < RELEVANT * found.sigma_m:
+            continue
+        behind = lag.fractions[lag.significant].sum() > 0
+        shares = ", ".join(
+            f"{name} {abs(share):.2g}"
+            for name, share, sure in zip(rows.joint_names, lag.fractions, lag.significant, strict=True)
+            if sure
+        )
+        where = f"session {lag.session}: " if lag.session else ""
+        which = "the readings lag behind the arm" if behind else "the arm lags behind its readings"
+        said.append(
+            f"{where}the joint values do not follow the arm: {which} by shares of the last move of {shares} "
+            f"(F test, p = {lag.p:.1g}); read the joints when the arm has settled"
+        )
+    return said
+
+
+def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measurements) -> list[str]:
+    """What was taken for granted of conditions, and which groups were not tried because of a defect of the file."""
+    said = []
+    if {"compliance", "payload"} & set(groups) and "payload_kg" not in data.conditions:
+        said.append("no column payload_kg: nothing is taken to hang at the flange in any pose")
+    if selection is not None:
+        said += [
+            f"{group.name} is not tried: {group.why_not}" for group in selection.groups if "empty" in group.why_not
+        ]
+    return said
+
+
+def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], settings: Array) -> list[str]:
+    """By how much geometry alone is off, which is all that an MJCF or a table holds."""
+    positions = sighting_of(found.model).positions
+    if not groups or not positions:
+        return []
+    targets = tuple(name.split(".")[1] for name in found.model.names if name.startswith("tool.") and name[-2:] == ".x")
+    rigid = robot.arm(targets)
+    whole = found.model.points(settings, found.values)[:, :positions]
+    alone = rigid.points(settings[:, : robot.chain.size], found.values[: len(rigid.names)])
+    off = np.sqrt(((whole - alone) ** 2).sum(axis=2).mean())
+    kind = "calibrated.toml" if robot.is_table else "calibrated.xml"
+    return [f"{kind} holds geometry alone: without {', '.join(groups)} it is off by {1e3 * off:.2g} mm at these poses"]

@@ -1,0 +1,170 @@
+"""Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.options import Correction
+from lab.compensation.compensator import Compensation, Compensator
+from lab.core.errors import LabError, naming
+from lab.core.measurements import asked
+from lab.core.se3 import Array
+from lab.formats.target_csv import Targets, read_targets
+from lab.kinematics.inverse.newton import Wanted
+from lab.payload.sag_uncertainty import sag_uncertainty
+
+UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """What became of a list of targets.
+
+    Attributes:
+        wanted: the targets, the rotations as those of the last frame.
+        settings: ``(n, joints + conditions)`` of the arm at its corrected readings.
+        without_effects_m: how far geometry alone is off there (root mean square), which is all that an exported
+            arm holds; None where there is nothing else.
+    """
+
+    run: Calibrated
+    targets: Targets
+    wanted: Wanted
+    found: Compensation
+    settings: Array
+    without_effects_m: float | None
+    warnings: tuple[str, ...]
+
+    @property
+    def correction_m(self) -> Array:
+        """``(n,)`` how far each target is moved for the controller; NaN where it is not reached."""
+        return np.asarray(np.linalg.norm(self.found.places - self.wanted.places, axis=1))
+
+    @property
+    def predicted_m(self) -> Array:
+        """``(n,)`` root mean square error to expect at each target, of the parameters and of what the model lacks."""
+        run = self.run
+        lacking, larger, _ = run.lacking((run.result["noise_mm"] or 0.0) / 1e3)
+        jacobian = run.arm.observe(self.settings, run.values)[1][:, self.target]
+        rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
+        known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
+        return np.asarray(np.sqrt(known + self.load_m**2))
+
+    @property
+    def load_m(self) -> Array:
+        """``(n,)`` what of that is the uncertainty of an identified load that the arm carries there."""
+        run, (arm, values) = self.run, self.run.geometry
+        joints = self.settings[:, : arm.chain.size]
+        if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
+            return np.zeros(len(joints))
+        off = sag_uncertainty(
+            run.robot.serial_arm(arm.targets),
+            values,
+            run.compliance,
+            joints,
+            run.robot.loads.gravity,
+            run.load.covariance,
+            self.target,
+        )
+        carried = self.settings[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
+        return np.asarray(np.where(carried, off, 0.0))
+
+    @property
+    def target(self) -> int:
+        """Which of the arm's targets is aimed."""
+        return self.run.arm.targets.index(self.targets.tool)
+
+    @property
+    def R_targets(self) -> Array:
+        """Rotations ``(n, 3, 3)`` of the tool in the corrected targets."""
+        return np.asarray(self.found.turns @ self.run.R_last_tool)
+
+
+def run_correction(options: Correction) -> Corrected:
+    """Correct the targets of a file for the arm of a run."""
+    run = read_calibrated(options.run, options.load)
+    if not options.force:
+        run.refuse_unfit("compensation")
+    chain = run.robot.chain
+    targets = read_targets(options.targets, chain.joint_names, chain.prismatic, options.orientation)
+    return corrected(run, targets, str(options.targets))
+
+
+def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
+    """Correct targets for the arm of a run.
+
+    Args:
+        source: what an error calls the targets.
+
+    Raises:
+        LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
+    """
+    if (observed := run.options.get("observe", "points")) not in ("points", "pose"):
+        raise LabError(
+            f"{run.folder}: identified with --observe {observed}, so in which frame targets would be it does not say; "
+            "identify from points or poses"
+        )
+    _refuse_beyond_limits(run, targets, source)
+    if targets.tool not in run.arm.targets:
+        raise LabError(
+            f"{source}: tool {targets.tool} was not identified in {run.folder}, which has "
+            f"{', '.join(run.arm.targets)}; rename the columns, or measure that point"
+        )
+    conditions, warnings = _conditions(run, targets, source)
+    target = run.arm.targets.index(targets.tool)
+    wanted = Wanted(targets.places, targets.turns @ run.R_last_tool.T)
+    found = Compensator(run.drawing(target), run.arm, run.values)(wanted, conditions, targets.joints)
+    settings = np.concatenate([found.joints, conditions], axis=1)
+    without = None
+    if run.groups and found.converged.any():
+        some = settings[found.converged]
+        rigid, values = run.geometry
+        alone = rigid.points(some[:, : rigid.chain.size], values)[:, target]
+        off = run.arm.points(some, run.values)[:, target] - alone
+        without = float(np.sqrt((off**2).sum(axis=1).mean()))
+        warnings.append(
+            f"the exported arm holds geometry alone: without {', '.join(run.groups)} it is off by "
+            f"{1e3 * without:.2g} mm at these targets"
+        )
+    if found.unturned_rad.max() > UNTURNED_RAD:
+        worst = int(found.unturned_rad.argmax())
+        warnings.append(
+            f"{run.robot.name} has {run.robot.chain.size} joints, which cannot turn the tool anyhow: places are met, "
+            f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
+        )
+    said = (*run.warnings, *targets.warnings, *warnings)
+    done = Corrected(run, targets, wanted, found, settings, without, said)
+    if run.load is not None and found.converged.any():
+        size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
+        words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
+        if not size:
+            why = "the run has no compliance, or no target carries them"
+            words = f"{run.load.mass_kg:.4g} kg at the hand make no difference: {why}"
+        return replace(done, warnings=(*said, words))
+    return done
+
+
+def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:
+    outside = run.robot.chain.beyond_limits(targets.joints, 1e-9)
+    if outside.any():
+        row, joint = np.argwhere(outside)[0].tolist()
+        said = run.robot.chain.said_beyond(joint, targets.joints[row, joint])
+        raise LabError(f"{source}: line {targets.lines[row]}, {said}; mend it, or leave the row's joints empty")
+
+
+def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:
+    """What the arm's effects ask for at each target ``(n, c)``, and what was taken for granted."""
+    given, said = targets.conditions, []
+    if run.load is not None and "payload_kg" in run.arm.conditions and "payload_kg" not in given:
+        given = {**given, "payload_kg": np.full(len(targets), run.load.mass_kg)}
+        said.append(f"every target carries the load that was identified, {run.load.mass_kg:.4g} kg")
+    with naming(source):
+        columns = [
+            asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}") for name in run.arm.conditions
+        ]
+    if unused := [name for name in targets.conditions if name not in run.arm.conditions]:
+        said.append(f"{source}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
+    if "payload_kg" in run.arm.conditions and "payload_kg" not in given:
+        said.append(f"{source}: no column payload_kg: nothing is taken to hang at the flange at any target")
+    return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said

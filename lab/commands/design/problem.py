@@ -1,0 +1,221 @@
+"""What a measuring day is planned for: the arm before the nominal tracker, candidates, sensitivities."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import whitening
+from lab.commands.options import PlannedCampaign
+from lab.commands.robot import Robot, load_virtual
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument, instrument
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.design.criteria import Criterion, Scaling, criterion
+from lab.design.exchange import Feasible, Sensitivity, information
+from lab.design.tour import FreePath
+from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.gauge import BaseSet, base_set
+from lab.kinematics.joints import Joints
+from lab.kinematics.model import RigidArm
+from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, path_check
+from lab.simulation.collisions import collides, random_poses
+from lab.simulation.model import RobotModel
+
+TEST_POSES = 500
+MEASURED_SLACK = 1e-3  # rad or m: how far readings may lie beyond a data sheet's limits
+HUBS = 20  # candidates tried as places to pass through on the way to others
+
+
+@dataclass(frozen=True)
+class Access:
+    """Where the arm may be, and go.
+
+    Attributes:
+        hubs: ``(h, joints)``, home (zero readings, or what is nearest and touches nothing) and poses with a
+            free way to it.
+        free: whether the joint path between two readings is free of collisions.
+        reachable: whether a free way leads from a hub to readings ``(n, joints)``.
+        feasible: whether they are feasible as well.
+    """
+
+    hubs: Array
+    free: FreePath
+    reachable: Feasible
+    feasible: Feasible
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A planning problem, from which designs of any size are chosen.
+
+    Attributes:
+        values: nominal parameters ``(p,)``, with the base before the nominal tracker.
+        whitened: readings ``(n, joints)`` to Jacobians ``(n, r, f)`` of the base set in standard deviations.
+        sensitivity: the same in the units of the scaling, which the criterion sees.
+        pool: ``(m, r, f)``, sensitivities of the candidates.
+        test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
+        already: ``(n0, joints)``, poses measured before.
+        before: ``(n0, r, f)``, sensitivities there.
+    """
+
+    robot: Robot
+    arm: RigidArm
+    structure: BaseSet
+    values: Array
+    candidates: Candidates
+    whitened: Sensitivity
+    sensitivity: Sensitivity
+    pool: Array
+    goal: Criterion
+    scaling: Scaling
+    test: Array
+    access: Access
+    already: Array
+    before: Array
+    warnings: tuple[str, ...]
+
+    @property
+    def measured(self) -> Array | None:
+        """Information ``(f, f)`` of the poses measured before, as the criterion sees it; None without any."""
+        return information(self.before) if len(self.before) else None
+
+
+def pose_problem(options: PlannedCampaign) -> Problem:
+    """Load the arm, draw candidates, and set up what a design needs.
+
+    Raises:
+        LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
+    """
+    robot, device, scaling = load_virtual(options.robot), _noisy(options.instrument), Scaling(options.scaling)
+    model = robot.model
+    arm = robot.arm(options.targets)
+    values = model.values_before(arm, model.T_world_tracker)
+    structure = base_set(arm, values)
+    kept = list(structure.kept)
+    rows = 3 * len(arm.targets)
+    candidates = draw_candidates(model, options.targets, device, options.candidates, stream(options.seed, "candidates"))
+
+    everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
+
+    def observed(joints: Array) -> tuple[Array, Array]:
+        """What is seen and what of it depends on the base set: of a pose that cannot be, nothing."""
+        points, jacobian = arm.observe(joints, values)
+        return _finite(points), _finite(jacobian[..., kept])
+
+    def unweighted(joints: Array) -> Array:
+        return observed(joints)[1].reshape(len(joints), rows, len(kept))
+
+    def whitened(joints: Array) -> Array:
+        points, jacobian = observed(joints)
+        white = everywhere if device.kind != "spherical" else whitening(device.covariance(points))
+        return (white @ jacobian).reshape(len(joints), rows, len(kept))
+
+    seen = whitened if scaling.kind == "whitened" else unweighted
+    pool = seen(candidates.joints)
+    factors = scaling.columns([arm.names[i] for i in kept], pool)
+    fresh = random_poses(model, TEST_POSES // len(arm.targets), stream(options.seed, "fresh"))
+    test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
+    home, warnings = _home(options, robot.chain, model, candidates.joints)
+    already = _measured_before(options, robot)
+    return Problem(
+        robot=robot,
+        arm=arm,
+        structure=structure,
+        values=values,
+        candidates=candidates,
+        whitened=whitened,
+        sensitivity=lambda joints: seen(joints) * factors,
+        pool=pool * factors,
+        goal=criterion(options.criterion, len(kept), test[::5] * factors),
+        scaling=scaling,
+        test=test,
+        access=_access(model, home, candidates.joints, feasibility(model, options.targets, device)),
+        already=already,
+        before=seen(already) * factors,
+        warnings=(*robot.warnings, *warnings),
+    )
+
+
+def _finite(numbers: Array) -> Array:
+    return numbers if np.isfinite(numbers).all() else np.nan_to_num(numbers)
+
+
+def _noisy(name: str) -> Instrument:
+    device = instrument(name)
+    if device.kind == "exact":
+        raise LabError("instrument 'exact' has no noise, so every design is as good: choose another instrument")
+    return device
+
+
+def _home(
+    options: PlannedCampaign, chain: Joints, model: RobotModel, candidates: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """What is asked for; else the robot's home, or a pose near it if the arm touches itself there."""
+    if options.home:
+        return _asked_home(options.home, chain, model), ()
+    home = chain.home
+    if not collides(model, home[None])[0]:
+        return home, ()
+    nearest = candidates[np.argmin(np.abs(candidates - home).max(axis=1))]
+    return nearest, (f"robot {chain.name} touches something at zero readings: the tour starts from a pose near them",)
+
+
+def _asked_home(given: Sequence[float], chain: Joints, model: RobotModel) -> Array:
+    """The readings ``(n,)`` that ``--home`` says."""
+    said = f"--home {','.join(f'{number:g}' for number in given)}"
+    if len(given) != chain.size or not np.isfinite(given).all():
+        raise LabError(f"{said}: give one finite number for each of {', '.join(chain.joint_names)}")
+    scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
+    home = np.array(given) * scale
+    if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
+        raise LabError(f"{said}: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
+    if why := chain.why_not(home):
+        raise LabError(f"{said}: {why}; start elsewhere")
+    if collides(model, home[None])[0]:
+        raise LabError(f"{said}: the arm touches itself or its surroundings there; start elsewhere")
+    return home
+
+
+def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> Access:
+    """Hubs among the first candidates, and what can be reached from them."""
+    free = path_check(model)
+    found = [home]
+    for pose in candidates[:HUBS]:
+        if any(free(hub, pose) for hub in found):
+            found.append(pose)
+
+    known: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
+
+    def leads_to(pose: Array) -> bool:
+        key = pose.tobytes()
+        if key not in known:
+            known[key] = any(free(hub, pose) for hub in found)
+        return known[key]
+
+    def reachable(joints: Array) -> NDArray[np.bool_]:
+        return np.array([leads_to(pose) for pose in joints], dtype=bool)
+
+    def feasible(joints: Array) -> NDArray[np.bool_]:
+        fine = allowed(joints)
+        fine[fine] = reachable(joints[fine])
+        return fine
+
+    return Access(np.array(found), free, reachable, feasible)
+
+
+def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:
+    """Poses ``(n0, joints)`` of the file to extend: those fully measured, or all of a plan not yet measured."""
+    chain = robot.chain
+    if options.extend is None:
+        return np.empty((0, chain.size))
+    rows = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False).only("calibrate")
+    robot.refuse_beyond_limits(options.extend, rows, MEASURED_SLACK)
+    robot.refuse_impossible(options.extend, rows)
+    measured = rows.seen.all(axis=1)
+    joints = rows.joints[measured] if measured.any() else rows.joints
+    if not len(joints):
+        raise LabError(f"{options.extend}: no row has use = calibrate; mark some, or leave --extend out")
+    return joints

@@ -1,0 +1,184 @@
+"""A plan as a rerun recording: the arm on its tour, the targets in order, and what each pose shows.
+
+What moves is on the timeline ``stop``: 0 is home, then every pose of the tour and every pose that
+is only passed, and home again; and on ``time``, where the arm moves from one to the next at its full speed.
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from lab.commands.calibrate.recording_layout import (
+    MAPPING,
+    MEASURED,
+    SUMMARY,
+    UNCERTAINTY,
+    bars,
+    close_view,
+    eye,
+    layout,
+    main_view,
+)
+from lab.commands.calibrate.recording_text import legs_words, times
+from lab.commands.design import console as said
+from lab.commands.design.result import plan_summary
+from lab.commands.design.run import Plan
+from lab.commands.design.scene import PlanScene, plan_scene
+from lab.core.se3 import Array
+from lab.render.rerun_primitives import (
+    Times,
+    draw_beams,
+    draw_ellipsoid,
+    draw_instrument,
+    draw_legs,
+    draw_moving,
+    draw_moving_legs,
+    draw_shells,
+    draw_tag,
+    markdown,
+    recording_to,
+)
+
+TIMELINE, POSES = "stop", "poses"
+PROMISE, O1 = "curve/promise_um", "curve/o1"
+_WAY, _HERE, _PASSED = (110, 118, 135), (255, 255, 255), (150, 155, 165)
+_TALLEST = 8.0  # bars of the curve, in times the last one
+_FIRST, _LAST = np.array([70, 110, 255]), np.array(MEASURED)  # colours of the targets, by the order of the tour
+
+
+def record_plan(path: Path, plan: Plan) -> None:
+    """Write a plan's recording, with the blueprint that shows it, to ``path``."""
+    shown = plan_scene(plan)
+    at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
+    with recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
+        recording.send_blueprint(_blueprint(shown))
+        draw_shells(recording, at, shown.shells, shown.bodies)
+        draw_moving(recording, [_seconds(shown.times)], shown.moving)
+        draw_legs(recording, at, shown.legs, shown.reach_m)
+        draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
+        draw_instrument(recording, "tracker", shown.T_world_tracker)
+        draw_beams(recording, at, shown.head, np.where(shown.measured[:, None, None], shown.points, np.nan))
+        gone = rr.LineStrips3D.columns(strips=[]).partition([0] * len(shown.departures))
+        recording.send_columns("world/instrument/beam", [_seconds(shown.departures)], gone)
+        _targets(recording, at, shown)
+        recording.send_columns("world/focus", at, rr.Transform3D.columns(translation=shown.points[:, 0]))
+        draw_ellipsoid(recording, "mapping", at, shown.mapping, MAPPING)
+        draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, UNCERTAINTY)
+        _curve(recording, plan)
+        recording.log(SUMMARY, markdown(_summary(plan, shown)), static=True)
+        recording.log(POSES, markdown(_pose_table(plan, shown)), static=True)
+
+
+def _seconds(times: Array) -> rr.TimeColumn:
+    return rr.TimeColumn("time", duration=times)
+
+
+def _identity(plan: Plan) -> str:
+    """The same for the same content, so that the same plan gives the same recording."""
+    digest = hashlib.sha256(plan.problem.robot.sha256.encode())
+    digest.update(repr(plan.options).encode())
+    for array in (plan.tour.stops, plan.prediction.rms, plan.problem.values):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None:
+    """All targets, numbered and coloured in order; the way between them; the one where the arm is."""
+    points = shown.points[shown.measured]  # (n, k, 3)
+    n, k = points.shape[:2]
+    share = np.repeat(np.linspace(0, 1, n), k)[:, None]
+    colours = (_FIRST + share * (_LAST - _FIRST)).astype(np.uint8)
+    radius = 0.012 * shown.reach_m
+    cloud = rr.Points3D(points.reshape(-1, 3), colors=colours, radii=radius)
+    recording.log("world/targets/all", cloud, static=True)
+    numbers = rr.Points3D(points[:, 0], labels=list(shown.ids), colors=colours[::k], radii=0.0005, show_labels=True)
+    recording.log("world/targets/number", numbers, static=True)
+    way = rr.LineStrips3D([shown.path], colors=_WAY, radii=0.0008 * shown.reach_m)
+    recording.log("world/way", way, static=True)
+    here = rr.Points3D.columns(positions=shown.points.reshape(-1, 3)).partition([k] * len(shown.points))
+    recording.send_columns("world/targets/here", at, here)
+    underway = rr.Points3D.columns(positions=shown.moving_points.reshape(-1, 3)).partition([k] * len(shown.times))
+    recording.send_columns("world/targets/here", [_seconds(shown.times)], underway)
+    recording.log("world/targets/here", rr.Points3D.from_fields(colors=_HERE, radii=1.2 * radius), static=True)
+    if (passed := _passed(shown)).any():
+        place = shown.points[passed, 0]
+        draw_tag(recording, "world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=np.flatnonzero(passed))],
+                 place, "passed only", _PASSED)  # fmt: skip
+        gone = np.flatnonzero(passed[:-1] & ~passed[1:]) + 1
+        cleared = rr.Points3D.columns(positions=np.empty((0, 3))).partition([0] * len(gone))
+        recording.send_columns("world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=gone)], cleared)
+
+
+def _passed(shown: PlanScene) -> NDArray[np.bool_]:
+    passed = ~shown.measured
+    passed[[0, -1]] = False
+    return passed
+
+
+def _curve(recording: rr.RecordingStream, plan: Plan) -> None:
+    """What any number of poses promises (µm), and O1, which says little about it."""
+    poses = np.array([step.poses for step in plan.curve])
+    promise = np.array([1e6 * step.prediction.reached for step in plan.curve])
+    near = promise <= _TALLEST * promise[-1]  # a set that just shows the parameters would hide all others
+    recording.log(PROMISE, rr.BarChart(promise[near], abscissa=poses[near], color=UNCERTAINTY), static=True)
+    recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=MAPPING), static=True)
+
+
+def _summary(plan: Plan, shown: PlanScene) -> str:
+    """What was chosen, how good it is, and what the picture magnifies, in markdown."""
+    seen = plan_summary(plan)
+    legend = [
+        "## What is shown",
+        "- **numbered points**: targets at the poses, blue first to yellow last; **grey**: the way between them",
+        "- **white**: the target at this stop; **red**: the tracker's beam, where the stop is measured",
+        "- **timeline `time`**: the day as it goes, the arm at full speed, waiting where it is measured",
+        "- **blue**, mapping ellipsoid: onto what J maps the unit ball of scaled parameters, "
+        f"{times(shown.mapping.factor)}",
+        f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, "
+        f"{times(shown.uncertainty.factor)}",
+        *([legs_words(shown.legs)] if shown.legs.measured else []),
+    ]
+    lines = (said.promise, said.certificate, said.tour_line, said.candidates_line, said.indices_line)
+    parts = [f"# {seen['robot']}: {len(plan.joints)} poses, {seen['promise_mm']:.3g} mm promised"]
+    parts.append(f"{said.headline(seen)}.")
+    parts.append("\n".join(f"- {line(seen)}" for line in lines))
+    table = ["| poses | RMS, mm | worst pose, mm | 95 % in 95 %, mm | O1 |", "|--:|--:|--:|--:|--:|"]
+    for step in seen["curve"]:
+        cells = [f"{step[key]:.4f}" for key in ("rms_mm", "worst_mm", "promise_mm")]
+        table.append(f"| {step['poses']} | {' | '.join(cells)} | {step['o1']:.4g} |")
+    return "\n\n".join([*parts, "\n".join(legend), "## Accuracy by number of poses", "\n".join(table)]) + "\n"
+
+
+def _pose_table(plan: Plan, shown: PlanScene) -> str:
+    """The readings of every pose, in markdown."""
+    chain = plan.problem.robot.chain
+    units = ["mm" if slides else "°" for slides in chain.prismatic]
+    scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
+    heads = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
+    lines = ["| stop | id | " + " | ".join(heads) + " |", "|" + "--:|" * (2 + len(heads))]
+    ids = iter(shown.ids)
+    for stop, (reading, is_pose) in enumerate(zip(plan.tour.stops, shown.measured, strict=True)):
+        name = next(ids) if is_pose else "home" if stop in (0, len(shown.measured) - 1) else "passed"
+        lines.append(f"| {stop} | {name} | " + " | ".join(f"{value:.2f}" for value in scale * reading) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _blueprint(shown: PlanScene) -> rrb.Blueprint:
+    """The arm large, the two ellipsoids beside it, text and curves at hand."""
+    controls = eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
+    close = rrb.Horizontal(
+        close_view("mapping", "Mapping ellipsoid", shown.reach_m),
+        close_view("uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
+    )
+    texts = rrb.Tabs(
+        rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
+        rrb.TextDocumentView(origin=POSES, name="Poses"),
+        active_tab=0,
+    )
+    charts = rrb.Horizontal(bars(PROMISE, "95 % in 95 %, µm, by poses"), bars(O1, "O1, by poses"))
+    left = rrb.Vertical(main_view("Tour", controls))
+    return layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), TIMELINE)

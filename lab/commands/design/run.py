@@ -1,0 +1,231 @@
+"""Plan a measuring day: which poses, in what order, how many, and how good the choice is."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.identifiability import enough_poses
+from lab.commands.design.problem import Problem, pose_problem
+from lab.commands.options import PlannedCampaign
+from lab.core.errors import LabError
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.design.certificate import Certificate, certify
+from lab.design.criteria import Indices, indices
+from lab.design.exchange import Design, ascend, exchange, information
+from lab.design.predicted_accuracy import Prediction, predict, smallest_count
+from lab.design.tour import Tour, plan_tour, rated
+from lab.simulation.candidate_poses import MARGIN
+
+POSES = 30  # where neither a number nor an accuracy is asked for
+MOST_POSES = 200  # where an accuracy is asked for
+Progress = Callable[[str], None]
+
+
+def _silent(_: str) -> None:
+    """No progress."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One point of the curve against the number of poses: promise and O1 of an exchanged design."""
+
+    poses: int
+    prediction: Prediction
+    o1: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Poses to measure, in the order of the tour.
+
+    Attributes:
+        joints: ``(n, joints)``.
+        design: the chosen poses before ordering.
+        pool: how many poses the certificate is for: the candidates, and those that the ascent moved.
+        certificate: the best continuous D-optimal design over them.
+        d_efficiency: certified, of the chosen poses with those measured already.
+        indices: in the units of the scaling.
+        curve: against the number of poses.
+    """
+
+    options: PlannedCampaign
+    problem: Problem
+    joints: Array
+    design: Design
+    pool: int
+    certificate: Certificate
+    d_efficiency: float
+    indices: Indices
+    prediction: Prediction
+    curve: tuple[Step, ...]
+    tour: Tour
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Plan:
+    """Choose poses among feasible candidates, improve them, certify them, order them.
+
+    Args:
+        progress: is told what is being done.
+
+    Raises:
+        LabError: the request cannot be met; the message says by what.
+    """
+    started = time.perf_counter()
+    options.check()
+    progress("candidates")
+    problem = pose_problem(options)
+    least = _least(problem)
+    quick = _of_any_size(options, problem)
+    if options.accuracy_mm is not None:
+        design = _accurate_design(options, problem, least, quick, progress)
+    else:
+        count = POSES if options.poses is None else options.poses
+        if count < least:
+            raise LabError(f"--poses {count}: {problem.pool.shape[2]} parameters need {least} poses or more")
+        design = best_design(options, problem, count, progress)
+    count = len(design.joints)
+
+    progress("certificate")
+    pool = np.concatenate([problem.pool, design.jacobian[design.rows < 0]])
+    n0 = len(problem.already)
+    measured = None if problem.measured is None else problem.measured / n0
+    certificate = certify(pool, measured=measured, share=count / (n0 + count))
+    everything = np.concatenate([design.jacobian, problem.before])
+    progress("tour")
+    chain, warnings = rated(problem.robot.chain)
+    home, safe = problem.access.hubs[0], problem.access.hubs[1:]
+    tour = plan_tour(
+        design.joints, chain.speed, chain.acceleration, problem.access.free, stream(options.seed, "tour"), home, safe
+    )
+    return Plan(
+        options=options,
+        problem=problem,
+        joints=design.joints[list(tour.order)],
+        design=design,
+        pool=len(pool),
+        certificate=certificate,
+        d_efficiency=certificate.efficiency(everything),
+        indices=indices(everything),
+        prediction=_prediction(problem, design.joints, options.seed),
+        curve=_curve(options, problem, least, count, quick, progress),
+        tour=tour,
+        seconds=time.perf_counter() - started,
+        warnings=(*problem.warnings, *warnings),
+    )
+
+
+def best_design(options: PlannedCampaign, problem: Problem, count: int, progress: Progress = _silent) -> Design:
+    """The best of several starts, each exchanged among the candidates and then moved uphill."""
+    rng, chain, measured = stream(options.seed, "design"), problem.robot.chain, problem.measured
+    keep_off = MARGIN * (chain.upper - chain.lower)
+    best: Design | None = None
+    for start in range(options.starts):
+        progress(f"design of {count} poses, start {start + 1} of {options.starts}")
+        design = ascend(
+            _exchanged(problem, count, rng),
+            problem.sensitivity,
+            problem.goal,
+            problem.access.feasible,
+            chain.lower + keep_off,
+            chain.upper - keep_off,
+            measured=measured,
+        )
+        if best is None or design.score > best.score:
+            best = design
+    assert best is not None
+    return best
+
+
+def _exchanged(problem: Problem, count: int, rng: np.random.Generator) -> Design:
+    """A design among the candidates to which a free way leads; those without are left out as they are chosen."""
+    left = np.arange(len(problem.pool))
+    while True:
+        design = exchange(
+            problem.candidates.joints[left],
+            problem.pool[left],
+            count,
+            problem.goal,
+            rng,
+            starts=1,
+            measured=problem.measured,
+        )
+        cut_off = ~problem.access.reachable(design.joints)
+        if not cut_off.any():
+            return Design(left[design.rows], design.joints, design.jacobian, design.score)
+        left = np.delete(left, design.rows[cut_off])
+
+
+def _prediction(problem: Problem, joints: Array, seed: int) -> Prediction:
+    everything = problem.whitened(np.concatenate([joints, problem.already]))
+    return predict(information(everything), problem.test, stream(seed, "promise"))
+
+
+def _least(problem: Problem) -> int:
+    """The fewest further poses that can show the base set."""
+    return enough_poses(problem.pool, problem.before)
+
+
+def _of_any_size(options: PlannedCampaign, problem: Problem) -> Callable[[int], Design]:
+    """Designs by exchange alone, each made once."""
+    made: dict[int, Design] = {}
+
+    def design(count: int) -> Design:
+        if count not in made:
+            made[count] = _exchanged(problem, count, stream(options.seed, "design"))
+        return made[count]
+
+    return design
+
+
+def _accurate_design(
+    options: PlannedCampaign, problem: Problem, least: int, quick: Callable[[int], Design], progress: Progress
+) -> Design:
+    """The smallest design that promises the accuracy asked for.
+
+    Exchanged designs find about how many poses; from there ascended ones, which promise more, decide.
+    """
+    assert options.accuracy_mm is not None
+    wanted = options.accuracy_mm / 1e3
+    most = max(least, min(MOST_POSES, len(problem.pool) // 2))
+
+    def promise(design: Design) -> float:
+        return _prediction(problem, design.joints, options.seed).reached
+
+    count = smallest_count(lambda size: promise(quick(size)), wanted, least, most)
+    design = best_design(options, problem, count, progress)
+    while promise(design) > wanted:  # uphill on another criterion may cost accuracy
+        count += 1
+        if count > most:
+            raise LabError(f"{options.accuracy_mm:g} mm is out of reach by criterion {options.criterion}: try O1 or I")
+        design = best_design(options, problem, count, progress)
+    while count > least:
+        fewer = best_design(options, problem, count - 1, progress)
+        if promise(fewer) > wanted:
+            break
+        count, design = count - 1, fewer
+    return design
+
+
+def _curve(
+    options: PlannedCampaign,
+    problem: Problem,
+    least: int,
+    count: int,
+    quick: Callable[[int], Design],
+    progress: Progress,
+) -> tuple[Step, ...]:
+    """Promise and O1 against the number of poses, from the fewest possible to twice the plan's."""
+    most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
+    steps = []
+    for size in np.unique(np.geomspace(least, most, 10).round().astype(int)):
+        progress(f"curve, {size} poses")
+        chosen = quick(int(size))
+        everything = np.concatenate([chosen.jacobian, problem.before])
+        o1 = float(indices(everything).o1)
+        steps.append(Step(int(size), _prediction(problem, chosen.joints, options.seed), o1))
+    return tuple(steps)

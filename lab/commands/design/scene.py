@@ -1,0 +1,127 @@
+"""What pictures and recordings show of a plan, as arrays in the world (m): the tour, stop by stop."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.uncertainty import ellipsoids
+from lab.commands.calibrate.scene import Drawn, drawn, moved, reach_of, world_legs
+from lab.commands.design.result import pose_ids
+from lab.commands.design.run import Plan
+from lab.core.se3 import Array
+from lab.design.exchange import information
+from lab.design.tour import day_of, rated
+from lab.formats.rapid import WAIT_S
+from lab.render.skeleton import Legs, frame_lines, frame_origins
+from lab.simulation.meshes import Shell, body_poses, shells
+
+STEP_S = 0.1  # between two pictures of the moving arm
+_LOOKS = 16  # points drawn of the path between two stops
+
+
+@dataclass(frozen=True)
+class PlanScene:
+    """The stops of a tour: home, poses and the poses passed on the way, home.
+
+    Attributes:
+        measured: ``(s,)``, whether a stop is measured.
+        ids: ``(n,)`` of the measured ones, as in ``plan.csv``.
+        points: ``(s, k, 3)`` targets.
+        path: ``(p, 3)``, the first target's way through all stops.
+        reach_m: the largest distance of a target, or a leg's end, from frame 0.
+        shells: of the bodies in ``bodies``.
+        bodies: world poses ``(s, 4, 4)`` by name.
+        origins: ``(s, f, 3)`` of the arm's frames.
+        home: lines ``(f, 3)`` from frame to frame, of the arm at home.
+        legs: in the world.
+        mapping: onto what a pose maps the unit ball of scaled parameters.
+        uncertainty: predicted 1 sigma of the first target after calibration.
+        arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
+        times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name,
+            ``moving_legs``, and ``moving_points`` ``(t, k, 3)``.
+    """
+
+    measured: NDArray[np.bool_]
+    ids: tuple[str, ...]
+    points: Array
+    path: Array
+    T_world_tracker: Array
+    reach_m: float
+    shells: tuple[Shell, ...]
+    bodies: dict[str, Array]
+    origins: Array
+    home: tuple[Array, ...]
+    legs: Legs
+    mapping: Drawn
+    uncertainty: Drawn
+    arrivals: Array
+    departures: Array
+    times: Array
+    moving: dict[str, Array]
+    moving_legs: Legs
+    moving_points: Array
+
+    @property
+    def head(self) -> Array:
+        """The tracker's ``(3,)``."""
+        head: Array = self.T_world_tracker[:3, 3]
+        return head
+
+
+def plan_scene(plan: Plan) -> PlanScene:
+    """The scene of a plan, the arm as drawn and the tracker where the model has it."""
+    problem, stops = plan.problem, plan.tour.stops
+    model, arm, values = problem.robot.model, problem.arm, problem.values
+    tracker, frame0 = model.T_world_tracker, model.T_world_frame0
+    points = moved(tracker, arm.points(stops, values))
+    share = np.linspace(0, 1, _LOOKS, endpoint=False)[None, :, None]
+    between = stops[:-1, None] + share * (stops[1:] - stops[:-1])[:, None]  # (s - 1, looks, joints)
+    way = np.concatenate([between.reshape(-1, stops.shape[1]), stops[-1:]])
+    mapping, uncertainty = _shapes(plan)
+    waiting = np.where(plan.tour.measured >= 0, float(WAIT_S), 0.0)
+    day, arrivals = day_of(rated(problem.robot.chain)[0], stops, waiting)
+    times = np.concatenate(
+        [np.arange(left, came, STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]
+    )
+    on_the_way = day.at(times)[0]
+    visible, way_poses = tuple(shells(model)), body_poses(model, arm, values, on_the_way)
+    legs = world_legs(frame0, arm, values, stops)
+    reach = reach_of(frame0, points, legs)
+    return PlanScene(
+        np.asarray(plan.tour.measured >= 0),
+        pose_ids(plan),
+        points,
+        moved(tracker, arm.points(way, values))[:, 0],
+        tracker,
+        reach,
+        visible,
+        body_poses(model, arm, values, stops),
+        moved(frame0, frame_origins(arm, values, stops)),
+        tuple(moved(frame0, line[0]) for line in frame_lines(arm, values, stops[:1])),
+        legs,
+        drawn(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
+        drawn(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
+        arrivals,
+        arrivals + waiting,
+        times,
+        {shell.body: way_poses[shell.body] for shell in visible},
+        world_legs(frame0, arm, values, on_the_way),
+        moved(tracker, arm.points(on_the_way, values)),
+    )
+
+
+def _shapes(plan: Plan) -> tuple[Array, Array]:
+    """Two factors F ``(s, 3, p)`` at every stop, of the squares F F' of the mapping and the uncertainty ellipsoids.
+
+    The parameters of the mapping are scaled so that over all measured poses each moves the
+    whitened points alike; the uncertainty is J C J', the inverse of the information being C.
+    """
+    problem = plan.problem
+    _, jacobian = problem.arm.observe(plan.tour.stops, problem.values)
+    here = jacobian[:, 0][..., list(problem.structure.kept)]
+    total = information(problem.whitened(np.concatenate([plan.joints, problem.already])))
+    size = np.sqrt(np.diag(total))
+    root = np.linalg.cholesky(total / np.outer(size, size))
+    factor = np.linalg.inv(root).T / size[:, None]  # C = factor factor'
+    return here / size, here @ factor

@@ -1,0 +1,102 @@
+"""What the shape of an arm says before anything is measured: its reach, the ways to a pose, where it is singular."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.differential import rates
+from lab.kinematics.inverse.analytic.determinant import Factor
+from lab.kinematics.inverse.analytic.select import closed_form_of
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+
+STARTS = 12  # of the search for the farthest pose
+TRIES = 200  # poses from which a singular one is sought
+ZERO = 1e-12  # of a factor (m, or a sine)
+LEAST = 1e-6  # of a joint's part in a combination
+
+
+@dataclass(frozen=True)
+class Singularity:
+    """One way in which an arm is singular.
+
+    Attributes:
+        factor: what of the determinant is zero there.
+        joints: ``(n,)`` readings of an example; None where there is none within the limits.
+        free: ``(k, n)`` combinations of the joints that move nothing in the example, the largest part 1.
+    """
+
+    factor: Factor
+    joints: Array | None
+    free: Array
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of a drawing.
+
+    Attributes:
+        reach_m: how far the last frame's origin gets from axis 1, within the limits; from frame 0 where joint 1 slides.
+        ways: how many readings lead to a pose; None where no closed form is known.
+        determinant: of the Jacobian, in words; "" where no closed form is known.
+    """
+
+    reach_m: float
+    ways: int | None
+    determinant: str
+    singularities: tuple[Singularity, ...]
+
+
+def shape_of(chain: Chain) -> Shape:
+    """The shape of an arm as drawn."""
+    form = closed_form_of(chain)
+    if form is None:
+        return Shape(reach(chain), None, "", ())
+    singularities = tuple(_singularity(chain, factor) for factor in form.determinant.factors)
+    return Shape(reach(chain), form.branches, form.determinant.text, singularities)
+
+
+def reach(chain: Chain) -> float:
+    """The largest distance (m) of the last frame's origin from axis 1, or from frame 0 where joint 1 slides."""
+    arm = SerialArm(chain, ("flange",))
+    values = arm.nominal({"flange": np.zeros(3)})
+    first = next(motion for motion in arm.motions(values) if motion.joint == 0)
+    along, origin = np.zeros(3), np.zeros(3)
+    if first.origin is not None:
+        along, origin = first.axis[:3, 0], first.origin[:3, 0]
+
+    def nearness(joints: Array) -> tuple[float, Array]:
+        point, jacobian = arm.points(joints[None], values)[0, 0], arm.joint_jacobian(joints[None], values)[0, 0]
+        lever = point - origin
+        across = lever - along * (along @ lever)
+        return -float(across @ across), -2 * jacobian.T @ across
+
+    bounds = list(zip(chain.lower, chain.upper, strict=True))
+    starts = chain.random_joints(STARTS, stream(0, "structure"))
+    found = [minimize(nearness, start, jac=True, bounds=bounds, method="L-BFGS-B") for start in starts]
+    return float(np.sqrt(-min(each.fun for each in found)))
+
+
+def _singularity(chain: Chain, factor: Factor) -> Singularity:
+    """An example of a singularity within the limits, by Newton's method on its factor."""
+    joints = chain.random_joints(TRIES, stream(0, "structure"))
+    step = 1e-6
+    for _ in range(20):
+        value = factor.at(joints)
+        slope = np.stack(
+            [(factor.at(joints + move) - factor.at(joints - move)) / (2 * step) for move in step * np.eye(chain.size)],
+            axis=1,
+        )
+        size = np.maximum((slope**2).sum(axis=1, keepdims=True), 1e-300)
+        joints = joints - value[:, None] * slope / size
+    fits = (np.abs(factor.at(joints)) < ZERO) & ~chain.beyond_limits(joints, 0.0).any(axis=1)
+    if not fits.any():
+        return Singularity(factor, None, np.empty((0, chain.size)))
+    example = joints[np.flatnonzero(fits)[0]]
+    arm = SerialArm(chain)
+    found = rates(arm.tool(example[None], arm.nominal())[1], np.zeros((1, 6)))
+    free = found.free[0, : chain.size - int(found.rank[0])]
+    return Singularity(factor, example, free / np.abs(free).max(axis=1, keepdims=True))

@@ -1,0 +1,86 @@
+"""A load at the hand as ``lab payload`` found it, for the calibrations and corrections that it matters to."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lab.commands.robot import Robot
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.payload.estimate import LoadEstimate
+
+LOAD_FILE = "load.json"  # in the folder of a run
+
+
+@dataclass(frozen=True)
+class HandLoad:
+    """What hangs at the flange, by its weight.
+
+    Attributes:
+        centre_m: ``(3,)``, its centre of mass in the last frame.
+        covariance: ``(4, 4)`` of mass and first moment, kg and kg m.
+    """
+
+    mass_kg: float
+    centre_m: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, estimate: LoadEstimate) -> "HandLoad":
+        """The part of an estimate that gravity acts on; NaN where it is not identified."""
+        return cls(estimate.mass_kg, estimate.com_m, estimate.covariance[:4, :4])
+
+    def write(self, folder: Path) -> None:
+        """Keep it with a run."""
+        content = {
+            "frame": "flange",
+            "mass_kg": self.mass_kg,
+            "com_m": self.centre_m.tolist(),
+            "covariance_of_mass_and_moment": self.covariance.tolist(),
+        }
+        (folder / LOAD_FILE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+    def carried_by(self, robot: Robot) -> Robot:
+        """The robot with payloads' centre of mass where this load's is."""
+        if robot.loads is None:
+            raise LabError(f"--load: robot {robot.name} has no masses, so nothing bends under a load; give its masses")
+        return replace(robot, loads=replace(robot.loads, payload_at_m=self.centre_m))
+
+    def weighed(self, data: Measurements) -> Measurements:
+        """Rows that carry it, where they do not say what they carry."""
+        if "payload_kg" in data.conditions:
+            return data
+        return replace(data, conditions={**data.conditions, "payload_kg": np.full(len(data), self.mass_kg)})
+
+
+def read_hand_load(folder: Path) -> HandLoad:
+    """What a run of ``lab payload`` found.
+
+    Raises:
+        LabError: it is no such run, or mass or centre of mass were not identified.
+    """
+    path = folder / LOAD_FILE
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        numbers = [content[key] for key in ("mass_kg", "com_m", "covariance_of_mass_and_moment")]
+        mass, centre, covariance = (np.array(number, dtype=np.float64) for number in numbers)
+    except OSError as error:
+        raise LabError(
+            f"--load {folder}: {path.name} cannot be read ({error.strerror}); give a run of lab payload"
+        ) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise LabError(
+            f"--load {folder}: {path.name} is not what lab payload writes ({error}); run that again"
+        ) from error
+    if (
+        mass.shape
+        or centre.shape != (3,)
+        or covariance.shape != (4, 4)
+        or not np.isfinite(centre).all()
+        or not mass > 0
+    ):
+        raise LabError(f"--load {folder}: mass and centre of mass were not identified there; record more poses")
+    return HandLoad(float(mass), centre, covariance)

@@ -1,0 +1,208 @@
+"""The load at the hand, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.options import PayloadTask
+from lab.commands.payload.known_payload import HandLoad
+from lab.commands.robot import Robot, load_robot
+from lab.core.errors import LabError, naming
+from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.measurements import Measurements
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.formats.load_csv import read_loads, read_mounting
+from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.serial.arm import SerialArm
+from lab.payload.estimate import LoadEstimate
+from lab.payload.from_sag import Soft, from_sag
+from lab.payload.from_torques import from_torques
+from lab.payload.from_wrench import from_wrench
+from lab.payload.physical_consistency import physical_estimate
+from lab.payload.sag_uncertainty import sag_uncertainty
+from lab.simulation.collisions import random_poses
+from lab.simulation.payload import drawn_mounting, own_dynamics
+
+COSTED = 200  # poses over which the cost of an uncertain load is averaged
+SAME_RAD = 1e-6  # rad or m: readings of one pose
+WILD = 7.0  # standard deviations, which one in 4e11 readings passes
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What became of a file.
+
+    Attributes:
+        records: what was read; None of tracker measurements (``sag``).
+        fitted: by least squares; ``estimate`` is the physical one where that was asked for.
+        compliance: ``(joints,)`` rad/Nm (m/N), by which the cost is reckoned.
+        targets: the tracked points (``sag``).
+        cost_m: root mean square over the workspace of how far a corrected point is off by the load's uncertainty
+            (1 sigma); NaN where the load's weight was not identified.
+    """
+
+    robot: Robot
+    records: LoadRecords | None
+    mounting: Mounting
+    fitted: LoadEstimate
+    estimate: LoadEstimate
+    compliance: Array
+    cost_m: float
+    warnings: tuple[str, ...]
+    targets: tuple[str, ...] = ()
+
+    @property
+    def trusted(self) -> bool:
+        """Whether mass and centre of mass are told, the residuals are what noise explains, and none of them is wild."""
+        told = np.isfinite(self.estimate.phi[:4]).all()
+        return bool(told and self.estimate.adequate is not False and _wild(self.estimate) is None)
+
+    @property
+    def load(self) -> HandLoad:
+        """What gravity acts on."""
+        return HandLoad.of(self.estimate)
+
+
+def run_payload(options: PayloadTask) -> Weighed:
+    """Identify the load of a file.
+
+    Raises:
+        LabError: the file lacks what the method needs, or does not tell.
+    """
+    options.check()
+    if options.run is not None:
+        return _by_sag(options)
+    robot = load_robot(options.robot)
+    model, chain = robot.serial_model, robot.chain
+    records = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    method = options.method or ("torques" if records.wrench is None else "wrench")
+    mounting = drawn_mounting(model)
+    if options.sensor is not None:
+        mounting = read_mounting(options.sensor, sensor=method == "wrench")
+    elif method == "wrench":
+        raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
+    arm = robot.serial_arm(("p1",))
+    with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+        fitted = _sensible(_fitted(options, robot, records, mounting, method))
+    estimate = physical_estimate(fitted) if options.physical else fitted
+    compliance = _compliance(robot, options.stiffness_nm_per_rad)
+    cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
+    warnings = (*robot.warnings, *records.warnings, *_said(estimate))
+    return Weighed(robot, records, mounting, fitted, estimate, compliance, cost, warnings)
+
+
+def _fitted(options: PayloadTask, robot: Robot, records: LoadRecords, mounting: Mounting, method: str) -> LoadEstimate:
+    arm = robot.serial_arm(("p1",))
+    values = arm.nominal(robot.tool)
+    if method == "wrench":
+        _refuse(options, "friction", options.friction, "torques")
+        return from_wrench(arm, values, records, mounting, tilt=options.tilt, turn=options.turn, delay=options.delay)
+    _refuse(options, "tilt", options.tilt, "wrench")
+    _refuse(options, "turn", options.turn, "wrench")
+    if robot.loads is None:
+        raise LabError(
+            f"robot {robot.name} has no masses, so its own torques cannot be told from the load's; give mass_kg of its "
+            "joints, or measure with a wrist sensor"
+        )
+    own = own_dynamics(robot.serial_model, mounting.gravity)
+    return from_torques(arm, values, records, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
+
+
+def _sensible(found: LoadEstimate) -> LoadEstimate:
+    """The estimate, if anything at all was told, and the mass is not below zero."""
+    if not found.identified:
+        raise LabError("nothing of the load shows: move the arm, so that gravity pulls at its joints in other ways")
+    if found.mass_kg + found.mass_half_width_kg < 0:
+        raise LabError(
+            f"the load would weigh {found.mass_kg:.4g} kg: loaded and unloaded rows are exchanged, or the sensor's "
+            "sign is the other one; mend that"
+        )
+    return found
+
+
+def _refuse(options: PayloadTask, name: str, given: bool, method: str) -> None:
+    if given:
+        raise LabError(f"--{name} is for --method {method}: leave it out")
+
+
+def _by_sag(options: PayloadTask) -> Weighed:
+    """From tracker positions with and without the load, and the compliances of a calibrated arm."""
+    assert options.run is not None
+    run = read_calibrated(options.run)
+    robot, values = run.robot, run.geometry[1]
+    arm = robot.serial_arm(run.arm.targets)
+    data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
+    if data.targets != arm.targets:
+        raise LabError(
+            f"{options.file}: targets {', '.join(data.targets)}, but {options.run} identified "
+            f"{', '.join(arm.targets)}; give the file of that tool"
+        )
+    compliance = run.compliance
+    if robot.loads is None:
+        raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
+    joints, unloaded, loaded = _paired(options, data)
+    with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+        fitted = _sensible(from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded))
+    estimate = physical_estimate(fitted) if options.physical else fitted
+    mounting = Mounting(robot.loads.gravity)
+    cost = _cost(robot, arm, values, compliance, mounting, estimate)
+    said = (*run.warnings, *data.warnings, *_said(estimate))
+    return Weighed(robot, None, mounting, fitted, estimate, compliance, cost, said, data.targets)
+
+
+def _paired(options: PayloadTask, data: Measurements) -> tuple[Array, Array, Array]:
+    """Readings ``(n, joints)``, and points without and with the load ``(n, k, 3)``, at the same poses in one order."""
+    column = data.other.get("run")
+    if column is None or set(column) - {"loaded", "unloaded"}:
+        raise LabError(f"{options.file}: say in a column run of each row whether it is loaded or unloaded")
+    with_it, without = (
+        np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
+    )
+    if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > SAME_RAD:
+        raise LabError(f"{options.file}: give the same readings loaded and unloaded, in one order")
+    return data.joints[with_it], data.points[without], data.points[with_it]
+
+
+def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
+    """Of the joints that bear the arm's weight (or would, if it had a mass), all alike."""
+    compliance = np.zeros(robot.chain.size)
+    bearing = range(robot.chain.size) if robot.loads is None else robot.loads.bearing(stream(0, "structure"))
+    compliance[[j for j in bearing if not robot.chain.prismatic[j]]] = 1 / stiffness_nm_per_rad
+    return compliance
+
+
+def _cost(
+    robot: Robot, arm: SerialArm, values: Array, compliance: Array, mounting: Mounting, estimate: LoadEstimate
+) -> float:
+    covariance = HandLoad.of(estimate).covariance
+    if not np.isfinite(covariance).all():
+        return float("nan")
+    joints = random_poses(robot.model, COSTED, stream(0, "fresh"))
+    off = sag_uncertainty(arm, values, compliance, joints, mounting.gravity, covariance)
+    return float(np.sqrt((off**2).mean()))
+
+
+def _wild(estimate: LoadEstimate) -> str | None:
+    """What to say of a residual that no noise makes."""
+    spread = np.maximum(np.sqrt((estimate.residual**2).mean(axis=0)), 1e-300)
+    size = np.abs(estimate.residual) / spread
+    if size.max() < WILD:
+        return None
+    row, channel = np.unravel_index(int(size.argmax()), size.shape)
+    part = row / max(len(size) - 1, 1)
+    return (
+        f"a reading of column {channel + 1} of what is explained is {size.max():.0f} standard deviations off, at "
+        f"{part:.0%} of the rows: the intervals are not to be believed; mend it, or leave it out"
+    )
+
+
+def _said(estimate: LoadEstimate) -> list[str]:
+    """What whoever uses the estimate should be told."""
+    said = [] if (wild := _wild(estimate)) is None else [wild]
+    if estimate.adequate is False:
+        said.append(estimate.verdict.words)
+    if estimate.physical is False:
+        said.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
+    return said

@@ -1,0 +1,69 @@
+"""What every report says of how it came about: the command, its options, seed, versions and model. No date, no time."""
+
+import shlex
+from collections.abc import Iterator
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any
+
+from lab.commands.options import Options
+from lab.commands.run_folder import config
+from lab.render.html import Html, command, element, paragraph, section, table, together
+
+_POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",), "payload": ("file",)}
+_SHOWN = ("robot", "instrument", "seed")  # also where they are as usual
+_AGAIN = ("calibrate", "identify", "design")  # that take --config
+
+
+def command_line(name: str, options: Options) -> str:
+    """What to type for these options: those that differ from the usual ones."""
+    given = dict(_asked(options))
+    files = [shlex.quote(given.pop(each)) for each in _POSITIONAL.get(name, ())]
+    flags = []
+    for option, value in given.items():
+        flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
+    return " ".join(["lab", name, *files, *flags])
+
+
+def _asked(options: Any) -> Iterator[tuple[str, str]]:
+    """Options that are not as usual, those of groups beside the others; no text for one that is only switched on."""
+    for field in fields(options):
+        value = getattr(options, field.name)
+        usual = field.default if field.default_factory is MISSING else field.default_factory()
+        if is_dataclass(value):
+            yield from _asked(value)
+        elif value != usual:
+            yield field.name, _written(value)
+
+
+def _written(value: Any) -> str:
+    if value is True:
+        return ""
+    if isinstance(value, tuple):
+        return ",".join(_written(each) for each in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def how_it_was_made(name: str, options: Options, model_sha256: str, again: str = "") -> Html:
+    """The section on what was done: enough to do it again.
+
+    Args:
+        again: how to, in words, for a command that does not take a ``config.json``.
+    """
+    made = config(name, options, model_sha256)
+    versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
+    usual = "Every option that is not given was as usual; config.json holds them all"
+    rows = [
+        *([key, str(made["options"][key])] for key in _SHOWN if made["options"].get(key) is not None),
+        ["versions", versions],
+        ["model (SHA-256)", element("code", model_sha256)],
+    ]
+    if name in _AGAIN:
+        again = f"lab {name} --config config.json gives the same numbers again"
+    return section(
+        "What was done",
+        [
+            command(command_line(name, options)),
+            paragraph(f"{usual}{'; ' + again if again else ''}."),
+            together([table(["", ""], rows)]),
+        ],
+    )

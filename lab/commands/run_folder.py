@@ -1,0 +1,160 @@
+"""A run as a folder, complete or not there: written under a temporary name, then renamed."""
+
+import itertools
+import json
+import os
+import platform
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import lab
+from lab.calibration.identify import Identification
+from lab.commands.calibrate.result import likely, parameters, rigid, summary
+from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrated_files import MJCF, TABLE, arm_files
+from lab.commands.options import MeasuredCampaign, Options, VirtualCampaign
+from lab.commands.payload.known_payload import LOAD_FILE, read_hand_load
+from lab.core.errors import LabError
+from lab.formats.measurement_csv import write_measurements
+
+_FILES = {
+    "config.json",
+    "measurements.csv",
+    "parameters.json",
+    "covariance.csv",
+    "result.json",
+    LOAD_FILE,
+    "calibrated.xml",
+    "calibrated.toml",
+}
+_FILES |= {
+    "calibrated.urdf",
+    "nominal.toml",
+    "joints.csv",
+    "cartesian.csv",
+    "program.mod",
+    "plan.csv",
+    "plan.mod",
+    "curve.png",
+    "curve.svg",
+    "poses.png",
+    "poses.svg",
+    "recording.rrd",
+    "report.html",
+}  # a folder with anything else is not replaced
+_LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
+
+
+@contextmanager
+def run_folder(out: Path, inputs: Sequence[Path] = ()) -> Iterator[Path]:
+    """A folder to write a run into, which becomes ``out`` when the block ends well.
+
+    ``out`` may be missing, empty, or an earlier run, which is then replaced.
+
+    Args:
+        inputs: what the run is made from, which is not to be replaced.
+
+    Raises:
+        LabError: ``out`` holds something else, or an input, or cannot be written.
+    """
+    place = out.absolute().resolve()
+    for path in inputs:
+        if path.absolute().resolve().is_relative_to(place):
+            raise LabError(f"{out}: holds {path}, which this run is made from; give --out another folder")
+    draft = place.parent / f".{place.name}.partial-{os.getpid()}"
+    new_parents = [parent for parent in draft.parents if not parent.exists()]
+    try:
+        try:
+            _refuse_other_files(out)
+            draft.mkdir(parents=True)
+        except OSError as error:
+            raise LabError(f"{out}: cannot be written ({error.strerror}); give --out another folder") from error
+        try:
+            yield draft
+            _swap(draft, place)
+        except OSError as error:
+            why = error.strerror or error
+            raise LabError(f"{out}: writing failed ({why}); nothing was kept, make room and run again") from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+        for parent in new_parents:  # empty again if nothing came of the run
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def _refuse_other_files(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise LabError(f"{out}: is a file; give --out a folder")
+    names = {path.name for path in out.iterdir()} if out.exists() else set()
+    if strays := sorted(names - _FILES):
+        raise LabError(f"{out}: holds {strays[0]}, which is no file of a run; give --out another folder")
+    if names and not _is_config(out / "config.json"):
+        raise LabError(f"{out}: holds files that are no run of the lab; give --out another folder")
+
+
+def _is_config(path: Path) -> bool:
+    return path.is_file() and b'"model_sha256"' in path.read_bytes()
+
+
+def free_name(parent: Path, stem: str) -> Path:
+    """A folder that does not exist yet: the stem, or the stem with a number."""
+    names = (parent / (stem if i == 1 else f"{stem}-{i}") for i in itertools.count(1))
+    return next(name for name in names if not name.exists())
+
+
+def _swap(draft: Path, out: Path) -> None:
+    old = out.parent / f".{out.name}.replaced-{os.getpid()}"
+    if out.exists():
+        out.rename(old)
+    try:
+        draft.rename(out)
+    except OSError:
+        if old.exists():
+            old.rename(out)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) -> None:
+    """Everything of a run but its recording."""
+    robot = outcome.robot
+    command = "calibrate" if isinstance(options, VirtualCampaign) else "identify"
+    write_json(folder / "config.json", config(command, options, robot.sha256))
+    write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
+    write_json(folder / "parameters.json", parameters(outcome))
+    write_covariance(folder / "covariance.csv", outcome.identification)
+    if options.fitting.load is not None:
+        read_hand_load(options.fitting.load).write(folder)
+    kept = TABLE if robot.is_table else MJCF  # the others are lab compensate's, of runs that are good
+    text = arm_files(robot, *rigid(outcome, likely(outcome)))[kept]
+    (folder / kept).write_text(text, encoding="utf-8")
+    write_json(folder / "result.json", summary(outcome))
+
+
+def write_covariance(path: Path, identification: Identification) -> None:
+    """The covariance of the identified parameters (m, rad and what else ``parameters.json`` says), a row each."""
+    names = [identification.model.names[i] for i in identification.fit.free]
+    rows = ([name, *map(repr, row)] for name, row in zip(names, identification.covariance.tolist(), strict=True))
+    path.write_text("\n".join(",".join(row) for row in [["parameter", *names], *rows]) + "\n", encoding="utf-8")
+
+
+def config(
+    command: str,
+    options: Options,
+    model_sha256: str,
+) -> dict[str, Any]:
+    """Every option, and what else the numbers depend on."""
+    versions = {name: metadata.version(name) for name in _LIBRARIES}
+    versions |= {"python": platform.python_version(), "virtual-calibration-lab": lab.__version__}
+    return {"command": command, "options": asdict(options), "model_sha256": model_sha256, "versions": versions}
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write plain values, indented."""
+    text = json.dumps(content, indent=1, default=str, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")

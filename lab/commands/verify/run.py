@@ -1,0 +1,174 @@
+"""A calibrated arm and a few new measurements: is it still good?"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations, whitening
+from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
+from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M
+from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.options import Verification
+from lab.core.errors import LabError
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements
+from lab.formats.measurement_csv import read_measurements
+from lab.verification.prediction import Promise
+from lab.verification.test import Verified, verify
+
+LEAST_SPREAD = 3  # poses whose spread says something
+TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
+
+
+@dataclass(frozen=True)
+class VerifiedRun:
+    """What a verification found.
+
+    Attributes:
+        rows: those that were used.
+    """
+
+    calibrated: Calibrated
+    rows: Measurements
+    verified: Verified
+    warnings: tuple[str, ...]
+
+
+def run_verification(options: Verification) -> VerifiedRun:
+    """Test a file of new measurements against a run.
+
+    Raises:
+        LabError: the run is not good, is of another robot, or did not identify what the file measures.
+    """
+    options.check()
+    calibrated = read_calibrated(options.run)
+    if not options.force:
+        calibrated.refuse_unfit("a verification")
+    _refuse_unseen_base(calibrated, options)
+    chain = calibrated.robot.chain
+    read = read_measurements(options.file, chain.joint_names, chain.prismatic)
+    if calibrated.load is not None and "payload_kg" in calibrated.arm.conditions:
+        read = calibrated.load.weighed(read)
+    rows = read.only("calibrate", "reference", "test")
+    rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
+    calibrated.robot.refuse_impossible(options.file, rows)
+    if not len(rows):
+        raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")
+    with _naming(options):
+        seen, promise = _against(calibrated, rows, options)
+        _refuse_implausible(promise, seen)
+        verified = verify(promise, seen, options.refit, [rows.where(i) for i in range(len(rows))])
+    return VerifiedRun(calibrated, rows, verified, tuple(_warnings(calibrated, read, rows, verified)))
+
+
+def _refuse_unseen_base(calibrated: Calibrated, options: Verification) -> None:
+    observed = calibrated.options.get("observe", "points")
+    if observed in ("points", "pose"):
+        return
+    if "base" not in options.refit:
+        raise LabError(
+            f"{options.run}: identified with --observe {observed}, so where the base is in an instrument's frame it "
+            "does not say; add --refit base"
+        )
+    if options.instrument is None and options.noise_mm is None:
+        raise LabError(
+            f"{options.run}: identified with --observe {observed}, so what noise points have it does not say; "
+            "add --instrument or --noise-mm"
+        )
+
+
+def _against(calibrated: Calibrated, rows: Measurements, options: Verification) -> tuple[Observations, Promise]:
+    """The measurements weighed, and what the run says of them.
+
+    Where the run's residuals were more than noise, or its noise was estimated, they are the measure: what the model
+    lacks is taken for noise of its own, and the covariance grows as the residuals say.
+    """
+    arm = calibrated.robot.arm_with(rows.targets, calibrated.groups)
+    strange = tuple(target for target in rows.targets if target not in calibrated.arm.targets)
+    if strange and "tool" not in options.refit:
+        raise LabError(
+            f"target {strange[0]} was not identified (those of the run are {', '.join(calibrated.arm.targets)}); "
+            "rename it, or add --refit tool"
+        )
+    known = dict(zip(calibrated.arm.names, calibrated.values, strict=True))
+    values = np.array([known.get(name, 0.0) for name in arm.names])
+    kept = [i for i, name in enumerate(calibrated.identified) if name in arm.names]
+    free = tuple(arm.names.index(calibrated.identified[i]) for i in kept)
+    covariance = calibrated.covariance[np.ix_(kept, kept)]
+    if not np.isfinite(covariance).all():
+        raise LabError(
+            f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; "
+            "identify again with more poses, or with --noise-mm"
+        )
+    seen, _ = weighed(sighting_of(arm), rows, _noise(calibrated, options))
+    lacking, larger, freedom = calibrated.lacking(root_mean_square_sigma(seen, 0))
+    return _widened(seen, lacking), Promise(arm, values, free, larger * covariance, freedom, strange)
+
+
+def _refuse_implausible(promise: Promise, seen: Observations) -> None:
+    """Points that spread unlike the robot's are of another unit, or of another robot."""
+    predicted = promise.arm.points(seen.settings, promise.values)
+    spreads = [spread(np.where(np.isnan(seen.points), np.nan, points)) for points in (seen.points, predicted)]
+    if len(seen.settings) >= LEAST_SPREAD and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]:
+        raise LabError(
+            f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
+            "wrong unit, or another robot"
+        )
+
+
+def _noise(calibrated: Calibrated, options: Verification) -> Noise:
+    """Of the new measurements: as given, else as the run took it, else as it found it."""
+    if options.noise_mm is not None:
+        return Noise(sigma_m=options.noise_mm / 1e3)
+    if options.instrument is not None:
+        return Noise(instrument(options.instrument))
+    then = calibrated.options
+    if then.get("noise_mm") is not None:
+        return Noise(sigma_m=then["noise_mm"] / 1e3)
+    if then.get("instrument") not in (None, "exact"):
+        return Noise(instrument(then["instrument"]), readings=then.get("readings", 1))
+    return Noise(sigma_m=max((calibrated.result["noise_mm"] or 0.0) / 1e3, LEAST_SIGMA_M))
+
+
+def _widened(seen: Observations, lacking_m: float) -> Observations:
+    """The same with as much more noise."""
+    if lacking_m == 0:
+        return seen
+    if seen.whiten.ndim == 2:
+        return replace(seen, whiten=1 / np.sqrt(1 / seen.whiten**2 + lacking_m**2))
+    root = np.linalg.inv(seen.whiten)
+    return replace(seen, whiten=whitening(root @ np.swapaxes(root, -1, -2) + lacking_m**2 * np.eye(3)))
+
+
+def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
+    """What a reader should be told."""
+    chain, said = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
+    if blank := len(read.only("calibrate", "reference", "test")) - len(rows):
+        said.append(f"{blank} rows have no measured point and are left out")
+    outside = chain.beyond_limits(rows.joints, 1e-3)
+    said += [
+        f"joint {name}: {rows.where(int(np.argmax(beyond)))} is beyond its limits; check units, signs and offsets"
+        for name, beyond in zip(chain.joint_names, outside.T, strict=True)
+        if beyond.any()
+    ]
+    if len(sessions := list(dict.fromkeys(rows.sessions))) > 1:
+        said.append(f"sessions {', '.join(sessions)} are taken for one setup; verify each alone if one was set up anew")
+    if "payload_kg" in calibrated.arm.conditions and "payload_kg" not in rows.conditions:
+        said.append("no column payload_kg: nothing is taken to hang at the flange in any pose")
+    if verified.p > TOO_GOOD:
+        said.append(f"errors are much smaller than promised (p = {verified.p:.6f}): the noise is given too large")
+    return said
+
+
+@contextmanager
+def _naming(options: Verification) -> Iterator[None]:
+    """Say of an error in the measurements which file it is of."""
+    try:
+        yield
+    except LabError as error:
+        said = str(error)
+        raise LabError(said if said.startswith(str(options.run)) else f"{options.file}: {said}") from error

@@ -1,0 +1,1 @@
+"""Correct targets for a calibrated arm."""

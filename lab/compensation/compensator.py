@@ -1,0 +1,250 @@
+"""Targets that an identified arm really hits: three schemes that end at the same place.
+
+(a) The identified arm's inverse, by Newton's method. (b) The differential scheme: joints moved by dq = -J+ dX, with
+the drawing's Jacobian J and the error dX evaluated anew where they then stand. (c) Targets corrected in space,
+X_C = X_R - dX, for a controller that goes on computing with the drawing; dX is evaluated at the joints that it
+finds for X_C. The last two are how elastic errors are compensated (e.g. Khalil & Besnard 2002; Klimchik 2011).
+
+An arm with fewer than six joints is brought to the place, and as near to the rotation as it can be turned there.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.compensation.ik_results import LIMIT_SLACK, Attempts
+from lab.core.errors import LabError
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.differential import SINGULAR_M
+from lab.kinematics.effects.arm import Arm, rigid_part
+from lab.kinematics.inverse.analytic.select import Solutions
+from lab.kinematics.inverse.branches import Drawing, nearest_turns, ordered
+from lab.kinematics.inverse.newton import FREEDOMS, Wanted, reach, shortest_step, tool_at, within_reach
+
+CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
+AIMINGS = 3  # of the drawing's inverse at what the arm misses, before Newton's method begins
+ROUNDS = 50  # of the schemes (b) and (c)
+SETTLED_M, SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
+TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
+
+Moved = Callable[[NDArray[np.int_], Array, Array], Array]  # rows, their readings, what is missing: to new readings
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Corrected targets.
+
+    Attributes:
+        joints: ``(n, joints)`` readings that bring the identified arm's tool to each target; where that fails, those
+            that come nearest.
+        uncorrected: ``(n, joints)`` readings that the drawing says, in the same branch.
+        places, turns: ``(n, 3)`` m, ``(n, 3, 3)``: the corrected targets in space, in the tracker's frame.
+        reasons: why a target cannot be reached, one each; empty where it is reached.
+        differential, cartesian: ``(n, joints)`` readings of the schemes (b) and (c).
+        apart_m: ``(n,)`` the largest distance between the schemes' places of the tool; NaN where one has none.
+        singular_rad: ``(n,)`` distance to the nearest singularity (m of a slide), and ``singular_joint`` the joint
+            that leads there.
+        steps: ``(n,)`` of scheme (a), from the drawing's inverse.
+        unturned_rad: ``(n,)`` by how much the rotation is missed because it takes more joints than the arm has; zero
+            where it has six, where any rotation will do, and where a target is not reached.
+    """
+
+    joints: Array
+    uncorrected: Array
+    places: Array
+    turns: Array
+    reasons: tuple[str, ...]
+    differential: Array
+    cartesian: Array
+    apart_m: Array
+    singular_rad: Array
+    singular_joint: NDArray[np.int_]
+    steps: NDArray[np.int_]
+    unturned_rad: Array
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """``(n,)``: which targets are reached."""
+        return np.array([not reason for reason in self.reasons], dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class Compensator:
+    """What is known of the arm, and what its controller computes with.
+
+    Attributes:
+        drawing: nominal links, base and tool: the controller's.
+        arm, values: as identified, with its effects.
+
+    Raises:
+        LabError: the arm cannot bring its tool to places all around it.
+    """
+
+    drawing: Drawing
+    arm: Arm
+    values: Array
+
+    def __post_init__(self) -> None:
+        arm, chain = self.drawing.arm, self.drawing.arm.chain
+        _, jacobian = self.drawing.tool(chain.random_joints(TRIED, stream(0, "structure")))
+        ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
+        if ways < 3:
+            raise LabError(
+                f"robot '{chain.name}': its joints ({', '.join(chain.joint_names)}) move "
+                f"{arm.targets[self.drawing.target]} in {ways} of three directions, so it cannot be brought to a "
+                "place that is off by a little; compensation takes three joints that do"
+            )
+
+    def __call__(self, wanted: Wanted, conditions: Array, reference: Array) -> Compensation:
+        """Correct targets, each by itself.
+
+        Args:
+            conditions: ``(n, c)``, what the arm's effects ask for.
+            reference: ``(n, joints)`` readings that say which way to take; NaN where that is free.
+        """
+        chain, found = self.drawing.arm.chain, self._first_that_fits(wanted, conditions, reference)
+        fits = np.flatnonzero(found.fits)
+        some, given = wanted.take(fits), conditions[fits]
+        schemes = [self._differential(some, given, found.start[fits])]
+        whole = self._as_poses(some, found.joints[fits], given)
+        aimed, by_space = self._cartesian(whole, given, found.start[fits], found.branch[fits])
+        schemes.append(by_space)
+        differential, cartesian = (_spread(part, fits, found.joints.shape) for part in schemes)
+        places, turns = _spread(aimed.places, fits, wanted.places.shape), _spread(aimed.turns, fits, wanted.turns.shape)
+        apart = self._apart(given, some.turned, found.joints[fits], *schemes)
+        apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
+        apart = _spread(apart, fits, (len(wanted),))
+        rigid = rigid_part(self.arm)
+        distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.drawing.target)
+        return Compensation(
+            found.joints,
+            found.start,
+            places,
+            turns,
+            tuple(found.reason(i, chain, (distance[i], joint[i]), apart[i]) for i in range(len(wanted))),
+            differential,
+            cartesian,
+            apart,
+            distance,
+            joint,
+            found.steps,
+            np.where(found.fits & (chain.size < FREEDOMS), np.linalg.norm(found.errors[:, 3:], axis=1), 0.0),
+        )
+
+    def _first_that_fits(self, wanted: Wanted, conditions: Array, reference: Array) -> Attempts:
+        """The identified arm's inverse, by the first way of the drawing that ends within limits; else the best."""
+        chain = self.drawing.arm.chain
+        ways = self.drawing.ways(wanted, reference)
+        starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways))
+        order[~wanted.turned] = -1  # found by search: of no branch
+        free = ~np.isfinite(reference).all(axis=1)
+        found = self._tried(wanted, conditions, starts[:, 0], order[:, 0])
+        for rank in range(1, order.shape[1]):
+            rows = np.flatnonzero(free & ~found.fits)
+            if not rows.size:
+                break
+            other = self._tried(wanted.take(rows), conditions[rows], starts[rows, rank], order[rows, rank])
+            found.take_better(rows, other)
+        return found
+
+    def _near_singular(self, wanted: Wanted, ways: Solutions) -> NDArray[np.bool_]:
+        """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
+        near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
+        joints = ways.joints[rows]
+        distance, _ = self.drawing.arm.singular_distance(
+            joints.reshape(-1, joints.shape[2]), self.drawing.values, self.drawing.target
+        )
+        near[rows] = (distance < CLEAR_RAD).reshape(near[rows].shape)
+        return near
+
+    def _tried(self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
+        """Newton's method from one way of the drawing, aimed a few times at what the arm misses there."""
+        chain = self.drawing.arm.chain
+        joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
+        going = np.arange(len(wanted))
+        for _ in range(AIMINGS):
+            aimed = self._aimed(wanted.take(going), joints[going], conditions[going])
+            joints[going], reached = self.drawing.again(aimed, joints[going], branch[going])
+            aimings[going] += 1
+            going = going[reached]
+        ended = reach(self.arm, self.values, wanted, joints, conditions, self.drawing.target)
+        turned = nearest_turns(chain, ended.joints, start)
+        excess = chain.excess(turned)
+        return Attempts(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
+
+    def _differential(self, wanted: Wanted, conditions: Array, start: Array) -> Array:
+        """Scheme (b)."""
+
+        def moved(rows: NDArray[np.int_], joints: Array, missing: Array) -> Array:
+            return joints + shortest_step(self.drawing.tool(joints)[1], missing, wanted.turned[rows])
+
+        return self._iterated(wanted, conditions, start, moved)
+
+    def _cartesian(
+        self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]
+    ) -> tuple[Wanted, Array]:
+        """Scheme (c): the corrected targets, and the readings that the controller finds for them."""
+        aimed = Wanted(wanted.places.copy(), wanted.turns.copy())
+
+        def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
+            corrected = self._aimed(wanted.take(rows), joints, conditions[rows])
+            aimed.places[rows], aimed.turns[rows] = corrected.places, corrected.turns
+            return self.drawing.again(aimed.take(rows), joints, branch[rows])[0]
+
+        return aimed, self._iterated(wanted, conditions, start, moved)
+
+    def _as_poses(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
+        """Where any rotation will do, or that which is wanted may not, the one that scheme (a) ends with: a controller
+        is to be told one.
+        """
+        Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
+        return Wanted(wanted.places, np.where(kept[:, None, None], wanted.turns, Ts[:, :3, :3]))
+
+    def _iterated(self, wanted: Wanted, conditions: Array, start: Array, moved: Moved) -> Array:
+        """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted."""
+        joints, going = start.copy(), np.arange(len(wanted))
+        for _ in range(ROUNDS):
+            some = wanted.take(going)
+            Ts, jacobian = self._tool(joints[going], conditions[going])
+            missing = within_reach(jacobian, some.errors(Ts), some.turned)
+            far = ~_settled(missing)
+            going = going[far]
+            if not going.size:
+                break
+            joints[going] = moved(going, joints[going], missing[far])
+        return joints
+
+    def _aimed(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
+        """X_C = X_R - dX: where to aim the drawing, by what the arm misses at these readings."""
+        real, drawn = self._tool(joints, conditions)[0], self.drawing.tool(joints)[0]
+        places = wanted.places - (real[:, :3, 3] - drawn[:, :3, 3])
+        return Wanted(places, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.turns)
+
+    def _tool(self, joints: Array, conditions: Array) -> tuple[Array, Array]:
+        return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.drawing.target)
+
+    def _apart(self, conditions: Array, turned: NDArray[np.bool_], *schemes: Array) -> Array:
+        """The largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""
+        Ts = [self._tool(joints, conditions)[0] for joints in schemes]
+        apart = np.zeros(len(turned))
+        for other in Ts[1:]:
+            missing = Wanted(Ts[0][:, :3, 3], Ts[0][:, :3, :3]).errors(other)
+            missing[~turned, 3:] = 0.0
+            apart = np.maximum(apart, np.abs(missing).max(axis=1))
+        return apart
+
+
+def _settled(missing: Array) -> NDArray[np.bool_]:
+    """``(n,)``: whether what is missing ``(n, 6)`` is nothing."""
+    place, turn = np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
+    return np.asarray((place < SETTLED_M) & (turn < SETTLED_RAD))
+
+
+def _spread(part: Array, rows: NDArray[np.int_], shape: tuple[int, ...]) -> Array:
+    """Values of some rows among all, NaN in the others."""
+    whole = np.full(shape, np.nan)
+    whole[rows] = part
+    return whole

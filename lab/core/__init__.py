@@ -1,0 +1,1 @@
+"""The ground: rigid motions, measurements, instruments, random numbers, errors."""

@@ -1,0 +1,141 @@
+"""What an instrument's noise is: drawn by the virtual tracker, weighed by the identifier.
+
+Both rooms read it here, so that a virtual campaign and its weights agree by construction.
+Positions are in the instrument's own frame: the origin is its head, z is up.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Where an instrument can see a target; everywhere, if nothing is given.
+
+    Attributes:
+        nearest_m, farthest_m: range from the head.
+        lowest_rad, highest_rad: elevation above the instrument's x-y plane.
+        acceptance_rad: largest angle between the reflector's axis and the line to the head.
+    """
+
+    nearest_m: float = 0.0
+    farthest_m: float = np.inf
+    lowest_rad: float = -np.pi / 2
+    highest_rad: float = np.pi / 2
+    acceptance_rad: float = np.pi
+
+    def admits(self, points: Array, axes: Array) -> NDArray[np.bool_]:
+        """``(...)``: whether targets at ``points`` ``(..., 3)`` (m) that face along the unit ``axes`` are in sight.
+
+        Both are in the instrument's frame. What stands in the way is not asked here.
+        """
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        reach, elevation = np.linalg.norm(points, axis=-1), np.arctan2(z, np.hypot(x, y))
+        facing = -np.sum(points * axes, axis=-1) >= np.cos(self.acceptance_rad) * reach
+        in_range = (self.nearest_m <= reach) & (reach <= self.farthest_m)
+        in_view = (self.lowest_rad <= elevation) & (elevation <= self.highest_rad)
+        seen: NDArray[np.bool_] = in_range & in_view & (facing | (self.acceptance_rad >= np.pi))
+        return seen
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """Noise of one reading of a point at range R (metres).
+
+    ``gaussian`` and ``uniform`` are isotropic: each coordinate has standard deviation
+    ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
+    line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
+    first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``sight`` is where it
+    sees a target at all.
+    """
+
+    name: str
+    kind: Literal["exact", "uniform", "gaussian", "spherical"]
+    radial_m: float = 0.0
+    radial_per_m: float = 0.0
+    transverse_m: float = 0.0
+    transverse_per_m: float = 0.0
+    sight: Sight = field(default_factory=Sight)
+
+    def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
+        """Noisy positions of ``points`` ``(..., 3)`` (m), each the mean of some readings."""
+        if self.kind == "exact":
+            return points.copy()
+        total = np.zeros_like(points)
+        for _ in range(readings):
+            total += self._one_reading(points, rng)
+        return total / readings
+
+    def covariance(self, points: Array, readings: int = 1) -> Array:
+        """Covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``."""
+        if self.kind != "spherical":
+            isotropic = np.broadcast_to(np.eye(3), (*points.shape, 3))
+            return isotropic * self.radial_m**2 / readings
+        reach = np.linalg.norm(points, axis=-1)[..., None, None]
+        sight = points[..., :, None] * points[..., None, :] / reach**2
+        along = (self.radial_m + self.radial_per_m * reach) ** 2
+        across = (self.transverse_m + self.transverse_per_m * reach) ** 2
+        covariance: Array = (along * sight + across * (np.eye(3) - sight)) / readings
+        return covariance
+
+    def _one_reading(self, points: Array, rng: np.random.Generator) -> Array:
+        if self.kind == "uniform":
+            half_width = np.sqrt(3) * self.radial_m
+            return points + rng.uniform(-half_width, half_width, points.shape)
+        draw = rng.standard_normal(points.shape)
+        if self.kind == "gaussian":
+            return points + self.radial_m * draw
+        reach = np.linalg.norm(points, axis=-1, keepdims=True)
+        sight = points / reach
+        level = np.hypot(sight[..., :1], sight[..., 1:2])
+        straight_up = level < 1e-12  # there azimuth has no direction of its own: any will do
+        sideways = np.where(
+            straight_up, np.array([0.0, 1.0, 0.0]), _turned_left(sight) / np.where(straight_up, 1.0, level)
+        )
+        along = (self.radial_m + self.radial_per_m * reach) * draw[..., :1]
+        across = self.transverse_m + self.transverse_per_m * reach
+        error: Array = along * sight + across * (draw[..., 1:2] * sideways + draw[..., 2:] * np.cross(sight, sideways))
+        return points + error
+
+
+def _turned_left(vector: Array) -> Array:
+    """A quarter turn about z of the horizontal part: where azimuth grows."""
+    return np.stack([-vector[..., 1], vector[..., 0], np.zeros_like(vector[..., 0])], axis=-1)
+
+
+# One standard deviation is the stated maximum permissible error over k = 2. Sources: uniform-8um,
+# Mahdadi & Bouafia 2020; leica-at960, a vendor table in a 2021 journal paper; leica-at500, vendor
+# manual to ISO 10360-10; faro-vantage, Sensors 2025, 25, 184; optical-cmm, order of magnitude only.
+_MICRON = 1e-6
+# Where they see. The trackers' ranges are the part that a robot cell uses, and their elevations, like the camera's
+# sight, are representative, not a data sheet's; the Vantage's vertical range is 130 degrees in all (a maker's
+# calibration certificate). Trackers are given a cat's eye reflector, which takes beams up to 75 degrees off its
+# axis: a corner cube takes 30, and a rigid tool then faces the head in few poses. The two ideal instruments see
+# everything that nothing hides.
+_LEICA = Sight(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(75.0))
+_VANTAGE = Sight(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(75.0))
+_CAMERA = Sight(1.0, 5.0, np.deg2rad(-45.0), np.deg2rad(45.0), np.deg2rad(60.0))
+INSTRUMENTS = {
+    instrument.name: instrument
+    for instrument in (
+        Instrument("exact", "exact"),
+        Instrument("uniform-8um", "uniform", radial_m=8 * _MICRON / np.sqrt(3)),
+        Instrument("leica-at960", "spherical", 0.0, 0.25 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA),
+        Instrument("leica-at500", "spherical", 5 * _MICRON, 0.15 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA),
+        Instrument("faro-vantage", "spherical", 8 * _MICRON, 0.4 * _MICRON, 10 * _MICRON, 2.5 * _MICRON, _VANTAGE),
+        Instrument("optical-cmm", "gaussian", radial_m=30 * _MICRON, sight=_CAMERA),
+    )
+}
+
+
+def instrument(name: str) -> Instrument:
+    """The preset of that name; a LabError lists the presets where there is none."""
+    if name not in INSTRUMENTS:
+        raise LabError(f"instrument '{name}' is unknown: choose one of {', '.join(INSTRUMENTS)}")
+    return INSTRUMENTS[name]

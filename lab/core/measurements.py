@@ -1,0 +1,140 @@
+"""What an instrument saw: joint readings with the positions of targets."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+SESSION = "session "  # before a session's name: the condition that says which rows are of it
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Joint readings with what an instrument saw there, in the instrument's frame.
+
+    Attributes:
+        joint_names: of the columns of ``joints``.
+        joints: ``(n, joints)``, rad for a revolute joint, m for a slide.
+        targets: names of the measured points.
+        points: ``(n, k, 3)`` m; NaN where a target was not seen. Of another kind of sighting ``(n, k, d)``.
+        ids: what a row is called: its ``id``, else its 0-based data row.
+        use: ``calibrate``, ``reference``, ``test`` or ``skip``, one a row.
+        sessions: the row's session, "" where the file has none.
+        sigma_m: ``(n,)`` standard deviation of a coordinate, NaN where not given.
+        other: further columns as texts, kept as they are.
+        marked: whether the file said what each row is for.
+        warnings: what a reader should be told.
+        lines: of the file, as an editor counts them, one a row; empty where there is no file.
+        conditions: what else was set or read at a pose, ``(n,)`` each, NaN where not given, by the name of
+            its column: ``payload_kg``, ``temp_C``, ``time_s``, ``cable_mm``, ``approach_<joint>``.
+    """
+
+    joint_names: tuple[str, ...]
+    joints: Array
+    targets: tuple[str, ...]
+    points: Array
+    ids: tuple[str, ...]
+    use: tuple[str, ...]
+    sessions: tuple[str, ...]
+    sigma_m: Array
+    other: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    marked: bool = False
+    warnings: tuple[str, ...] = ()
+    lines: tuple[int, ...] = ()
+    conditions: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n, k = len(self.joints), len(self.targets)
+        assert self.joints.shape == (n, len(self.joint_names)) and self.points.shape[:2] == (n, k)
+        assert len(self.ids) == len(self.use) == len(self.sessions) == n and self.sigma_m.shape == (n,)
+        assert all(column.shape == (n,) for column in self.conditions.values())
+        assert np.isfinite(self.joints).all()
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """``(n, k)``: whether a target was seen at a pose."""
+        return seen_mask(self.points)
+
+    def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
+        """The measurements of some rows."""
+        index = np.asarray(rows, dtype=np.int_)
+        pick = index.tolist()
+        return replace(
+            self,
+            joints=self.joints[index],
+            points=self.points[index],
+            ids=tuple(self.ids[i] for i in pick),
+            use=tuple(self.use[i] for i in pick),
+            sessions=tuple(self.sessions[i] for i in pick),
+            sigma_m=self.sigma_m[index],
+            conditions={name: column[index] for name, column in self.conditions.items()},
+            other={name: tuple(column[i] for i in pick) for name, column in self.other.items()},
+            lines=tuple(self.lines[i] for i in pick) if self.lines else (),
+        )
+
+    def where(self, row: int) -> str:
+        """Where a row stands, as an error says it: its line in the file, else its id."""
+        return f"line {self.lines[row]}" if self.lines else f"row {self.ids[row]}"
+
+    def settings(self, conditions: Sequence[str]) -> Array:
+        """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
+
+        Where nothing is said of a payload there is none. ``session NAME`` is 1 in the rows of that session, else 0.
+
+        Raises:
+            LabError: another condition is missing, or empty in a row.
+        """
+        columns = [self._condition(name)[:, None] for name in conditions]
+        return np.concatenate([self.joints, *columns], axis=1) if columns else self.joints
+
+    def _condition(self, name: str) -> Array:
+        if name not in self.conditions and name.startswith(SESSION):
+            return np.array([session == name.removeprefix(SESSION) for session in self.sessions], dtype=np.float64)
+        return asked(self.conditions, name, len(self), self.where)
+
+    def without(self, ids: Sequence[str]) -> "Measurements":
+        """The rows that are called otherwise."""
+        return self.take([i for i, name in enumerate(self.ids) if name not in set(ids)])
+
+    def only(self, *uses: str) -> "Measurements":
+        """The rows of these uses."""
+        return self.take([i for i, use in enumerate(self.use) if use in uses])
+
+
+def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable[[int], str]) -> Array:
+    """One condition of so many rows, as a model asks for it; where nothing is said of a payload there is none.
+
+    Args:
+        where: what an error calls a row.
+
+    Raises:
+        LabError: another condition is missing, or empty in a row.
+    """
+    column = conditions.get(name)
+    if column is None:
+        if name != "payload_kg":
+            raise LabError(f"column {name} is missing: the model needs it in every row")
+        return np.zeros(rows)
+    if (empty := np.isnan(column)).any():
+        row = where(int(np.argmax(empty)))
+        raise LabError(f"{row}, column {name}: empty, but the model needs it in every row; fill it in")
+    return column
+
+
+def seen_mask(points: Array) -> NDArray[np.bool_]:
+    """``(n, k)``: which of the points ``(n, k, d)`` were seen."""
+    return np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
+
+
+def measured(joint_names: tuple[str, ...], joints: Array, targets: tuple[str, ...], points: Array) -> Measurements:
+    """Measurements of plain arrays: every row for calibration, ids 0 to n - 1."""
+    n = len(joints)
+    ids, sigma = tuple(str(i) for i in range(n)), np.full(n, np.nan)
+    return Measurements(joint_names, joints, targets, points, ids, ("calibrate",) * n, ("",) * n, sigma)

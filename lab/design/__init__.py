@@ -1,0 +1,1 @@
+"""Choose the poses to measure."""

@@ -1,0 +1,98 @@
+"""How far a design is from the best possible one: the continuous D-optimal design bounds them all.
+
+Kiefer & Wolfowitz (1960): over weights w on the candidates, log det M(w) is concave, so its tangent
+bounds it everywhere; the bound holds for every exact design from these candidates.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.core.se3 import Array
+
+MOST_ROUNDS, UPDATES = 400, 50  # looks at all candidates, and updates of those with weight in between
+VANISHED = 1e-9  # a weight this small counts as none
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The best continuous design over a pool.
+
+    Attributes:
+        weights: ``(m,)``, summing to one.
+        log_det: of the information per pose at these weights.
+        bound: no design from the pool has a larger log det per pose.
+        parameters: p.
+    """
+
+    weights: Array
+    log_det: float
+    bound: float
+    parameters: int
+
+    @property
+    def gap(self) -> float:
+        """How much D-efficiency the weights may be short of the best: 1 - exp(-(bound - log_det)/p)."""
+        return float(-np.expm1(-(self.bound - self.log_det) / self.parameters))
+
+    def efficiency(self, jacobian: Array) -> float:
+        """Certified D-efficiency of a design ``(n, r, p)``: (det(M/n) / bound)^(1/p), at most 1."""
+        flat = jacobian.reshape(-1, self.parameters)
+        sign, log_det = np.linalg.slogdet(flat.T @ flat / len(jacobian))
+        return float(np.exp((log_det - self.bound) / self.parameters)) if sign > 0 else 0.0
+
+
+def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0) -> Certificate:
+    """The continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
+
+    Candidates whose weight vanishes are set aside and looked at again; the bound itself is taken
+    over all of them.
+
+    Args:
+        gap: stop at this gap of the D-efficiency.
+        measured: information ``(p, p)`` per pose of poses measured already, with weight 1 - share.
+        share: of all poses, those still to be chosen.
+    """
+    m, _, p = jacobian.shape
+    held = np.zeros((p, p)) if measured is None else (1 - share) * measured
+    weights, bound = np.full(m, 1 / m), np.inf
+    for _ in range(MOST_ROUNDS):
+        total = held + share * _weighted(jacobian, weights)
+        gains = _gains(jacobian, total)
+        log_det = float(np.linalg.slogdet(total)[1])
+        bound = min(bound, _bound(log_det, gains, weights, p, share, measured is None))
+        if -np.expm1(-(bound - log_det) / p) <= gap:
+            break
+        keep = (weights > VANISHED) | (gains > (1 - 0.2 * gap) * gains[weights > VANISHED].max())
+        weights = np.where(keep, np.maximum(weights, VANISHED), 0.0) / np.maximum(weights, VANISHED)[keep].sum()
+        weights[keep] = _multiplied(jacobian[keep], weights[keep], held, share)
+    return Certificate(weights, log_det, bound, p)
+
+
+def _multiplied(jacobian: Array, weights: Array, held: Array, share: float) -> Array:
+    """Weights after a round of updates ``w <- w d / sum(w d)`` (Titterington 1976), which raise the log det."""
+    for _ in range(UPDATES):
+        gains = _gains(jacobian, held + share * _weighted(jacobian, weights))
+        weights = weights * gains / (weights @ gains)
+    return weights
+
+
+def _weighted(jacobian: Array, weights: Array) -> Array:
+    """The sum of w J'J over candidates ``(m, r, p)``."""
+    flat = (jacobian * np.sqrt(weights)[:, None, None]).reshape(-1, jacobian.shape[2])
+    total: Array = flat.T @ flat
+    return total
+
+
+def _gains(jacobian: Array, information: Array) -> Array:
+    """For each candidate d = tr(J M^-1 J'), ``(m,)``."""
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    gains: Array = (np.linalg.solve(information, flat.T).T * flat).sum(axis=1).reshape(jacobian.shape[:2]).sum(axis=1)
+    return gains
+
+
+def _bound(log_det: float, gains: Array, weights: Array, p: int, share: float, alone: bool) -> float:
+    """The tangent's largest value; where nothing was measured before, the tighter one of the logarithm."""
+    if alone:
+        return log_det + p * float(np.log(gains.max() / p))
+    return log_det + share * float(gains.max() - weights @ gains)

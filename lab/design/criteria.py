@@ -1,0 +1,226 @@
+"""How well a set of poses shows the parameters: the observability indices and the variance criteria.
+
+A Jacobian stacks r rows of positions (whitened or in m) for each of n poses over p parameters. O1 to O5 and
+the condition number are as in Mahdadi & Bouafia (2020), after Borm & Menq, Driels & Pathre, Nahvi
+& Hollerbach, and Sun & Hollerbach; A, G and I are those of optimal design (Pukelsheim 1993).
+O1 is D-optimality: a column scaling multiplies every design's O1 by the same factor, so that it
+ranks designs alike in all units. So do G and I, which speak of positions; O2 to O5, the condition
+number and A depend on the scaling.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.model import is_angle
+
+ScalingKind = Literal["raw", "unit", "length", "whitened"]
+CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
+CHARACTERISTIC_LENGTH_M = 0.300
+_LEAST = 1e-300
+_ROUNDING = 1e-14  # of the largest singular value: as good as zero
+_SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """What one unit of each parameter is, and of a position.
+
+    ``raw``: millimetres and radians. ``unit``: each column has a root mean square of one over the candidates.
+    ``length``: millimetres, and angles times a characteristic length. ``whitened``: tolerances
+    (one standard deviation of each parameter's manufacture) and the instrument's noise.
+    """
+
+    kind: ScalingKind = "raw"
+    length_m: float = CHARACTERISTIC_LENGTH_M
+    tolerance_m: float = 0.5e-3
+    tolerance_rad: float = 1.5e-3
+
+    def columns(self, names: Sequence[str], candidates: Array) -> Array:
+        """Factors ``(p,)`` for the columns of a Jacobian in m, m and rad.
+
+        Args:
+            names: of the parameters.
+            candidates: ``(m, r, p)``, over which ``unit`` columns have unit norm.
+        """
+        angular = np.array([is_angle(name) for name in names])
+        if self.kind == "raw":
+            return np.where(angular, 1e3, 1.0)
+        if self.kind == "length":
+            return np.where(angular, 1 / self.length_m, 1.0)
+        if self.kind == "whitened":
+            return np.where(angular, self.tolerance_rad, self.tolerance_m)
+        factors: Array = 1 / np.sqrt((candidates**2).sum(axis=(0, 1)) / len(candidates))
+        return factors
+
+    def describe(self) -> str:
+        """The scaling in words."""
+        return {
+            "raw": "millimetres and radians",
+            "unit": "columns of unit root mean square over the candidates",
+            "length": f"millimetres, angles times {1e3 * self.length_m:g} mm",
+            "whitened": f"tolerances of {1e3 * self.tolerance_m:g} mm and {1e3 * self.tolerance_rad:g} mrad, noise σ",
+        }[self.kind]
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Indices of designs, each of shape ``(...)``: larger is better but for condition, a, g and i.
+
+    ``a`` is the sum of 1/σ²; ``g`` and ``i`` are the worst and the mean predicted variance of a
+    position over the test poses, in the units of their Jacobian's rows; NaN without test poses.
+    """
+
+    o1: Array
+    o2: Array
+    o3: Array
+    o4: Array
+    o5: Array
+    condition: Array
+    a: Array
+    g: Array
+    i: Array
+
+
+def indices(jacobian: Array, test: Array | None = None) -> Indices:
+    """Indices of designs ``(..., n, r, p)``, scaled as they come.
+
+    Args:
+        test: ``(t, r, p)``, Jacobians at the test poses, scaled alike.
+    """
+    n, rows, p = jacobian.shape[-3:]
+    stacked = jacobian.reshape(*jacobian.shape[:-3], n * rows, p)
+    s = np.asarray(np.linalg.svd(stacked, compute_uv=False), dtype=np.float64)
+    s = np.concatenate([s, np.zeros((*s.shape[:-1], p - s.shape[-1]))], axis=-1)
+    s[s < _ROUNDING * s[..., :1]] = 0.0
+    first, last = s[..., 0], s[..., -1]
+    with np.errstate(divide="ignore"):
+        o1: Array = np.exp(np.log(s).mean(axis=-1)) / np.sqrt(n)
+        o5, a = 1 / (1 / s).sum(axis=-1), (1 / s**2).sum(axis=-1)
+        condition = first / last
+    g = i = np.full(o1.shape, np.nan)
+    if test is not None:
+        variance = _variances(np.swapaxes(stacked, -1, -2) @ stacked, test)
+        g, i = variance.max(axis=-1), variance.mean(axis=-1)
+    return Indices(o1, last / first, last, last**2 / first, o5, condition, a, g, i)
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A criterion as a concave-or-not score of the information matrix, larger is better.
+
+    Attributes:
+        name: one of ``CRITERIA``.
+        score: information matrices ``(..., p, p)`` to scores ``(...)``, worse than any other where singular.
+        slope: ``(p, p)`` information to the score's derivative with respect to it, symmetric.
+        weight: W ``(p, p)`` where the score is -log tr(W M^-1); None for the others.
+    """
+
+    name: str
+    score: Callable[[Array], Array]
+    slope: Callable[[Array], Array]
+    weight: Array | None = None
+
+
+def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
+    """The criterion of that name for ``size`` parameters; G and I need ``test`` ``(t, r, p)``."""
+    if name not in CRITERIA:
+        raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(CRITERIA)}")
+    if name == "O1":
+        return Criterion(name, _log_determinant, _inverse)
+    if name in ("A", "I"):
+        weight = np.eye(size)
+        if name == "I":
+            assert test is not None
+            weight = np.einsum("trp,trq->pq", test, test) / len(test)
+        return Criterion(name, lambda m: _trace_score(m, weight), lambda m: _trace_slope(m, weight), weight)
+    if name == "G":
+        assert test is not None
+        points = test
+        return Criterion(name, lambda m: _worst_score(m, points), lambda m: _worst_slope(m, points))
+    score, by_value = _SPECTRAL[name]
+    return Criterion(name, lambda m: score(_values(m)), lambda m: _spectral_slope(m, by_value))
+
+
+def _values(information: Array) -> Array:
+    """Eigenvalues, ascending, above zero."""
+    return np.asarray(np.maximum(np.linalg.eigvalsh(information), _LEAST), dtype=np.float64)
+
+
+def _log_determinant(information: Array) -> Array:
+    total: Array = np.log(_values(information)).sum(-1)
+    return total
+
+
+def _inverse(information: Array) -> Array:
+    return np.asarray(np.linalg.inv(information), dtype=np.float64)
+
+
+def _trace_score(information: Array, weight: Array) -> Array:
+    values, vectors = np.linalg.eigh(information)
+    gains = np.einsum("...pk,pq,...qk->...k", vectors, weight, vectors, optimize=True)
+    total: Array = -np.log((gains / np.maximum(values, _LEAST)).sum(-1))
+    return total
+
+
+def _trace_slope(information: Array, weight: Array) -> Array:
+    inverse = np.linalg.inv(information)
+    slope: Array = inverse @ weight @ inverse / np.trace(weight @ inverse)
+    return slope
+
+
+def _variances(information: Array, test: Array) -> Array:
+    """Predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
+    size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _LEAST))
+    scaled = information / size[..., :, None] / size[..., None, :]
+    singular = np.linalg.eigvalsh(scaled)[..., 0] < _SINGULAR
+    scaled[singular] = np.eye(information.shape[-1])
+    inverse = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
+    flat = test.reshape(-1, test.shape[-1])
+    variances: Array = ((flat @ inverse) * flat).sum(-1).reshape(*information.shape[:-2], *test.shape[:2]).sum(-1)
+    variances[singular] = np.inf
+    return variances
+
+
+def _worst_score(information: Array, test: Array) -> Array:
+    score: Array = -np.log(_variances(information, test).max(-1))
+    return score
+
+
+def _worst_slope(information: Array, test: Array) -> Array:
+    variances = _variances(information, test)
+    worst = test[np.argmax(variances)] @ _inverse(information)
+    slope: Array = worst.T @ worst / variances.max()
+    return slope
+
+
+def _spectral_slope(information: Array, by_value: Callable[[Array], Array]) -> Array:
+    values, vectors = np.linalg.eigh(information)
+    slope: Array = (vectors * by_value(np.maximum(values, _LEAST))) @ vectors.T
+    return slope
+
+
+def _ends(low: float, high: float) -> Callable[[Array], Array]:
+    """Derivatives of ``low log(smallest) - high log(largest)`` by the eigenvalues."""
+
+    def slope(values: Array) -> Array:
+        out = np.zeros_like(values)
+        out[0] += low / values[0]
+        out[-1] -= high / values[-1]
+        return out
+
+    return slope
+
+
+# Scores of the eigenvalues (ascending) of the information matrix, the squares of the singular values, as logarithms.
+_SPECTRAL: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
+    "O2": (lambda v: 0.5 * np.log(v[..., 0] / v[..., -1]), _ends(0.5, 0.5)),
+    "condition": (lambda v: 0.5 * np.log(v[..., 0] / v[..., -1]), _ends(0.5, 0.5)),
+    "O3": (lambda v: 0.5 * np.log(v[..., 0]), _ends(0.5, 0.0)),
+    "O4": (lambda v: np.log(v[..., 0]) - 0.5 * np.log(v[..., -1]), _ends(1.0, 0.5)),
+    "O5": (lambda v: -np.log((v**-0.5).sum(-1)), lambda v: 0.5 * v**-1.5 / (v**-0.5).sum()),
+}

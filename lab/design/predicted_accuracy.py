@@ -1,0 +1,71 @@
+"""What accuracy a design promises on fresh poses, before anything is measured."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+DRAWS = 2000  # of the parameter error, for the promise
+SHARE = 0.95  # of the fresh poses, and of the campaigns
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted position errors over the test poses, as lengths of the 3D error (m).
+
+    Attributes:
+        rms: ``(t,)`` sqrt(tr J C J') at each test pose.
+        reached: the error that 95 % of the fresh poses keep in 95 % of the campaigns.
+    """
+
+    rms: Array
+    reached: float
+
+
+def predict(information: Array, test: Array, rng: np.random.Generator) -> Prediction:
+    """Prediction from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
+
+    The promise is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C).
+    The marginal 95 % of all pose-draws would be kept in too few campaigns.
+    """
+    size = np.sqrt(np.diag(information))
+    factor = np.linalg.inv(np.linalg.cholesky(information / np.outer(size, size))) / size  # C = factor' factor
+    spread = test @ factor.T
+    rms = np.sqrt((spread**2).sum(axis=(1, 2)))
+    draws = rng.standard_normal((DRAWS, len(information)))
+    errors = np.linalg.norm(
+        (draws @ spread.transpose(2, 0, 1).reshape(len(information), -1)).reshape(DRAWS, -1, 3), axis=2
+    )
+    kept = np.quantile(errors, SHARE, axis=1)
+    return Prediction(rms, float(np.quantile(kept, SHARE)))
+
+
+def smallest_count(reached: Callable[[int], float], wanted: float, least: int, most: int) -> int:
+    """The least number of poses whose promise is within ``wanted`` (m).
+
+    Args:
+        reached: number of poses to the promised error of a design of that size.
+        least, most: numbers to look between.
+
+    Raises:
+        LabError: even ``most`` poses do not reach it.
+    """
+    most = max(most, least)
+    low, high = least, least
+    while (error := reached(high)) > wanted:
+        if high == most:
+            raise LabError(
+                f"{1e3 * wanted:g} mm is out of reach: {most} poses promise {1e3 * error:.3g} mm; "
+                "allow more candidates, add targets, average readings, or take a better instrument"
+            )
+        low, high = high + 1, min(2 * high, most)
+    while low < high:
+        middle = (low + high) // 2
+        if reached(middle) <= wanted:
+            high = middle
+        else:
+            low = middle + 1
+    return high

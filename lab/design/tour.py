@@ -1,0 +1,232 @@
+"""The shortest measuring day: a closed tour from home through all poses and back.
+
+A move lasts what the quickest one does that all joints begin, cruise and end together, at rest at both ends
+(``geometry.laws``): a straight path of the readings. Whether that
+is free is asked of a plain callable, and only for the moves that a tour wants to use. A move that is not
+free goes by way of other free poses and costs what that detour takes; the order is then sought again with
+the costs so corrected. Costs only ever rise, so an order that is best among costs of which all of its own
+are known is best among the true ones.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.design.tsp import improve, kicked, lengths, random_starts
+from lab.kinematics.joints import Joints
+from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
+from lab.kinematics.trajectory.trajectory import Trajectory, common_phases, joined
+
+DEFAULT_SPEED = np.pi  # rad/s; small arms' axes reach 2.5 to 7
+DEFAULT_SLIDE_SPEED = 0.5  # m/s
+FULL_SPEED_S = 0.3  # after which a joint whose acceleration is unknown has its full speed
+FreePath = Callable[[Array, Array], bool]
+Indices = NDArray[np.int_]
+_PATIENCE = 20  # rounds of kicks without a shorter tour
+_GAIN_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Tour:
+    """A closed tour.
+
+    Attributes:
+        order: ``(m,)``, the poses in the order in which they are measured.
+        stops: ``(s, n)`` readings to move to one after the other: home, poses and detours' poses, home.
+        measured: ``(s,)``, which pose is measured at a stop, -1 where none is.
+        seconds: time on the move; time to measure is not in it.
+    """
+
+    order: Indices
+    stops: Array
+    measured: Indices
+    seconds: float
+
+
+class Roads:
+    """What it takes to move between home (place 0) and the poses (places 1 to m), as far as looked at.
+
+    Detours pass through home, through ``safe`` poses, or through poses of the plan.
+    """
+
+    def __init__(
+        self,
+        joints: Array,
+        speed: Array,
+        acceleration: Array,
+        free: FreePath,
+        home: Array | None = None,
+        safe: Array | None = None,
+    ) -> None:
+        """Joints ``(m, n)``, their largest rates ``(n,)``, home ``(n,)`` (zero readings), safe ``(k, n)``."""
+        size = joints.shape[1]
+        start = np.zeros(size) if home is None else home
+        extra = np.empty((0, size)) if safe is None else safe
+        self.places = np.concatenate([start[None], joints, extra])
+        self.count = 1 + len(joints)
+        self._free, self._known = free, np.eye(len(self.places), dtype=bool)
+        self._graph = move_seconds(self.places, speed, acceleration)  # inf: not free
+        self.cost = self._graph[: self.count, : self.count].copy()  # (m + 1, m + 1): direct until looked at
+        self._settled = np.eye(self.count, dtype=bool)
+        self._routes: dict[tuple[int, int], tuple[int, ...]] = {}
+
+    def settle(self, a: int, b: int) -> bool:
+        """Make the cost of the move between two places true; False if it was already."""
+        if self._settled[a, b]:
+            return False
+        a, b = min(a, b), max(a, b)
+        route = self._fastest(a, b)
+        self._routes[a, b] = route
+        self._settled[a, b] = self._settled[b, a] = True
+        self.cost[a, b] = self.cost[b, a] = sum(self._graph[i, j] for i, j in pairwise(route))
+        return True
+
+    def settle_tour(self, tour: Indices) -> bool:
+        """The same for all moves of a closed tour ``(m + 1,)``; False if all were already true."""
+        changed = [self.settle(int(a), int(b)) for a, b in zip(tour, np.roll(tour, -1), strict=True)]
+        return any(changed)
+
+    def seconds(self, order: Indices) -> float:
+        """Duration of the tour that measures the poses in this order."""
+        tour = np.append(0, np.asarray(order) + 1)
+        self.settle_tour(tour)
+        return float(lengths(self.cost, tour[None])[0])
+
+    def tour(self, order: Indices) -> Tour:
+        """The tour that measures the poses in this order, detours included."""
+        seconds, stops, measured = self.seconds(order), [0], [-1]
+        nodes = [0, *(np.asarray(order) + 1).tolist(), 0]
+        for a, b in pairwise(nodes):
+            route = self._routes.get((min(a, b), max(a, b)), (a, b))
+            stops += route[1:] if route[0] == a else route[-2::-1]
+            measured += [-1] * (len(route) - 2) + [b - 1]
+        return Tour(np.asarray(order), self.places[stops], np.array(measured), seconds)
+
+    def _fastest(self, a: int, b: int) -> tuple[int, ...]:
+        """The places on the fastest free way; looks only at moves on ways that would be the fastest."""
+        while True:
+            route = self._shortest(a, b)
+            blocked = [leg for leg in pairwise(route) if not self._looked_free(*leg)]
+            if not blocked:
+                return route
+
+    def _shortest(self, a: int, b: int) -> tuple[int, ...]:
+        """Places on the shortest way from a to b, as far as is known."""
+        if np.isfinite(self._graph[a, b]):
+            return a, b  # the direct move is never slower than one by way of another place
+        far, previous = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=a, return_predecessors=True)
+        if not np.isfinite(far[b]):
+            raise LabError(
+                f"no free way to {self._cut_off(a, b)}, through any of {len(self.places)} places: "
+                "give more safe poses, another home, or leave that pose out"
+            )
+        way = [b]
+        while way[-1] != a:
+            way.append(int(previous[way[-1]]))
+        return tuple(reversed(way))
+
+    def _cut_off(self, a: int, b: int) -> str:
+        """Which of two places, between which there is no way, is the one that cannot be reached."""
+        if np.isfinite(self._graph[0]).sum() == 1:
+            return "home"
+        far = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=0)
+        return f"pose {(b if np.isfinite(far[a]) else a) - 1}"
+
+    def _looked_free(self, a: int, b: int) -> bool:
+        if not self._known[a, b]:
+            self._known[a, b] = self._known[b, a] = True
+            if not self._free(self.places[min(a, b)], self.places[max(a, b)]):
+                self._graph[a, b] = self._graph[b, a] = np.inf
+        return bool(np.isfinite(self._graph[a, b]))
+
+
+def rated(chain: Joints) -> tuple[Joints, tuple[str, ...]]:
+    """The chain with representative speeds and accelerations where they are unknown, and a warning then."""
+    slow, sudden = np.isnan(chain.speed), np.isnan(chain.acceleration)
+    speed = np.where(slow, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
+    acceleration = np.where(sudden, speed / FULL_SPEED_S, chain.acceleration)
+    said = []
+    if slow.any():
+        assumed = f"{np.rad2deg(DEFAULT_SPEED):.0f} deg/s ({DEFAULT_SLIDE_SPEED:g} m/s for a slide)"
+        said.append(f"no speed for {_named(chain, slow)}: the tour assumes {assumed}")
+    if sudden.any():
+        said.append(f"no acceleration for {_named(chain, sudden)}: the tour assumes full speed in {FULL_SPEED_S:g} s")
+    words = (f"robot {chain.name} gives {'; '.join(said)}",) if said else ()
+    return replace(chain, speed=speed, acceleration=acceleration), words
+
+
+def _named(chain: Joints, which: NDArray[np.bool_]) -> str:
+    return "any joint" if which.all() else ", ".join(np.array(chain.joint_names)[which])
+
+
+def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
+    """``(m, m)``: how long each move between readings ``(m, n)`` takes, by the joints' largest rates ``(n,)``."""
+    return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
+
+
+def day_of(chain: Joints, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
+    """How the joints move through stops, and when they arrive at each ``(s,)`` s.
+
+    Args:
+        chain: with known rates.
+        stops: readings ``(s, n)``, from rest to rest.
+        waiting: ``(s,)`` s, how long the arm stands at each.
+    """
+    parts, arrivals = [], [0.0]
+    for (start, end), stand in zip(pairwise(stops), waiting, strict=False):
+        still = np.zeros((1, chain.size))
+        wait = Trajectory(np.array([stand]), still, start, still[0])
+        move = common_phases(chain, start, end)
+        parts += [wait, move]
+        arrivals.append(arrivals[-1] + wait.seconds + move.seconds)
+    return joined(parts), np.array(arrivals)
+
+
+def plan_tour(
+    joints: Array,
+    speed: Array,
+    acceleration: Array,
+    free: FreePath,
+    rng: np.random.Generator,
+    home: Array | None = None,
+    safe: Array | None = None,
+) -> Tour:
+    """A short closed tour from home through the poses ``(m, n)``, every move of it free.
+
+    Nearest neighbour and random starts, 2-opt and Or-opt, then kicks (double bridges) until a number of
+    rounds brought nothing: no certificate, but for a dozen poses the optimum.
+
+    Args:
+        joints: ``(m, n)`` readings, rad or m.
+        speed, acceleration: ``(n,)`` largest ones of the joints (see ``rated``).
+        free: whether the straight joint path between two readings ``(n,)`` is free, the same both ways.
+        rng: one state gives one tour.
+        home: ``(n,)`` readings; zero if not given.
+        safe: ``(k, n)`` further readings that detours may pass through.
+
+    Raises:
+        LabError: a pose cannot be reached, or a speed or an acceleration is unknown.
+    """
+    roads = Roads(joints, speed, acceleration, free, home, safe)
+    tours = improve(roads.cost, random_starts(roads.cost, rng))
+    quiet = 0
+    while True:
+        before = lengths(roads.cost, tours)
+        shortest = tours[np.argmin(before)]
+        if roads.settle_tour(shortest):
+            quiet, tours = 0, improve(roads.cost, tours)
+            continue
+        if quiet == _PATIENCE:
+            break
+        tried = improve(roads.cost, kicked(tours, rng))
+        after = lengths(roads.cost, tried)
+        tours = np.where((after < before)[:, None], tried, tours)
+        quiet = 0 if after.min() < before.min() - _GAIN_S else quiet + 1
+    at_home = int(np.flatnonzero(shortest == 0)[0])
+    return roads.tour(np.roll(shortest, -at_home)[1:] - 1)

@@ -1,0 +1,189 @@
+"""The loop closed: targets corrected by what was identified, run on the virtual arm and measured there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.most_likely_parameters import lift
+from lab.commands.calibrate.run import Outcome
+from lab.commands.robot import Robot
+from lab.compensation.compensator import CLEAR_RAD, Compensator
+from lab.compensation.iso9283 import CYCLES, SIDES_M, circle_places, cube_places, line_places
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.differential import ROTATION_M
+from lab.kinematics.effects.arm import rigid_part
+from lab.kinematics.effects.groups import OF_ITS_CAMPAIGN
+from lab.kinematics.inverse.branches import Drawing, ordered
+from lab.kinematics.inverse.newton import Wanted
+from lab.simulation.collisions import collides, random_poses
+from lab.simulation.model import RobotModel
+from lab.simulation.true_robot import RealArm, track
+
+PATH_POINTS = 100  # of the circle, and of the line
+READINGS = 25  # that a measured point is the mean of: the tracker's noise is not to be taken for the robot's
+CENTRES = 300  # places at which a cube is tried
+MARGIN_RAD = np.deg2rad(5.0)  # from the joint limits
+
+
+@dataclass(frozen=True)
+class Course:
+    """Targets that were run on the real arm, uncorrected and corrected.
+
+    Attributes:
+        wanted: those that could be corrected, ``(n, 3)`` m in the tracker's frame.
+        failed: how many could not.
+        uncorrected, corrected: joint readings ``(n, joints)``.
+        before, after: places measured then ``(cycles, n, 3)`` m.
+    """
+
+    wanted: Array
+    failed: int
+    uncorrected: Array
+    corrected: Array
+    before: Array
+    after: Array
+
+    @property
+    def errors(self) -> tuple[Array, Array]:
+        """Lengths ``(cycles, n)`` m of the errors, before and after."""
+        before, after = (np.linalg.norm(points - self.wanted, axis=2) for points in (self.before, self.after))
+        return before, after
+
+
+def compensator_of(outcome: Outcome, target: str = "p1") -> Compensator:
+    """The correction that a campaign's result makes, for one of its targets."""
+    found = outcome.identification
+    groups = [name for name in outcome.fit.groups if name not in OF_ITS_CAMPAIGN]
+    arm = outcome.robot.arm_with(outcome.fitted.targets, groups)
+    likely = dict(zip(found.model.names, lift(found, outcome.nominal, outcome.tolerance), strict=True))
+    before = dict(zip(found.model.names, found.before, strict=True))
+    rigid = rigid_part(arm)
+    drawing = Drawing(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
+    return Compensator(drawing, arm, np.array([likely[name] for name in arm.names]))
+
+
+@dataclass(frozen=True)
+class Cube:
+    """A test cube in the workspace, in frame 0.
+
+    Attributes:
+        centre: ``(3,)`` m; the edges are along the frame's axes.
+        turn: rotation ``(3, 3)`` of the last frame in all its poses.
+    """
+
+    side_m: float
+    centre: Array
+    turn: Array
+
+    def poses(self, places: Array, drawing: Drawing) -> Wanted:
+        """Places ``(n, 3)`` from the centre as targets in the tracker's frame, where the drawing's base has it."""
+        T_tracker_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
+        turns = np.broadcast_to(T_tracker_frame0[:3, :3] @ self.turn, (len(places), 3, 3))
+        return Wanted(se3.transform(T_tracker_frame0, self.centre + places), turns)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """What was run on one arm.
+
+    Attributes:
+        poses: the five of the cube, 30 cycles.
+        targets: poses all over the workspace.
+    """
+
+    cube: Cube
+    poses: Course
+    targets: Course
+    circle: Course
+    line: Course
+
+
+def reachable_cube(robot: Robot, target: str) -> Cube:
+    """The largest of the standard's cubes that the drawing reaches with one rotation of the tool, clear of everything.
+
+    Raises:
+        LabError: there is none.
+    """
+    model = robot.model
+    arm = robot.arm((target,))
+    drawing = Drawing(arm, arm.nominal(robot.tool))
+    centres = drawing.tool(random_poses(model, CENTRES, stream(0, "structure")))[0]
+    aside = np.abs(centres[:, 1, 3]) + ROTATION_M * np.abs(centres[:, 1, 2])
+    centres = centres[np.argsort(aside)]  # those straight ahead first
+    for side in SIDES_M:
+        for T in centres:
+            cube = Cube(side, T[:3, 3], T[:3, :3])
+            if all(
+                _clear(model, drawing, cube.poses(places, drawing))
+                for places in (cube_places(side), circle_places(side, PATH_POINTS), line_places(side, PATH_POINTS))
+            ):
+                return cube
+    raise LabError(f"robot {robot.name}: no test cube of {SIDES_M[-1]:g} m is within its reach")
+
+
+def _clear(model: RobotModel, drawing: Drawing, wanted: Wanted) -> bool:
+    """Whether the drawing reaches all poses, clear of its limits, of singularities and of collisions."""
+    chain, anywhere = drawing.arm.chain, np.full((len(wanted), drawing.arm.chain.size), np.nan)
+    ways = drawing.ways(wanted, anywhere)
+    joints = ordered(chain, ways, anywhere, np.zeros(ways.gap_m.shape, dtype=np.bool_))[0][:, 0]
+    if ways.gap_m.min(axis=1).max() > 0 or chain.beyond_limits(joints, -MARGIN_RAD).any():
+        return False
+    distance, _ = drawing.arm.singular_distance(joints, drawing.values, drawing.target)
+    return bool(distance.min() > CLEAR_RAD) and not collides(model, joints).any()
+
+
+def close_loop(
+    outcome: Outcome, cube: Cube, instrument: Instrument, seed: int, payload_kg: float = 0.0, targets: int = 1000
+) -> ClosedLoop:
+    """Correct targets by what a virtual campaign found, run them on its arm, and measure with its tracker.
+
+    Args:
+        payload_kg: at the flange all the time.
+        targets: how many poses all over the workspace.
+    """
+    assert outcome.real is not None
+    compensator = compensator_of(outcome)
+    runner, drawing = _Runner(outcome.real, compensator, instrument, payload_kg, seed), compensator.drawing
+    poses = drawing.tool(random_poses(outcome.real.robot, targets, stream(seed, "targets")))[0]
+    return ClosedLoop(
+        cube,
+        runner.run(cube.poses(cube_places(cube.side_m), drawing), CYCLES),
+        runner.run(Wanted(poses[:, :3, 3], poses[:, :3, :3])),
+        runner.run(cube.poses(circle_places(cube.side_m, PATH_POINTS), drawing)),
+        runner.run(cube.poses(line_places(cube.side_m, PATH_POINTS), drawing)),
+    )
+
+
+@dataclass(frozen=True)
+class _Runner:
+    """The real arm, what is known of it, and what measures it."""
+
+    real: RealArm
+    compensator: Compensator
+    instrument: Instrument
+    payload_kg: float
+    seed: int
+
+    def run(self, wanted: Wanted, cycles: int = 1) -> Course:
+        """Correct the targets, and visit them before and after."""
+        count, conditions = len(wanted), self.compensator.arm.conditions
+        setting = {name: self.payload_kg if name == "payload_kg" else 0.0 for name in conditions}
+        asked = np.tile(np.array([setting[name] for name in conditions]), (count, 1))
+        anywhere = np.full((count, self.real.robot.chain.size), np.nan)
+        found = self.compensator(wanted, asked, anywhere)
+        done = np.flatnonzero(found.converged)
+        uncorrected, corrected = found.uncorrected[done], found.joints[done]
+        before, after = (self._visited(joints, cycles) for joints in (uncorrected, corrected))
+        return Course(wanted.places[done], count - len(done), uncorrected, corrected, before, after)
+
+    def _visited(self, joints: Array, cycles: int) -> Array:
+        """Places ``(cycles, n, 3)`` that the tracker measures, one cycle after the other."""
+        drawing, every = self.compensator.drawing, np.tile(joints, (cycles, 1))
+        load = {"payload_kg": np.full(len(every), self.payload_kg)}
+        name, rng = drawing.arm.targets[drawing.target], stream(self.seed, "visits")
+        data = track(self.real, every, (name,), self.instrument, rng, READINGS, load)
+        return data.points.reshape(cycles, len(joints), 3)

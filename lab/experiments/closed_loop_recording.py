@@ -1,0 +1,238 @@
+"""Corrected targets run on a virtual arm, as a rerun recording: circle, line and test cube, before and after.
+
+What moves is on the timeline ``step``: the circle, the line, then the cube's poses, at each of which the arm stays.
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from lab.commands.calibrate.recording_layout import AFTER, BEFORE, SUMMARY, backdrop, layout, main_view
+from lab.commands.calibrate.recording_text import times
+from lab.commands.calibrate.run import Outcome
+from lab.compensation.iso9283 import accuracy, repeatability
+from lab.experiments.closed_loop import ClosedLoop
+from lab.experiments.closed_loop_scene import HOLD, LoopScene, ShownCourse, loop_scene
+from lab.render.rerun_primitives import Times, draw_instrument, draw_shells, markdown, recording_to
+
+TIMELINE = "step"
+WORLD, CLOSE = "world", "close"  # what is left after correction is also shown by itself, at a scale of its own
+_EDGE, _WANTED = (110, 118, 135), (245, 245, 250)
+_COLOURS = {"before": BEFORE, "after": AFTER}
+_BEADS = 2  # every how many points of a path one is drawn
+
+
+def record_loop(path: Path, outcome: Outcome, loop: ClosedLoop) -> None:
+    """Write a closed loop's recording, with the blueprint that shows it, to ``path``.
+
+    Raises:
+        LabError: nothing of circle, line and cube was reached.
+    """
+    shown = loop_scene(outcome, loop)
+    with recording_to(path, outcome.robot.name, _identity(outcome, loop)) as recording:
+        recording.send_blueprint(_blueprint(shown))
+        draw_shells(recording, _at(shown.whole), shown.shells, shown.bodies)
+        draw_instrument(recording, "tracker", shown.T_world_tracker)
+        edges = rr.LineStrips3D(list(shown.edges), colors=_EDGE, radii=0.002 * shown.side_m)
+        recording.log(f"{WORLD}/cube", edges, static=True)
+        for world in (WORLD, CLOSE):
+            _commanded(recording, world, shown)
+        for when in _COLOURS:
+            _attained(recording, when, shown)
+        _left(recording, shown)
+        _here(recording, shown)
+        _errors(recording, shown)
+        recording.log(SUMMARY, markdown(_summary(outcome, loop, shown)), static=True)
+
+
+def _identity(outcome: Outcome, loop: ClosedLoop) -> str:
+    """The same for the same content, so that the same loop gives the same recording."""
+    digest = hashlib.sha256(outcome.robot.sha256.encode())
+    for course in (loop.poses, loop.targets, loop.circle, loop.line):
+        for array in (course.wanted, course.corrected, course.before, course.after):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    digest.update(np.ascontiguousarray(outcome.identification.values).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _at(course: ShownCourse) -> Times:
+    return [rr.TimeColumn(TIMELINE, sequence=course.steps)]
+
+
+def _commanded(recording: rr.RecordingStream, world: str, shown: LoopScene) -> None:
+    """The cube's poses with their names, circle and line as beads."""
+    for name, course in shown.courses.items():
+        labels, every, radius = (list(shown.names), 1, 0.018) if name == "poses" else (None, _BEADS, 0.007)
+        places = course.wanted[::every]
+        points = rr.Points3D(places, colors=_WANTED, radii=radius * shown.side_m, labels=labels, show_labels=True)
+        recording.log(f"{world}/commanded/{name}", points, static=True)
+
+
+def _attained(recording: rr.RecordingStream, when: str, shown: LoopScene) -> None:
+    """Circle and line as attained, arrows to where the cube's poses were attained, and by how much it is magnified."""
+    entity, colour = f"{WORLD}/attained/{when}", _COLOURS[when]
+    for name, course in shown.courses.items():
+        places = course.drawn(when, shown.factor)
+        if name == "poses":
+            vectors, radius = places - course.wanted, 0.013 * shown.side_m
+            arrows = rr.Arrows3D(origins=course.wanted, vectors=vectors, colors=colour, radii=radius)
+            recording.log(f"{entity}/{name}", arrows, static=True)
+        else:
+            strip = np.concatenate([places, places[:1]]) if name == "circle" else places
+            lines = rr.LineStrips3D([strip], colors=colour, radii=0.004 * shown.side_m)
+            recording.log(f"{entity}/{name}", lines, static=True)
+    below = np.array([0.0, 0.0, (0.62 if when == "before" else 0.71) * shown.side_m])
+    place = shown.edges.mean(axis=(0, 1)) - below
+    tag = rr.Points3D(place, labels=f"{when} {times(shown.factor)}", colors=colour, radii=0.0005, show_labels=True)
+    recording.log(f"{entity}/factor", tag, static=True)
+
+
+def _left(recording: rr.RecordingStream, shown: LoopScene) -> None:
+    """What is left after, at its own scale: each place attained as a point, joined to the commanded one."""
+    for name, course in shown.courses.items():
+        places, entity = course.drawn("after", shown.factor_close), f"{CLOSE}/attained/after/{name}"
+        points = rr.Points3D(places, colors=AFTER, radii=0.008 * shown.side_m)
+        recording.log(entity, points, static=True)
+        spokes = rr.LineStrips3D(np.stack([course.wanted, places], axis=1), colors=AFTER, radii=0.0015 * shown.side_m)
+        recording.log(f"{entity}/from_commanded", spokes, static=True)
+
+
+def _here(recording: rr.RecordingStream, shown: LoopScene) -> None:
+    """The target where the arm is, and what it misses it by: magnified arrows, and mm."""
+    whole, at = shown.whole, _at(shown.whole)
+    recording.send_columns(f"{WORLD}/here/wanted", at, rr.Points3D.columns(positions=whole.wanted))
+    style = rr.Points3D.from_fields(colors=_WANTED, radii=0.016 * shown.side_m)
+    recording.log(f"{WORLD}/here/wanted", style, static=True)
+    down = whole.before[:, 2:] < whole.wanted[:, 2:]
+    aside = np.where(down, -1.0, 1.0) * np.array([0.0, 0.0, 0.12 * shown.side_m])  # (n, 3)
+    for when, errors, colour, beside in (
+        ("before", whole.error_before, BEFORE, aside),
+        ("after", whole.error_after, AFTER, -aside),
+    ):
+        entity, places = f"{WORLD}/here/{when}", whole.drawn(when, shown.factor)
+        arrows = rr.Arrows3D.columns(origins=whole.wanted, vectors=places - whole.wanted)
+        recording.send_columns(entity, at, arrows)
+        recording.log(entity, rr.Arrows3D.from_fields(colors=colour, radii=0.012 * shown.side_m), static=True)
+        labels = [f"{when} {_mm(error)} mm" for error in errors]
+        recording.send_columns(f"{entity}/mm", at, rr.Points3D.columns(positions=places + beside, labels=labels))
+        tag = rr.Points3D.from_fields(colors=colour, radii=0.0005, show_labels=True)
+        recording.log(f"{entity}/mm", tag, static=True)
+
+
+def _errors(recording: rr.RecordingStream, shown: LoopScene) -> None:
+    """Errors step by step: a line each for circle and line, marks for the poses."""
+    for name, course in shown.courses.items():
+        for when, errors, colour in (("before", course.error_before, BEFORE), ("after", course.error_after, AFTER)):
+            entity, label = f"error_mm/{when}/{name}", f"{name} {when}, mm"
+            recording.send_columns(entity, _at(course), rr.Scalars.columns(scalars=1e3 * errors))
+            if name == "poses":
+                marks = rr.SeriesPoints(colors=colour, names=label, markers="circle", marker_sizes=4)
+                recording.log(entity, marks, static=True)
+            else:
+                recording.log(entity, rr.SeriesLines(colors=colour, names=label, widths=2), static=True)
+
+
+def _mm(metres: float) -> str:
+    """To ten micrometres, what is small to a tenth of one."""
+    return f"{1e3 * metres:.2f}" if metres >= 1e-4 else f"{1e3 * metres:.4f}"
+
+
+def _summary(outcome: Outcome, loop: ClosedLoop, shown: LoopScene) -> str:
+    """How far off everything was, before and after, and what the picture magnifies, in markdown."""
+    before, after = (float(errors.mean()) for errors in (shown.whole.error_before, shown.whole.error_after))
+    legend = [
+        "## What is shown",
+        "- **arm**: at the corrected joint values",
+        "- **white**: what was commanded: circle, line from P2 to P3, the cube's poses P1 to P5",
+        f"- **red**: attained before, with the drawing's joint values; deviations {times(shown.factor)}",
+        f"- **green**: attained after, with corrected ones; deviations {times(shown.factor)} beside the arm, "
+        f"{times(shown.factor_close)} by itself",
+    ]
+    parts = [f"# {outcome.robot.name}: {_mm(before)} → {_mm(after)} mm on corrected targets", _course_table(loop)]
+    if shown.names:
+        meaning = (
+            f"AP, accuracy: from the commanded place to the mean of {len(loop.poses.before)} cycles; "
+            "RP, repeatability: mean and three σ of the distances from that mean."
+        )
+        parts += [_pose_table(loop, shown.names), meaning]
+    return "\n\n".join([*parts, "\n".join(legend)]) + "\n"
+
+
+def _course_table(loop: ClosedLoop) -> str:
+    """Errors of all courses, and how many targets were not reached."""
+    lines = ["| error, mm | before mean | before max | after mean | after max | not reached |", "|:--|" + "--:|" * 5]
+    for name, course in (
+        ("circle", loop.circle),
+        ("line", loop.line),
+        (f"P1 to P5, {len(loop.poses.before)} cycles", loop.poses),
+        ("all over the workspace", loop.targets),
+    ):
+        cells = ["–"] * 4
+        if len(course.wanted):
+            cells = [_mm(part) for errors in course.errors for part in (errors.mean(), errors.max())]
+        cells.append(f"{course.failed:,} of {course.failed + len(course.wanted):,}")
+        lines.append(f"| **{name}** | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _pose_table(loop: ClosedLoop, names: tuple[str, ...]) -> str:
+    """Accuracy (AP) and repeatability (RP) of the cube's poses."""
+    course = loop.poses
+    lines = [f"| ISO 9283, mm | {' | '.join(names)} |", "|:--|" + "--:|" * len(names)]
+    for what, found in (
+        ("AP before", accuracy(course.before, course.wanted)),
+        ("AP after", accuracy(course.after, course.wanted)),
+        ("RP after", repeatability(course.after)),
+    ):
+        lines.append(f"| **{what}** | {' | '.join(map(_mm, found))} |")
+    return "\n".join(lines)
+
+
+def _blueprint(shown: LoopScene) -> rrb.Blueprint:
+    """Arm and courses large, what is left after beside it, text and errors at hand."""
+    middle, side = shown.edges.mean(axis=(0, 1)), shown.side_m
+    outward = (middle - shown.origins[0, 0]) * np.array([1.0, 1.0, 0.0])
+    look = shown.normal - 0.4 * outward / np.linalg.norm(outward) + np.array([0.0, 0.0, 0.25])
+    target = middle - 0.35 * outward - np.array([0.0, 0.0, 0.1 * side])
+    main = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=target + 2.2 * side * look / np.linalg.norm(look),
+        look_target=target,
+        eye_up=(0.0, 0.0, 1.0),
+    )
+    close = rrb.Spatial3DView(
+        origin=CLOSE,
+        name=f"What is left after, {times(shown.factor_close)}",
+        contents=f"/{CLOSE}/**",
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=middle + 1.3 * side * shown.normal,
+            look_target=middle,
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+        background=backdrop(),
+    )
+    plots = rrb.Horizontal(*(_plot(when, shown) for when in _COLOURS))
+    left = rrb.Vertical(main_view("Commanded and attained", main), plots, row_shares=[3, 1])
+    text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
+    return layout(left, rrb.Vertical(close, text, row_shares=[1, 1.35]), TIMELINE)
+
+
+def _plot(when: str, shown: LoopScene) -> rrb.TimeSeriesView:
+    largest = float((shown.whole.error_before if when == "before" else shown.whole.error_after).max())
+    return rrb.TimeSeriesView(
+        origin=f"error_mm/{when}",
+        name=f"Error {when}, mm: circle, line, P1 to P5",
+        axis_x=rrb.TimeAxis(
+            view_range=rr.TimeRange(
+                start=rr.TimeRangeBoundary.absolute(seq=0),
+                end=rr.TimeRangeBoundary.absolute(seq=int(shown.whole.steps[-1]) + HOLD),
+            )
+        ),
+        axis_y=rrb.ScalarAxis(range=(0.0, 1.08e3 * largest)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )

@@ -1,0 +1,137 @@
+"""A CSV as texts with places: what a cell says, and where an error stands.
+
+Numbers are read as decimals and scaled exactly. Columns are crossed off as they are read.
+"""
+
+import csv
+import io
+import re
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+LARGEST = 1e15  # in m, rad and whatever else a column holds; beyond is a slip, and squares overflow
+
+
+class CsvTable:
+    """One file: its header, its rows of texts, and the line of each as an editor counts it (the header is 1).
+
+    Cells are separated by commas, or by semicolons, and then numbers may have decimal commas.
+
+    Attributes:
+        unread: columns that nobody has read yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.semicolons = False
+        self.decimal: tuple[str, str] | None = None  # the mark of the first decimal number, and where that is
+        self.header, self.rows, self.lines = self._read()
+        self.unread = list(self.header)
+
+    def _read(self) -> tuple[list[str], list[list[str]], list[int]]:
+        try:
+            text = self.path.read_text(encoding="utf-8-sig")
+        except OSError as error:
+            raise LabError(f"{self.path}: cannot be read ({error.strerror}); check the path") from error
+        except UnicodeDecodeError as error:
+            raise LabError(
+                f"{self.path}: not a text file in UTF-8 (byte {error.start}); save it as CSV UTF-8"
+            ) from error
+        if not text.strip():
+            raise LabError(f"{self.path}: the file is empty; give a header line and one row a pose")
+        first = text.splitlines()[0]
+        if "\t" in first and "," not in first and ";" not in first:
+            raise LabError(f"{self.path}: line 1: the columns are separated by tabs; separate them by commas")
+        self.semicolons = ";" in first and "," not in first
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if self.semicolons else ",", strict=True)
+        table: list[list[str]] = []
+        lines: list[int] = []
+        line = 1  # where a row begins
+        try:
+            for row in reader:
+                if any(cell.strip() for cell in row):
+                    table.append([cell.strip() for cell in row])
+                    lines.append(line)
+                line = reader.line_num + 1
+        except csv.Error as error:
+            raise LabError(
+                f"{self.path}: line {line}: {error}; mend the quotes of the row that begins there"
+            ) from error
+        if not lines or lines[0] > 1:
+            raise LabError(f"{self.path}: line 1 is blank; begin the file with the header")
+        self._check_table(table[0], table[1:], lines[1:])
+        return table[0], table[1:], lines[1:]
+
+    def _check_table(self, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
+        for i, name in enumerate(header):
+            if not name:
+                raise LabError(f"{self.path}: line 1: column {i + 1} has no name; name it or remove it")
+            if name in header[:i]:
+                raise LabError(f"{self.path}: line 1: column {name} is there twice; keep one")
+        if not rows:
+            raise LabError(f"{self.path}: no rows below the header; give one row a pose")
+        for row, line in zip(rows, lines, strict=True):
+            if len(row) != len(header):
+                raise LabError(
+                    f"{self.path}: line {line}: {len(row)} cells, but the header has {len(header)}; give every column"
+                )
+
+    def texts(self, name: str) -> tuple[str, ...] | None:
+        """A column's cells, crossed off as read; None if there is no such column."""
+        if name not in self.header:
+            return None
+        if name in self.unread:
+            self.unread.remove(name)
+        column = self.header.index(name)
+        return tuple(row[column] for row in self.rows)
+
+    def fail(self, row: int, column: str, what: str) -> LabError:
+        """An error in a cell: what is wrong there, and the mend."""
+        return LabError(f"{self.path}: line {self.lines[row]}, column {column}: {what}")
+
+    def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
+        """A column as numbers times ten to an exponent, correctly rounded; NaN where empty."""
+        cells = self.texts(column)
+        assert cells is not None
+        out = np.full(len(cells), np.nan)
+        for i, cell in enumerate(cells):
+            if cell or not empty:
+                out[i] = self._number(i, column, cell, exponent)
+        return out
+
+    def _number(self, row: int, column: str, cell: str, exponent: int) -> float:
+        if not cell:
+            raise self.fail(row, column, "the cell is empty; give a number")
+        if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            raise self.fail(row, column, f"'{cell}' is not a finite number; leave a point's cells empty if not seen")
+        plain = self._with_point(row, column, cell)
+        if not _NUMBER.fullmatch(plain):
+            hint = " with a decimal point" if "," in cell and not self.semicolons else ""
+            raise self.fail(row, column, f"'{cell}' is not a number; give a number{hint}")
+        try:
+            value = float(Decimal(plain).scaleb(exponent))
+        except ArithmeticError:  # beyond what even decimals hold
+            value = np.inf
+        if abs(value) > LARGEST:
+            raise self.fail(row, column, f"'{cell}' is too large to be true; check the number and its unit")
+        return value
+
+    def _with_point(self, row: int, column: str, cell: str) -> str:
+        """A number with its decimal comma, allowed where ``;`` separates cells, as a point."""
+        marks = [mark for mark in ",." if mark in cell]
+        if not self.semicolons or len(marks) != 1:
+            return cell
+        first, where = self.decimal = self.decimal or (marks[0], f"line {self.lines[row]}, column {column}")
+        if marks[0] != first:
+            raise self.fail(
+                row, column, f"'{cell}' is written with '{marks[0]}', but {where} with '{first}'; use one decimal mark"
+            )
+        plain = cell.replace(",", ".")
+        self.rows[row][self.header.index(column)] = plain  # what is kept of the file has points
+        return plain

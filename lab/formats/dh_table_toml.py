@@ -1,0 +1,131 @@
+"""Denavit-Hartenberg tables as TOML files, the exact form of a robot that has no model.
+
+Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. What the lab writes
+(``theta_rad``, ``d_m``, ``beta_rad``, …, ``[base]``, ``[tool]``) reads back to the bit.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.robot_toml import (
+    ANGLES,
+    LENGTHS,
+    RATES,
+    JointSection,
+    quoted,
+    read_base,
+    read_height,
+    read_tool,
+    refuse_doubled_names,
+    written_base_and_tool,
+)
+from lab.formats.toml import read_toml
+from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
+
+_QUANTITIES = {"theta": ANGLES, "alpha": ANGLES, "beta": ANGLES, "d": LENGTHS, "a": LENGTHS}
+_KNOWN = (
+    "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
+    "(of a slide _mm or _m), speed with _per_s and acceleration with _per_s2 after that, torque_nm (force_n), mass_kg"
+)
+_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool"}
+
+
+@dataclass(frozen=True)
+class RobotTable:
+    """What a table file holds.
+
+    Attributes:
+        base: ``(6,)`` of an identified arm, as ``base.x y z rx ry rz``; None in a drawing.
+        tool: targets (m, in the last frame).
+        height_m: of frame 0 above the floor that the arm stands on; None where there is none.
+        mass_kg: ``(n,)`` of the links that the joints move; NaN where unknown.
+        torque: ``(n,)`` largest ones of the joints, Nm or N; NaN where unknown.
+        warnings: what a user should be told.
+    """
+
+    chain: Chain
+    base: Array | None
+    tool: dict[str, Array]
+    height_m: float | None
+    mass_kg: Array
+    torque: Array
+    warnings: tuple[str, ...]
+
+
+def read_table(path: Path) -> RobotTable:
+    """Read a Denavit-Hartenberg table.
+
+    Raises:
+        LabError: the file is missing or malformed, or a joint lacks or doubles a value.
+    """
+    document = _document(path)
+    convention = document.get("convention")
+    if convention not in ("distal", "craig"):
+        raise LabError(f'{path}: convention is {convention!r}; write convention = "distal" or "craig"')
+    joints = document.get("joint")
+    if not isinstance(joints, list) or not joints or not all(isinstance(joint, dict) for joint in joints):
+        raise LabError(f"{path}: no joints; give each joint a [[joint]] section")
+    warnings: list[str] = []
+    readers = [JointSection(path, i, joint) for i, joint in enumerate(joints)]
+    refuse_doubled_names(path, [reader.name for reader in readers])
+    limits = [reader.limits(warnings) for reader in readers]
+    table = np.array([[_cell(reader, name) for name in COLUMNS] for reader in readers])
+    parallel = list(parallel_links(convention, table[:, 3]))
+    for i, reader in enumerate(readers):
+        if table[i, 4] != 0 and not parallel[i]:
+            raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out here")
+    signs = np.array([reader.sign() for reader in readers])
+    speed, acceleration = (np.array([reader.rate(name) for reader in readers]) for name in RATES)
+    mass_kg = np.array([reader.positive("mass", {"kg": 1.0}) for reader in readers])
+    torque = np.array([reader.torque() for reader in readers])
+    for reader in readers:
+        reader.refuse_the_rest(_KNOWN)
+    name = document.get("name", path.stem)
+    chain = Chain(
+        name=str(name),
+        convention=convention,
+        joint_names=tuple(reader.name for reader in readers),
+        prismatic=tuple(reader.prismatic for reader in readers),
+        table=table,
+        sign=signs,
+        lower=np.array([low for low, _ in limits]),
+        upper=np.array([high for _, high in limits]),
+        speed=speed,
+        acceleration=acceleration,
+        parallel=tuple(parallel),
+    )
+    base = read_base(path, document["base"]) if "base" in document else None
+    tool = read_tool(path, document.get("tool", {}))
+    return RobotTable(chain, base, tool, read_height(path, document), mass_kg, torque, tuple(warnings))
+
+
+def _cell(reader: JointSection, name: str) -> float:
+    """A cell of the table; only beta may be left out."""
+    return (reader.optional if name == "beta" else reader.value)(name, _QUANTITIES[name]) or 0.0
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """The file's content, if it is TOML and has no unknown key."""
+    document = read_toml(path)
+    if unknown := set(document) - _TOP_KEYS:
+        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(sorted(_TOP_KEYS))}")
+    return document
+
+
+def write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
+    """A table that reads back to the bit, with the base ``(6,)`` (m, rad) and the targets (m)."""
+    lines = [f"name = {quoted(chain.name)}", f'convention = "{chain.convention}"']
+    for i, joint in enumerate(chain.joint_names):
+        unit = "m" if chain.prismatic[i] else "rad"
+        lines += ["", "[[joint]]", f"name = {quoted(joint)}"]
+        lines += [f'type = "{"prismatic" if chain.prismatic[i] else "revolute"}"', f"sign = {int(chain.sign[i])}"]
+        for column, value in zip(COLUMNS, chain.table[i], strict=True):
+            if column != "beta" or chain.parallel[i]:
+                lines.append(f"{column}_{next(iter(_QUANTITIES[column]))} = {float(value)!r}")
+        lines += [f"lower_{unit} = {float(chain.lower[i])!r}", f"upper_{unit} = {float(chain.upper[i])!r}"]
+    return "\n".join([*lines, *written_base_and_tool(base, tool, "the last frame")]) + "\n"

@@ -1,0 +1,255 @@
+"""The files of a load's identification: a CSV of a loaded and an unloaded run, and a small TOML beside it.
+
+The TOML: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) and ``gravity_m_per_s2`` (9.81), and ``[sensor]`` with
+``sign`` (1 or -1, always given) and ``rotation_vector_deg`` (zeros) from the last frame to the sensor's axes.
+"""
+
+import csv
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError, naming
+from lab.core.load_samples import GRAVITY, LoadRecords, Mounting
+from lab.core.se3 import Array
+from lab.formats.csv_table import LARGEST
+from lab.formats.measurement_csv import PoseReader
+from lab.formats.toml import is_number, read_toml
+
+RUNS = ("loaded", "unloaded")
+WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+EVEN = 0.01  # of a time step: how far another may differ from it
+SLACK = 0.01  # rad or m beyond its limits that a joint may be read
+LEAST_MOVING = 10  # rows of a run that is differentiated in time
+_LEAST_STATIC = {True: 2, False: 3}  # loaded poses, with torques or without: below the rank is short anyway
+_OTHER_UNIT = {"rad": "deg", "deg": "rad", "m": "mm", "mm": "m"}
+_PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
+_TOML_KEYS = {"base": ("tilt_x_deg", "tilt_y_deg", "gravity_m_per_s2"), "sensor": ("sign", "rotation_vector_deg")}
+
+Limits = tuple[Array, Array]
+
+
+def write_loads(path: Path, records: LoadRecords, joint_names: Sequence[str], prismatic: Sequence[bool]) -> None:
+    """Write the CSV that ``read_loads`` reads back to the bit."""
+    columns: dict[str, list[str]] = {}
+    if records.time_s is not None:
+        columns["time_s"] = _told(records.time_s)
+    for j, (name, slides) in enumerate(zip(joint_names, prismatic, strict=True)):
+        columns[f"{name}_{'m' if slides else 'rad'}"] = _told(records.joints[:, j])
+    if records.torques is not None:
+        for name, torque in zip(_torque_columns(prismatic), records.torques.T, strict=True):
+            columns[name] = _told(torque)
+    if records.wrench is not None:
+        columns |= {name: _told(values) for name, values in zip(WRENCH, records.wrench.T, strict=True)}
+    columns["run"] = [RUNS[0] if loaded else RUNS[1] for loaded in records.loaded.tolist()]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _told(values: Array) -> list[str]:
+    return [repr(value) for value in values.tolist()]
+
+
+def _torque_columns(prismatic: Sequence[bool]) -> list[str]:
+    return [f"f{j}_n" if slides else f"tau{j}_nm" for j, slides in enumerate(prismatic, start=1)]
+
+
+def read_loads(
+    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: Limits | None = None
+) -> LoadRecords:
+    """Read a file of a loaded and an unloaded run.
+
+    Args:
+        joint_names: the robot's; the file may call them q1…qn instead.
+        prismatic: which of them slide.
+        limits: lower and upper ``(J,)`` of the readings, rad or m.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    return _LoadReader(path, list(joint_names), list(prismatic), "points").read_records(limits)
+
+
+class _LoadReader(PoseReader):
+    """A file of runs being read."""
+
+    unknown_are = "passed over"
+
+    def read_records(self, limits: Limits | None) -> LoadRecords:
+        joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
+        self._refuse_further_joints()
+        self._refuse_degrees(joints, limits)
+        torques = self._all_or_none(_torque_columns(self.prismatic), "of every joint")
+        wrench = self._all_or_none(WRENCH, "of all six")
+        self._refuse_unknown_loads()
+        if torques is None and wrench is None:
+            raise LabError(
+                f"{self.path}: line 1: no torques and no wrench; give {_torque_columns(self.prismatic)[0]} and so on, "
+                f"or {', '.join(WRENCH)}"
+            )
+        loaded = self._runs()
+        time_s = self.numbers("time_s") if "time_s" in self.header else None
+        self._refuse_few(loaded, time_s, torques)
+        if time_s is not None:
+            for run in (True, False):
+                self._refuse_uneven(time_s, np.flatnonzero(loaded == run))
+        self._rest([])
+        return LoadRecords(time_s, joints, torques, wrench, loaded, tuple(self.lines), tuple(self.warnings))
+
+    def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
+        """As every table's, but a column of plain numbers at once: runs have ten thousands of rows."""
+        cells = self.texts(column)
+        if cells and exponent == 0 and all(cells) and _PLAIN.fullmatch("\n".join(cells)):
+            try:
+                values = np.array([float(cell) for cell in cells])
+            except ValueError:  # told below, with its place
+                return super().numbers(column)
+            if np.abs(values).max() <= LARGEST:
+                return values
+        return super().numbers(column, exponent)
+
+    def _number(self, row: int, column: str, cell: str, exponent: int) -> float:
+        if not cell or cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            found = f"'{cell}' is not a finite number" if cell else "the cell is empty"
+            raise self.fail(row, column, f"{found}; give a number, or end the file before the gap")
+        return super()._number(row, column, cell, exponent)
+
+    def _refuse_degrees(self, joints: Array, limits: Limits | None) -> None:
+        """Readings beyond the limits, or beyond a whole turn where there are none, are in another unit."""
+        for j, slides in enumerate(self.prismatic):
+            most = np.inf if slides else 2 * np.pi
+            low, high = (-most, most) if limits is None else (limits[0][j], limits[1][j])
+            beyond = np.flatnonzero((joints[:, j] < low - SLACK) | (joints[:, j] > high + SLACK))
+            if not beyond.size:
+                continue
+            row, column = int(beyond[0]), self._joint_column(j)
+            stem, unit = column.rsplit("_", 1)
+            other, factor = _OTHER_UNIT[unit], {"deg": 180 / np.pi, "mm": 1e3}.get(unit, 1.0)
+            span = f"{factor * low:.4g} to {factor * high:.4g}"
+            looks = {"rad": ", which looks like degrees", "m": ", which looks like millimetres"}.get(unit, "")
+            seems = looks if abs(joints[row, j]) > 2 * np.pi else ""
+            raise self.fail(
+                row,
+                column,
+                f"{factor * joints[row, j]:.6g} {unit} is beyond its limits of {span}{seems}; "
+                f"rename the column to {stem}_{other} if it is so, or take the right --robot",
+            )
+
+    def _joint_column(self, j: int) -> str:
+        stems = (self.joint_names[j], f"q{j + 1}")
+        return next(c for stem in stems for unit in _OTHER_UNIT if (c := f"{stem}_{unit}") in self.header)
+
+    def _all_or_none(self, names: Sequence[str], of: str) -> Array | None:
+        there = [name for name in names if name in self.header]
+        if not there:
+            return None
+        if missing := [name for name in names if name not in there]:
+            raise LabError(f"{self.path}: line 1: {missing[0]} is missing beside {there[0]}; give the columns {of}")
+        return np.stack([self.numbers(name) for name in names], axis=1)
+
+    def _refuse_unknown_loads(self) -> None:
+        expected = [*_torque_columns(self.prismatic), *WRENCH]
+        for column in self.unread:
+            if column not in expected and re.fullmatch(r"(tau\d*|f\d+|[fm][xyz])(_.*)?", column):
+                raise LabError(
+                    f"{self.path}: line 1: column {column}: unknown unit or axis; loads of this robot are given as "
+                    f"{', '.join(expected)}"
+                )
+            if re.fullmatch(r"(time|t)(_.*)?", column) and column != "time_s":
+                raise LabError(f"{self.path}: line 1: column {column}: unknown unit; give the time as time_s")
+
+    def _runs(self) -> NDArray[np.bool_]:
+        texts = self.texts("run")
+        if texts is None:
+            raise LabError(f"{self.path}: line 1: no column run; say in each row whether it is {' or '.join(RUNS)}")
+        for i, text in enumerate(texts):
+            if text not in RUNS:
+                raise self.fail(i, "run", f"'{text}' is unknown; write {' or '.join(RUNS)}")
+        return np.array([text == RUNS[0] for text in texts])
+
+    def _refuse_few(self, loaded: NDArray[np.bool_], time_s: Array | None, torques: Array | None) -> None:
+        least = _LEAST_STATIC[torques is not None] if time_s is None else LEAST_MOVING
+        counts = {RUNS[0]: int(loaded.sum()), RUNS[1]: int((~loaded).sum())}
+        for run, count in counts.items():
+            needed = run == RUNS[0] or (count and torques is not None)
+            if needed and count < least:
+                kind = "static poses" if time_s is None else "samples of a motion"
+                raise LabError(f"{self.path}: {count} rows with run = {run}; give at least {least} {kind}")
+
+    def _refuse_uneven(self, time_s: Array, rows: NDArray[np.int_]) -> None:
+        """Within one run, all steps are to be the same and forward."""
+        if len(rows) < 2:
+            return
+        steps = np.diff(time_s[rows])
+        usual = float(np.median(steps))
+        if not usual > 0:
+            raise self.fail(int(rows[1]), "time_s", "the time does not rise; give the rows of a run in their order")
+        uneven = np.flatnonzero(np.abs(steps - usual) > EVEN * usual)
+        if uneven.size:
+            i = int(uneven[0])
+            raise self.fail(
+                int(rows[i + 1]),
+                "time_s",
+                f"a step of {steps[i]:.6g} s where the others are {usual:.6g} s; give evenly timed rows, without gaps",
+            )
+
+
+def write_mounting(path: Path, mounting: Mounting) -> None:
+    """Write the TOML that ``read_mounting`` reads back, to rounding."""
+    x, y = np.rad2deg(mounting.tilt_rad).tolist()
+    turn = ", ".join(repr(angle) for angle in np.rad2deg(se3.log(mounting.rotation)).tolist())
+    path.write_text(
+        f"[base]\ntilt_x_deg = {x!r}\ntilt_y_deg = {y!r}\n"
+        f"gravity_m_per_s2 = {float(np.linalg.norm(mounting.gravity))!r}\n\n"
+        f"[sensor]\nsign = {int(mounting.sign)}  # 1: the hand's force on the load; -1: the load's on the hand\n"
+        f"rotation_vector_deg = [{turn}]  # from the last frame to the sensor's axes\n",
+        encoding="utf-8",
+    )
+
+
+def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
+    """Read the TOML beside a file of runs.
+
+    Args:
+        sensor: whether there is a wrench, so that its sign matters.
+
+    Raises:
+        LabError: the file is missing or malformed, has no sign, or a gravity that is not the Earth's.
+    """
+    document = read_toml(path)
+    for name, section in document.items():
+        keys = _TOML_KEYS.get(name)
+        if keys is None or not isinstance(section, dict):
+            raise LabError(f"{path}: '{name}' is unknown; write the sections [base] and [sensor]")
+        if unknown := sorted(set(section) - set(keys)):
+            raise LabError(f"{path}: [{name}] {unknown[0]} is unknown; known are {', '.join(keys)}")
+    base, wrist = document.get("base", {}), document.get("sensor", {})
+    if sensor and "sign" not in wrist:
+        raise LabError(
+            f"{path}: [sensor] sign is missing; write 1 if it reads what the hand does to the load (at rest, fz is "
+            "positive where the sensor's z points up), -1 for the opposite"
+        )
+    tilt = np.deg2rad([_number(path, "base", base, key, 0.0) for key in ("tilt_x_deg", "tilt_y_deg")])
+    gravity = _number(path, "base", base, "gravity_m_per_s2", GRAVITY)
+    turn = wrist.get("rotation_vector_deg", [0.0, 0.0, 0.0])
+    if not isinstance(turn, list) or len(turn) != 3 or not all(is_number(angle) for angle in turn):
+        raise LabError(f"{path}: [sensor] rotation_vector_deg is {turn!r}; give three angles, [x, y, z]")
+    if (np.abs(tilt) > np.pi).any():
+        raise LabError(f"{path}: [base] the tilt is more than half a turn; give degrees, -180 to 180")
+    sign = _number(path, "sensor", wrist, "sign", 1.0)
+    with naming(path):
+        return Mounting.tilted(tilt, gravity, sign, np.deg2rad(turn))
+
+
+def _number(path: Path, section: str, values: dict[str, Any], key: str, default: float) -> float:
+    value = values.get(key, default)
+    if not is_number(value):
+        raise LabError(f"{path}: [{section}] {key} is {value!r}; give a finite number")
+    return float(value)

@@ -1,0 +1,323 @@
+"""Measurements as CSV: one row a pose, units in the column names, nothing guessed.
+
+Lengths in the file are read as decimal numbers and scaled exactly, so that what the lab writes
+(readings in rad or mm, points in mm) reads back to the bit.
+"""
+
+import csv
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.formats.csv_table import CsvTable
+from lab.formats.orientations import ENDS
+
+USES = ("calibrate", "reference", "test", "skip")
+_ANGLE_UNITS = ("rad", "deg")
+_LENGTH_EXPONENT = {"m": 0, "mm": -3}
+_TEXT_COLUMNS = ("id", "session", "use")
+_NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
+_OTHER_RESERVED = ("location", "socket")
+_COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
+POINTS_OBSERVED = ("points", "pose")  # kinds of sighting that take the measured points
+_LEAST_SIGMA_M = 1e-12
+_LARGEST_PAYLOAD_KG = 1000.0  # what no arm carries is a slip of the unit
+
+
+def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]) -> None:
+    """Write the CSV that ``read_measurements`` reads back to the bit.
+
+    Reserved columns are written where a row differs from what their absence means.
+    """
+    columns: dict[str, Sequence[str]] = {}
+    if data.ids != tuple(str(i) for i in range(len(data))):
+        columns["id"] = data.ids
+    if data.marked or set(data.use) != {"calibrate"}:
+        columns["use"] = data.use
+    if any(data.sessions):
+        columns["session"] = data.sessions
+    for j, name in enumerate(data.joint_names):
+        unit, exponent = ("mm", 3) if prismatic[j] else ("rad", 0)
+        columns[f"{name}_{unit}"] = [_decimal(value, exponent) for value in data.joints[:, j]]
+    for k, target in enumerate(data.targets):
+        for i, axis in enumerate("xyz"):
+            columns[f"{target}_{axis}_mm"] = [_decimal(value, 3) for value in data.points[:, k, i]]
+    if np.isfinite(data.sigma_m).any():
+        columns["sigma_mm"] = [_decimal(value, 3) for value in data.sigma_m]
+    for name, numbers in data.conditions.items():
+        columns[name] = [_decimal(value, 0) for value in numbers]
+    columns.update(data.other)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _decimal(value: float, exponent: int) -> str:
+    """``value * 10**exponent`` exactly, in plain digits; "" for NaN."""
+    if np.isnan(value):
+        return ""
+    return format(Decimal(repr(float(value))).scaleb(exponent), "f")
+
+
+def read_measurements(
+    path: Path,
+    joint_names: Sequence[str],
+    prismatic: Sequence[bool],
+    *,
+    points: bool = True,
+    observe: str = "points",
+) -> Measurements:
+    """Read a measurement file, or a plan (``points=False``: the points may be missing).
+
+    Args:
+        joint_names: the robot's; the file may call them q1…qn instead.
+        prismatic: which of them slide: their columns are lengths.
+        observe: ``points``, ``pose`` (which keeps orientations as texts for ``orientations``), or another kind,
+            for which points are not needed and are ignored.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    reader = PoseReader(path, list(joint_names), list(prismatic), observe)
+    return reader.read(points and observe in POINTS_OBSERVED)
+
+
+class PoseReader(CsvTable):
+    """A measurement file being read: what its columns mean."""
+
+    unknown_are = "kept as they are"
+
+    def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool], observe: str) -> None:
+        super().__init__(path)
+        self.joint_names, self.prismatic, self.observe = joint_names, prismatic, observe
+        self.warnings: list[str] = []
+
+    def read(self, need_points: bool) -> Measurements:
+        """The whole file as measurements."""
+        n = len(self.rows)
+        joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
+        self._refuse_further_joints()
+        self._warn_of_degrees(joints)
+        targets = self._targets()
+        self._refuse_unknown_axes(targets)
+        if need_points and not targets:
+            raise LabError(f"{self.path}: line 1: no measured point; give columns like p1_x_mm, p1_y_mm, p1_z_mm")
+        points = np.full((n, len(targets), 3), np.nan)
+        for k, target in enumerate(targets):
+            points[:, k] = np.stack([self._coordinate(target, axis) for axis in "xyz"], axis=1)
+            self._refuse_half_seen(target, points[:, k])
+        if need_points and not np.isfinite(points).all(axis=2).any():
+            raise LabError(f"{self.path}: every point is empty; give at least one measured position")
+        texts = {name: self.texts(name) for name in _TEXT_COLUMNS}
+        use = self._uses(texts["use"])
+        ids = self._ids(texts["id"])
+        sigma = self._optional_numbers("sigma_mm", -3, positive=True)
+        conditions = self._conditions()
+        other = self._rest(targets)
+        return Measurements(
+            tuple(self.joint_names),
+            joints,
+            tuple(targets),
+            points,
+            ids,
+            use,
+            texts["session"] or ("",) * n,
+            np.full(n, np.nan) if sigma is None else sigma,
+            other,
+            texts["use"] is not None,
+            tuple(self.warnings),
+            tuple(self.lines),
+            conditions,
+        )
+
+    def _optional_numbers(self, column: str, exponent: int, *, positive: bool = False) -> Array | None:
+        if column not in self.header:
+            return None
+        numbers = self.numbers(column, exponent, empty=True)
+        if positive and (bad := np.flatnonzero(numbers < _LEAST_SIGMA_M)).size:
+            raise self.fail(int(bad[0]), column, "not above zero; give the standard deviation")
+        return numbers
+
+    # Joints
+
+    def _joint(self, j: int, *, empty: bool = False) -> Array:
+        name, plain = self.joint_names[j], f"q{j + 1}"
+        units = tuple(_LENGTH_EXPONENT) if self.prismatic[j] else _ANGLE_UNITS
+        wrong = _ANGLE_UNITS if self.prismatic[j] else tuple(_LENGTH_EXPONENT)
+        names = dict.fromkeys((name, plain))
+        columns = [f"{n}_{unit}" for n in names for unit in units if f"{n}_{unit}" in self.header]
+        if len(columns) > 1:
+            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} are the same joint; keep one")
+        if not columns:
+            kind = "a slide, in mm or m" if self.prismatic[j] else "a revolute joint, in deg or rad"
+            for n in names:
+                if f"{n}_{wrong[0]}" in self.header or f"{n}_{wrong[1]}" in self.header:
+                    raise LabError(f"{self.path}: line 1: joint {n} is {kind}; rename its column to {n}_{units[0]}")
+                strays = [c for c in self.header if c == n or c.startswith(f"{n}_")]
+                if strays:
+                    raise LabError(
+                        f"{self.path}: line 1: column {strays[0]}: unknown unit; "
+                        f"joint {n} is {kind}: {n}_{units[0]} or {n}_{units[1]}"
+                    )
+            raise LabError(
+                f"{self.path}: line 1: joint {name} is missing; the robot has {', '.join(self.joint_names)}: "
+                f"give {name}_{units[0]} or {name}_{units[1]}"
+            )
+        unit = columns[0].rsplit("_", 1)[1]
+        values = self.numbers(columns[0], _LENGTH_EXPONENT.get(unit, 0), empty=empty)
+        return np.deg2rad(values) if unit == "deg" else values
+
+    def _refuse_further_joints(self) -> None:
+        plain = [f"q{j + 1}" for j in range(len(self.joint_names))]
+        known = "|".join(re.escape(name) for name in (*self.joint_names, *plain))
+        for column in self.unread:
+            if re.fullmatch(r"approach_.*", column):
+                continue
+            if re.match(rf"({known})(_|$)", column):
+                raise LabError(
+                    f"{self.path}: line 1: column {column}: unknown unit; "
+                    "a joint is given once, in _deg, _rad, _mm or _m"
+                )
+            if re.fullmatch(r"q\d+(_.*)?", column):
+                raise LabError(
+                    f"{self.path}: line 1: column {column} is no joint of the robot, which has "
+                    f"{', '.join(self.joint_names)}; choose the right --robot or remove the column"
+                )
+
+    def _warn_of_degrees(self, joints: Array) -> None:
+        for j, name in enumerate(self.joint_names):
+            in_radians = any(f"{n}_rad" in self.header for n in (name, f"q{j + 1}"))
+            if in_radians and np.abs(joints[:, j]).max() > 4 * np.pi:
+                largest = np.abs(joints[:, j]).max()
+                self.warnings.append(
+                    f"{self.path}: joint {name} reaches {largest:.4g} rad, which looks like degrees: "
+                    "rename the column to _deg if so"
+                )
+
+    # Points
+
+    def _targets(self) -> list[str]:
+        """Names of the measured targets, in the order of the file; plain x, y, z are p1's."""
+        targets: list[str] = []
+        for column in self.unread:
+            match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
+            if match and (name := match[1] or "p1") not in targets:
+                targets.append(name)
+        plain = any(re.fullmatch(r"[xyz]_(mm|m)", column) for column in self.unread)
+        if plain and (len(targets) > 1 or any(column.startswith("p1_") for column in self.unread)):
+            raise LabError(
+                f"{self.path}: line 1: plain x, y, z beside named targets; name their columns p1_x_mm and so on"
+            )
+        return targets
+
+    def _coordinate_column(self, target: str, axis: str) -> str:
+        stems = (f"{target}_{axis}", axis) if target == "p1" else (f"{target}_{axis}",)
+        columns = [f"{s}_{unit}" for s in stems for unit in _LENGTH_EXPONENT if f"{s}_{unit}" in self.header]
+        if len(columns) > 1:
+            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} are the same coordinate; keep one")
+        if not columns:
+            raise LabError(f"{self.path}: line 1: target {target} has no {axis}; give {target}_{axis}_mm")
+        return columns[0]
+
+    def _coordinate(self, target: str, axis: str) -> Array:
+        column = self._coordinate_column(target, axis)
+        return self.numbers(column, _LENGTH_EXPONENT[column.rsplit("_", 1)[1]], empty=True)
+
+    def _refuse_half_seen(self, target: str, points: Array) -> None:
+        empty = np.isnan(points)
+        for row in np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1)):
+            column = self._coordinate_column(target, "xyz"[int(np.argmax(empty[row]))])
+            raise self.fail(int(row), column, "empty while other coordinates are there; give all three or none")
+
+    # Everything else
+
+    def _uses(self, texts: tuple[str, ...] | None) -> tuple[str, ...]:
+        for i, text in enumerate(texts or ()):
+            if text not in USES:
+                raise self.fail(i, "use", f"'{text}' is unknown; write one of {', '.join(USES)}")
+        return texts or ("calibrate",) * len(self.rows)
+
+    def _ids(self, texts: tuple[str, ...] | None) -> tuple[str, ...]:
+        ids = tuple((texts or ())[i] if texts and texts[i] else str(i) for i in range(len(self.rows)))
+        first: dict[str, int] = {}
+        for i, name in enumerate(ids):
+            if name in first:
+                raise self.fail(
+                    i, "id", f"'{name}' is also the id of line {self.lines[first[name]]}; give each row its own"
+                )
+            first[name] = i
+        return ids
+
+    def _rest(self, targets: list[str]) -> dict[str, tuple[str, ...]]:
+        """Columns that say nothing to this reader: kept, and named where nobody reserved them."""
+        orientation, unknown = [], []
+        rest = list(self.unread)
+        for column in rest:
+            if any(column in (f"{t}_{o}" for o in ENDS) for t in targets) or column in ENDS:
+                self.numbers(column, empty=True)
+                orientation.append(column)
+            elif column not in _OTHER_RESERVED:
+                unknown.append(column)
+        if orientation and self.observe != "pose":
+            fitted = "positions are fitted" if self.observe == "points" else f"--observe {self.observe}"
+            self.warnings.append(f"{self.path}: orientation columns {', '.join(orientation)} are ignored: {fitted}")
+        if targets and self.observe not in POINTS_OBSERVED:
+            self.warnings.append(f"{self.path}: points {', '.join(targets)} are ignored: --observe {self.observe}")
+        if unknown:
+            self.warnings.append(
+                f"{self.path}: columns {', '.join(unknown)} have no meaning here and are {self.unknown_are}"
+            )
+        kept = {column: self.texts(column) for column in rest}
+        return {column: texts for column, texts in kept.items() if texts is not None}
+
+    def _conditions(self) -> dict[str, Array]:
+        """Columns of numbers that a model may ask for; directions of approach by the robot's names of the joints."""
+        found = {}
+        for column in list(self.unread):
+            if column in _NUMBER_COLUMNS:
+                found[column] = self.numbers(column, empty=True)
+                if column == "payload_kg":
+                    self._refuse_payloads(found[column])
+            elif column.startswith("approach_"):
+                name, values = self._approach(column, column.removeprefix("approach_"))
+                if name in found:
+                    raise LabError(f"{self.path}: line 1: column {column} says again what {name} says; keep one")
+                found[name] = values
+        return found
+
+    def _refuse_payloads(self, payloads: Array) -> None:
+        if (bad := np.flatnonzero((payloads < 0) | (payloads > _LARGEST_PAYLOAD_KG))).size:
+            raise self.fail(
+                int(bad[0]), "payload_kg", f"not from 0 to {_LARGEST_PAYLOAD_KG:,.0f} kg; mend it, or its unit"
+            )
+
+    def _approach(self, column: str, joint: str) -> tuple[str, Array]:
+        plain = [f"q{j + 1}" for j in range(len(self.joint_names))]
+        if joint not in (*self.joint_names, *plain):
+            raise LabError(
+                f"{self.path}: line 1: column {column}: no joint {joint}; the robot has {', '.join(self.joint_names)}"
+            )
+        values = self.numbers(column, empty=True)
+        if (bad := np.flatnonzero(~np.isin(values, (1, -1)) & np.isfinite(values))).size:
+            raise self.fail(int(bad[0]), column, "neither 1 nor -1; give the direction of approach")
+        return f"approach_{joint if joint in self.joint_names else self.joint_names[plain.index(joint)]}", values
+
+    def _refuse_unknown_axes(self, targets: list[str]) -> None:
+        ends = (*_COORDINATES, *ENDS)
+        known = {*ends, *(f"{target}_{end}" for target in targets for end in ends)}
+        for column in self.unread:
+            if column in known:
+                continue
+            where = f"{self.path}: line 1: column {column}: unknown unit or axis"
+            for target in targets:
+                if column == target or column.startswith(f"{target}_"):
+                    raise LabError(f"{where}; target {target} is given as {target}_x_mm, _y_mm, _z_mm (or _m)")
+            if re.fullmatch(r"([xyz]|q[wxyz]|r[xyz])(_.*)?|.+_[xyz]_[A-Za-z]+", column):
+                raise LabError(f"{where}; points are in _mm or _m, angles rx_deg, ry_deg, rz_deg")

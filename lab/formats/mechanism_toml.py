@@ -1,0 +1,279 @@
+"""Mechanisms as TOML files: joints, frames at the ends of paths, rods and pins. Keys as in the README.
+
+``read_mechanism`` of what ``write_mechanism`` writes (m, rad) gives the same numbers to the bit.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.robot_toml import (
+    ANGLES,
+    LENGTHS,
+    RATES,
+    JointSection,
+    Section,
+    quoted,
+    read_base,
+    read_height,
+    read_tool,
+    refuse_doubled_names,
+    written_base_and_tool,
+)
+from lab.formats.toml import read_toml
+from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.closed.structure import BASE, Frame, Kind, Pin, Rod, Step, Tree
+from lab.kinematics.model import is_link
+
+_TOP_KEYS = ("name", "height_mm", "joint", "frame", "rod", "pin", "platform", "tool", "base")
+_OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration"
+_OF_STEP = "one of x, y, z with _mm or _m, rx, ry, rz with _deg or _rad; and joint, passive or exact"
+_GROUND = "base"
+RESERVED = ("world", "tracker", "floor")  # names that the virtual robot's model has of its own
+_LARGEST = 1e6  # m, of any length in a path
+
+
+@dataclass(frozen=True)
+class MechanismFile:
+    """What a description holds; ``base``, ``tool`` and ``height_m`` as in a table (``RobotTable``)."""
+
+    mechanism: Mechanism
+    base: Array | None
+    tool: dict[str, Array]
+    height_m: float | None
+    warnings: tuple[str, ...]
+
+
+def is_mechanism(path: Path) -> bool:
+    """Whether a TOML file describes a mechanism, not a table."""
+    return "frame" in read_toml(path)
+
+
+def read_mechanism(path: Path) -> MechanismFile:
+    """Read a description.
+
+    Raises:
+        LabError: the file is malformed, or what it describes cannot be measured by its joints.
+    """
+    document = read_toml(path)
+    if unknown := set(document) - set(_TOP_KEYS):
+        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(_TOP_KEYS)}")
+    warnings: list[str] = []
+    joints = [JointSection(path, i, content) for i, content in enumerate(_sections(path, document, "joint"))]
+    names = [joint.name for joint in joints]
+    refuse_doubled_names(path, names)
+    for name in (*names, *read_tool(path, document.get("tool", {}))):
+        if "." in name or name in RESERVED:
+            raise LabError(f"{path}: {name} cannot be a joint's or a target's name; give it another, without a dot")
+    limits = [joint.limits(warnings) for joint in joints]
+    speed, acceleration = (np.array([joint.rate(name) for joint in joints]) for name in RATES)
+    sign = np.array([joint.sign() for joint in joints])
+    for joint in joints:
+        joint.refuse_the_rest(_OF_JOINT)
+    reader = _Tree(path, joints)
+    try:
+        mechanism = Mechanism(
+            name=_robot_name(path, document),
+            joint_names=tuple(names),
+            prismatic=tuple(joint.prismatic for joint in joints),
+            sign=sign,
+            lower=np.array([low for low, _ in limits]),
+            upper=np.array([high for _, high in limits]),
+            speed=speed,
+            acceleration=acceleration,
+            tree=reader.tree(document),
+        )
+        if not mechanism.tree.passive:
+            raise LabError(
+                "nothing in it is passive, so it has no loop; describe a chain by a Denavit-Hartenberg table"
+            )
+        mechanism.refuse_open()
+    except LabError as error:
+        raise error if str(error).startswith(str(path)) else LabError(f"{path}: {error}") from error
+    base = read_base(path, document["base"]) if "base" in document else None
+    tool = read_tool(path, document.get("tool", {}))
+    return MechanismFile(mechanism, base, tool, read_height(path, document), tuple(warnings))
+
+
+def write_mechanism(mechanism: Mechanism, values: Array, tool: dict[str, Array]) -> str:
+    """A description with parameters ``(p,)``, base included, that reads back to the bit."""
+    dimensions, tree = mechanism.dimensions(values), mechanism.tree
+    lines = [f"name = {quoted(mechanism.name)}", f"platform = {quoted(tree.frames[tree.platform].name)}"]
+    for i, joint in enumerate(mechanism.joint_names):
+        kind, unit = ("prismatic", "m") if mechanism.prismatic[i] else ("revolute", "rad")
+        lines += ["", "[[joint]]", f"name = {quoted(joint)}", f'type = "{kind}"', f"sign = {int(mechanism.sign[i])}"]
+        lines += [f"lower_{unit} = {float(mechanism.lower[i])!r}", f"upper_{unit} = {float(mechanism.upper[i])!r}"]
+    for frame, constants in zip(tree.frames, dimensions.steps, strict=True):
+        steps = ", ".join(_step_text(step, value, mechanism) for step, value in zip(frame.path, constants, strict=True))
+        lines += ["", "[[frame]]", f"name = {quoted(frame.name)}", f"on = {quoted(_name_of(tree, frame.on))}"]
+        lines += [f"path = [{steps}]"]
+    for rod, length in zip(tree.rods, dimensions.lengths, strict=True):
+        lines += ["", "[[rod]]", f"name = {quoted(rod.name)}", f"between = {_between(tree, rod.ends)}"]
+        lines += [f"length_m = {float(length)!r}"]
+        lines += [f"joint = {quoted(mechanism.joint_names[rod.joint])}"] if rod.joint is not None else []
+        lines += ["exact = true"] if rod.exact else []
+    for pin in tree.pins:
+        lines += ["", "[[pin]]", f"name = {quoted(pin.name)}", f"between = {_between(tree, pin.ends)}"]
+        lines += [f'along = "{"".join("xyz"[axis] for axis in pin.axes)}"']
+    return "\n".join([*lines, *written_base_and_tool(values[:6], tool, "the platform's frame")]) + "\n"
+
+
+def _step_text(step: Step, value: float, mechanism: Mechanism) -> str:
+    more = f", joint = {quoted(mechanism.joint_names[step.joint])}" if step.joint is not None else ""
+    more += ", passive = true" if step.passive else ", exact = true" if step.exact else ""
+    return f"{{ {step.kind}_{'rad' if step.is_turn else 'm'} = {float(value)!r}{more} }}"
+
+
+def _name_of(tree: Tree, frame: int) -> str:
+    return _GROUND if frame == BASE else tree.frames[frame].name
+
+
+def _between(tree: Tree, ends: tuple[int, int]) -> str:
+    return f"[{', '.join(quoted(_name_of(tree, end)) for end in ends)}]"
+
+
+def _robot_name(path: Path, document: dict[str, Any]) -> str:
+    name = document.get("name", path.stem)
+    if not isinstance(name, str) or not name.strip():
+        raise LabError(f"{path}: name is {name!r}; name the robot, or leave it out")
+    return name
+
+
+def _sections(path: Path, document: dict[str, Any], name: str, least: int = 1) -> list[Any]:
+    found = document.get(name, [])
+    if not isinstance(found, list) or len(found) < least:
+        raise LabError(f"{path}: no {name}s; give each {name} a [[{name}]] section")
+    return found
+
+
+class _Tree:
+    """The frames, rods and pins of a file."""
+
+    def __init__(self, path: Path, joints: list[JointSection]) -> None:
+        self.path, self.joints = path, {joint.name: i for i, joint in enumerate(joints)}
+        self._names, self.slides = [joint.name for joint in joints], [joint.prismatic for joint in joints]
+        self.frames: dict[str, Frame] = {}
+
+    def tree(self, document: dict[str, Any]) -> Tree:
+        for i, content in enumerate(_sections(self.path, document, "frame")):
+            section = Section(f"{self.path}, frame {i + 1}", content)
+            name = self._name(section, self.frames)
+            section.where = f"{self.path}, frame {name}"
+            frame = Frame(name, self._frame(section, section.take("on", _GROUND)), self._steps(section, name))
+            section.refuse_the_rest("name, on, path")
+            self.frames[name] = frame
+        rods: dict[str, Rod] = {}
+        for i, content in enumerate(_sections(self.path, document, "rod", 0)):
+            section = Section(f"{self.path}, rod {i + 1}", content)
+            name = self._name(section, {**self.frames, **rods})
+            section.where = f"{self.path}, rod {name}"
+            rods[name] = self._rod(section, name)
+        pins: dict[str, Pin] = {}
+        for i, content in enumerate(_sections(self.path, document, "pin", 0)):
+            section = Section(f"{self.path}, pin {i + 1}", content)
+            name = self._name(section, {**self.frames, **rods, **pins})
+            section.where = f"{self.path}, pin {name}"
+            axes = str(section.take("along", "xyz"))
+            if not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):
+                raise LabError(f'{section.where}: along is {axes!r}; write axes of the base, "xy" or "xyz"')
+            pins[name] = Pin(name, self._ends(section), tuple("xyz".index(axis) for axis in axes))
+            section.refuse_the_rest("name, between, along")
+        platform = document.get("platform")
+        if not isinstance(platform, str) or platform not in self.frames:
+            told = "missing" if platform is None else repr(platform)
+            frames = ", ".join(self.frames)
+            raise LabError(f"{self.path}: platform is {told}; name the frame that carries the targets: {frames}")
+        return Tree(
+            tuple(self.frames.values()), tuple(rods.values()), tuple(pins.values()), list(self.frames).index(platform)
+        )
+
+    def _name(self, section: Section, taken: dict[str, Any]) -> str:
+        name = section.take("name")
+        if not isinstance(name, str) or not name.strip() or "." in name or "," in name:
+            raise LabError(f"{section.where}: name is {name!r}; give it a name, without a dot or a comma")
+        if name in taken or name in RESERVED or not is_link(name):
+            raise LabError(f"{section.where}: the name {name} is taken; give it another")
+        return name
+
+    def _frame(self, section: Section, name: Any) -> int:
+        if name == _GROUND:
+            return BASE
+        if not isinstance(name, str) or name not in self.frames:
+            there = ", ".join((_GROUND, *self.frames))
+            raise LabError(f"{section.where}: there is no frame {name!r} before it; there are {there}")
+        return list(self.frames).index(name)
+
+    def _ends(self, section: Section) -> tuple[int, int]:
+        between = section.take("between")
+        if not isinstance(between, list) or len(between) != 2 or between[0] == between[1]:
+            told = "missing" if between is None else repr(between)
+            raise LabError(f"{section.where}: between is {told}; name the two frames whose origins it joins")
+        if _GROUND in between:
+            raise LabError(f"{section.where}: joins {_GROUND} itself; give that place a frame of its own")
+        first, second = (self._frame(section, name) for name in between)
+        return first, second
+
+    def _joint(self, section: Section) -> int | None:
+        name = section.take("joint")
+        if name is not None and not (isinstance(name, str) and name in self.joints):
+            raise LabError(f"{section.where}: there is no joint {name!r}; there are {', '.join(self.joints)}")
+        return None if name is None else self.joints[name]
+
+    def _steps(self, section: Section, frame: str) -> tuple[Step, ...]:
+        path = section.take("path", [])
+        if not isinstance(path, list):
+            raise LabError(f"{section.where}: path is {path!r}; write a list of steps, e.g. [{{ x_mm = 100 }}]")
+        if wrong := [content for content in path if not isinstance(content, dict)]:
+            raise LabError(f"{section.where}: a step is {wrong[0]!r}; write it as {{ x_mm = 100 }}")
+        steps = [self._step(Section(f"{section.where}, step {i + 1}", content)) for i, content in enumerate(path)]
+        kinds = [step.kind for step in steps]
+        if twice := [kind for kind in kinds if kinds.count(kind) > 1]:
+            raise LabError(f"{section.where}: {twice[0]} is there twice; put a frame between")
+        return tuple(steps)
+
+    def _step(self, section: Section) -> Step:
+        kinds: list[tuple[Kind, float]] = []
+        for kind in get_args(Kind):
+            number = section.optional(kind, ANGLES if len(kind) == 2 else LENGTHS)
+            if number is not None:
+                kinds.append((kind, number))
+        joint, passive, exact = self._joint(section), section.flag("passive"), section.flag("exact")
+        section.refuse_the_rest(_OF_STEP)
+        if len(kinds) != 1:
+            raise LabError(f"{section.where}: {len(kinds)} motions; give {_OF_STEP}")
+        if (joint is not None) + passive + exact > 1:
+            raise LabError(f"{section.where}: a step has a joint, or is passive, or exact; keep one")
+        kind, value = kinds[0]
+        if joint is not None and self.slides[joint] == (len(kind) == 2):
+            turns = len(kind) == 2
+            raise LabError(
+                f"{section.where}: {kind} {'turns' if turns else 'slides'}, but joint {self._names[joint]} does not; "
+                f"make the joint {'revolute' if turns else 'prismatic'}, or let another step name it"
+            )
+        if len(kind) == 2 and abs(value) > 2 * np.pi:
+            raise LabError(f"{section.where}: {kind} is {np.degrees(value):.6g}°; give at most a full turn")
+        if abs(value) > _LARGEST:
+            raise LabError(f"{section.where}: {kind} is {value:.6g} m; give at most {_LARGEST:g} m")
+        return Step(kind, value, exact, joint, passive)
+
+    def _rod(self, section: Section, name: str) -> Rod:
+        ends, joint, exact = self._ends(section), self._joint(section), section.flag("exact")
+        length = section.optional("length", LENGTHS)
+        section.refuse_the_rest("name, between, length_mm (or _m), joint, exact")
+        if joint is None:
+            if length is None:
+                raise LabError(f"{section.where}: length is missing; give length_mm or a joint that sets it")
+            if not length > 0:
+                raise LabError(f"{section.where}: length is {1e3 * length:.6g} mm; give more than zero")
+        else:
+            if not self.slides[joint]:
+                raise LabError(
+                    f"{section.where}: its length cannot be joint {self._names[joint]}, which turns; make it prismatic"
+                )
+            if exact:
+                raise LabError(f"{section.where}: exact is of rods whose length no joint sets; leave it out")
+        return Rod(name, ends, length or 0.0, exact, joint)

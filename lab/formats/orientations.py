@@ -1,0 +1,101 @@
+"""Measured orientations: a file's quaternions, or its angles in the meaning that is named."""
+
+from typing import Literal, get_args
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+
+Meaning = Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"]
+MEANINGS: tuple[Meaning, ...] = get_args(Meaning)
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_ANGLES = ("rx_deg", "ry_deg", "rz_deg")
+ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
+_UNIT = 1e-3  # a quaternion's norm is that near to one
+
+
+def oriented_target(data: Measurements) -> str:
+    """The one target whose orientation the file holds.
+
+    Raises:
+        LabError: there is none, or there are several.
+    """
+    found = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ENDS)]
+    if not found and len(data.targets) == 1 and set(ENDS) & set(data.other):
+        found = [data.targets[0]]
+    if not found:
+        first = data.targets[0]
+        raise LabError(f"no orientation to observe: give {first}_qw to {first}_qz, or {first}_rx_deg to {first}_rz_deg")
+    if len(found) > 1:
+        raise LabError(f"targets {' and '.join(found)} have orientations: keep those of one, as the tool is rigid")
+    return found[0]
+
+
+def read_orientations(data: Measurements, target: str, meaning: Meaning | None = None) -> Array:
+    """Unit quaternions wxyz ``(n, 4)`` of a target in the instrument's frame, NaN where not seen.
+
+    Args:
+        meaning: of three angles a, b, c about x, y, z: R = Rx(a) Ry(b) Rz(c) (``intrinsic-xyz``),
+            Rz(c) Ry(b) Rx(a) (``fixed-xyz``) or exp(a, b, c) (``rotation-vector``).
+
+    Raises:
+        LabError: a column is missing or there twice, a cell is empty beside others, a quaternion is not one, or
+            the angles' meaning is not said.
+    """
+    quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
+    if quaternion and angles:
+        raise LabError(f"columns {quaternion[0]} and {angles[0]} both say an orientation: keep one")
+    columns = quaternion or angles
+    numbers = np.stack([_numbers(data, column) for column in columns], axis=1)
+    empty = np.isnan(numbers)
+    if (half := np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1))).size:
+        column = columns[int(np.argmax(empty[half[0]]))]
+        raise LabError(f"{data.where(half[0])}, column {column}: empty while others are there; give all or none")
+    if quaternion:
+        norm = np.linalg.norm(numbers, axis=1)
+        if (off := np.flatnonzero(np.abs(norm - 1) > _UNIT)).size:
+            raise LabError(
+                f"{data.where(off[0])}, columns {columns[0]} to {columns[3]}: the quaternion's norm is "
+                f"{norm[off[0]]:.6g}, not 1: mend the row, or the columns' order"
+            )
+        return np.asarray(numbers / norm[:, None])
+    if meaning not in MEANINGS:
+        raise LabError(
+            f"columns {', '.join(columns)} are angles: say --orientation {', '.join(MEANINGS[:2])} or {MEANINGS[2]}"
+        )
+    seen = ~empty.any(axis=1)
+    out = np.full((len(data), 4), np.nan)
+    out[seen] = se3.quaternion_from_rotation(_rotation(np.deg2rad(numbers[seen]), meaning))
+    return out
+
+
+def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str]:
+    """The file's names of these columns; a single target's may be plain."""
+    found, missing = [], []
+    for end in ends:
+        names = [f"{target}_{end}", *([end] if len(data.targets) == 1 else [])]
+        there = [name for name in names if name in data.other]
+        if len(there) > 1:
+            raise LabError(f"columns {' and '.join(there)} are the same: keep one")
+        found += there
+        missing += [] if there else names[:1]
+    if found and missing:
+        raise LabError(f"column {missing[0]} is missing beside {found[0]}: an orientation takes all of them")
+    return found
+
+
+def _numbers(data: Measurements, column: str) -> Array:
+    """A column's cells, which the reader found to be numbers or empty."""
+    return np.array([float(text) if text else np.nan for text in data.other[column]])
+
+
+def _rotation(angles: Array, meaning: Meaning) -> Array:
+    """Rotations ``(n, 3, 3)`` of three angles (rad) each."""
+    if meaning == "rotation-vector":
+        return se3.exp(angles)
+    if meaning == "fixed-xyz":
+        return se3.rotation_from_roll_pitch_yaw(angles)
+    return se3.rotation_from_roll_pitch_yaw(-angles).swapaxes(1, 2)  # Rx(a) Ry(b) Rz(c)

@@ -1,0 +1,124 @@
+"""Targets as CSV: where the tool is to be, one row a target, in the columns and units of a measurement file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError, naming
+from lab.core.measurements import measured
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import PoseReader
+from lab.formats.orientations import ENDS, Meaning, read_orientations
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Where a point of the tool is to be, in the frame in which the arm was measured.
+
+    Attributes:
+        tool: the point's name.
+        ids: what each row is called.
+        places: ``(n, 3)`` m.
+        turns: ``(n, 3, 3)`` of the tool's axes; NaN where any will do.
+        joints: ``(n, joints)`` readings that say which way to take, rad or m; NaN where none are given.
+        conditions: ``payload_kg``, ``approach_<joint>``, ``(n,)`` each.
+        lines: of the file, as an editor counts them.
+    """
+
+    tool: str
+    ids: tuple[str, ...]
+    places: Array
+    turns: Array
+    joints: Array
+    conditions: Mapping[str, Array] = field(default_factory=dict)
+    lines: tuple[int, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+def read_targets(
+    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], meaning: Meaning | None = None
+) -> Targets:
+    """Read a file of targets: a position each, and where it matters a quaternion or three angles.
+
+    Args:
+        joint_names: the robot's: a file may have their columns (or q1…qn), each row all or none of them.
+        prismatic: which of them slide.
+        meaning: of three angles (``orientations``).
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    return _TargetReader(path, list(joint_names), list(prismatic), "pose").read_all(meaning)
+
+
+class _TargetReader(PoseReader):
+    """A file of targets being read."""
+
+    unknown_are = "passed over"
+
+    def read_all(self, meaning: Meaning | None) -> Targets:
+        joints = self._ways()
+        self._refuse_further_joints()
+        names = self._targets()
+        self._refuse_unknown_axes(names)
+        if len(names) != 1:
+            said = f"targets of {', '.join(names)}: give those of one point" if names else "no target"
+            raise LabError(f"{self.path}: line 1: {said}, in columns like x_mm, y_mm, z_mm")
+        places = np.stack([self._coordinate(names[0], axis) for axis in "xyz"], axis=1)
+        self._refuse_half_seen(names[0], places)
+        if np.isnan(places).any():
+            row = int(np.isnan(places).any(axis=1).argmax())
+            raise self.fail(row, self._coordinate_column(names[0], "x"), "empty; give every target a position")
+        ids, use, conditions = self._ids(self.texts("id")), self._uses(self.texts("use")), self._conditions()
+        turns = self._turns(names[0], places, meaning)
+        kept = np.array([i for i, each in enumerate(use) if each != "skip"], dtype=np.int_)
+        if not len(kept):
+            raise LabError(f"{self.path}: every row has use = skip; leave one to correct")
+        return Targets(
+            names[0],
+            tuple(ids[i] for i in kept),
+            places[kept],
+            turns[kept],
+            joints[kept],
+            {name: column[kept] for name, column in conditions.items()},
+            tuple(self.lines[i] for i in kept),
+            tuple(self.warnings),
+        )
+
+    def _ways(self) -> Array:
+        """The joints' columns, if there are any: each row has all or none."""
+        stems = {*self.joint_names, *(f"q{j + 1}" for j in range(len(self.joint_names)))}
+        given = [column for column in self.header if column.rsplit("_", 1)[0] in stems or column in stems]
+        if not given:
+            return np.full((len(self.rows), len(self.joint_names)), np.nan)
+        joints = np.stack([self._joint(j, empty=True) for j in range(len(self.joint_names))], axis=1)
+        empty = np.isnan(joints)
+        half = empty.any(axis=1) & ~empty.all(axis=1)
+        if half.any():
+            row = int(half.argmax())
+            name = self.joint_names[int(empty[row].argmax())]
+            raise self.fail(row, name, "empty, but other joints are there; give all of them or none")
+        self._warn_of_degrees(np.nan_to_num(joints))
+        return joints
+
+    def _turns(self, name: str, places: Array, meaning: Meaning | None) -> Array:
+        """Rotations ``(n, 3, 3)``, NaN where the file has none."""
+        rest = self._rest([name])
+        turns = np.full((len(places), 3, 3), np.nan)
+        angles = [end for end in ENDS if end.startswith("r")]
+        if meaning is not None and not {f"{name}_{end}" for end in angles}.union(angles).intersection(rest):
+            raise LabError(f"--orientation {meaning}: {self.path} has no angles rx_deg, ry_deg, rz_deg; leave it out")
+        if not {f"{name}_{end}" for end in ENDS}.union(ENDS).intersection(rest):
+            return turns
+        seen = measured((), np.empty((len(places), 0)), (name,), places[:, None])
+        with naming(self.path):
+            quaternions = read_orientations(replace(seen, other=rest, lines=tuple(self.lines)), name, meaning)
+        given = np.isfinite(quaternions).all(axis=1)
+        turns[given] = se3.rotation_from_quaternion(quaternions[given])
+        return turns

@@ -1,0 +1,91 @@
+"""A calibrated arm as URDF, which most robot software reads."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from lab.commands.robot import Robot
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.formats.link_tree import Link, free_name, link_tree
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+
+_PLACEHOLDER_KG = 1e-3
+_GYRATION_M = 0.05
+_ABOUT = """\
+The identified geometry alone: no sag, no backlash, no shapes.
+The root link is the frame in which the arm was measured. Lengths in m, angles in rad.
+A velocity or an effort of 0 is one that is not known.
+"""
+
+
+def calibrated_urdf(robot: Robot, arm: SerialArm, values: Array) -> str:
+    """The arm with parameters ``values`` ``(p,)`` as links and joints, to the last digit.
+
+    Joints have the chain's names. Links are those of ``geometry.links``: the instrument's frame, the
+    table's frame 0, one a joint, the table's last frame, and one a target.
+    """
+    chain = arm.chain
+    root = ET.Element("robot", name=robot.name)
+    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", fusestatic="false")  # MuJoCo keeps fixed links
+    for link in link_tree(arm, values).links:
+        element = ET.SubElement(root, "link", name=link.name)
+        if link.joint is not None:
+            _add_mass(element, *_mass_and_centre(robot, link))
+        if link.parent is not None:
+            _add_joint(root, chain, link, link.parent)
+    ET.indent(root)
+    head = f'<?xml version="1.0"?>\n<!--\n{_ABOUT}{_masses_note(robot)}\n-->\n'
+    return head + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _add_mass(element: ET.Element, mass_kg: float, centre: Array) -> None:
+    inertial = ET.SubElement(element, "inertial")
+    ET.SubElement(inertial, "origin", xyz=_numbers(centre), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=repr(mass_kg))
+    moment = repr(_placeholder_inertia(mass_kg))
+    ET.SubElement(inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
+
+
+def _add_joint(root: ET.Element, chain: Chain, link: Link, parent: str) -> None:
+    """The joint that moves the link, or fixes it to its parent."""
+    i = link.joint
+    kind = "fixed" if i is None else "prismatic" if chain.prismatic[i] else "revolute"
+    name = free_name(f"{link.name}_fixed", chain.joint_names) if i is None else chain.joint_names[i]
+    joint = ET.SubElement(root, "joint", name=name, type=kind)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=link.name)
+    T = link.T_parent_link
+    ET.SubElement(joint, "origin", xyz=_numbers(T[:3, 3]), rpy=_numbers(se3.roll_pitch_yaw(T[:3, :3])))
+    if i is None:
+        return
+    ET.SubElement(joint, "axis", xyz=_numbers(np.array([0.0, 0.0, link.sign])))
+    lower, upper, speed = (repr(float(value[i])) for value in (chain.lower, chain.upper, np.nan_to_num(chain.speed)))
+    ET.SubElement(joint, "limit", lower=lower, upper=upper, effort="0", velocity=speed)
+
+
+def _mass_and_centre(robot: Robot, link: Link) -> tuple[float, Array]:
+    """Mass (kg) and its centre ``(3,)`` (m) in the frame of a moving link: the drawing's, or a placeholder."""
+    assert link.joint is not None
+    mass = 0.0 if robot.loads is None else float(robot.loads.mass_kg[link.joint])
+    if robot.loads is None or mass <= 0:
+        return _PLACEHOLDER_KG, np.zeros(3)
+    return mass, se3.transform(link.T_link_frame, robot.loads.centre_m[link.joint][None])[0]
+
+
+def _placeholder_inertia(mass_kg: float) -> float:
+    """A moment of inertia (kg m^2) about every axis, for readers that refuse a moving link without one."""
+    return mass_kg * _GYRATION_M**2
+
+
+def _masses_note(robot: Robot) -> str:
+    """What of the masses is known, for a comment in the file."""
+    if robot.loads is None:
+        return "Masses and inertias are placeholders: the robot's are not known."
+    return "Masses and their centres are the drawing's (1 g where it has none); inertias are placeholders."
+
+
+def _numbers(vector: Array) -> str:
+    """Every digit of a vector, with spaces between; zero without a sign."""
+    return " ".join(repr(float(value) + 0.0) for value in vector)

@@ -1,1 +1,0 @@
-"""The arm as equations: chains, kinematics with derivatives, gauge."""

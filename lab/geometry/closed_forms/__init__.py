@@ -1,1 +1,0 @@
-"""Inverses in closed form, a module for each shape of arm."""

@@ -1,0 +1,1 @@
+"""The arm as equations: chains and mechanisms, parameters, derivatives."""

@@ -1,0 +1,1 @@
+"""Mechanisms with loops: structure, loop closure, derivatives."""

@@ -1,0 +1,238 @@
+"""A mechanism with loops, as drawn: its structure, its joints, its parameters, and the poses it can take."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.closed.configuration import Dimensions, Posture
+from lab.kinematics.closed.loop_closure import CLOSED_M, LEAST_STEP, SINGULAR, Assembly, Closed, Known
+from lab.kinematics.closed.structure import Tree
+from lab.kinematics.closed.validation import refuse_unsound
+from lab.kinematics.joints import Joints
+from lab.kinematics.serial.arm import BASE_NAMES
+
+SAMPLED = 1.5  # times the closures' condition in the drawn position, up to which poses are drawn at random
+STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
+COPIES, OFF = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
+WITH_COPIES = 2.0  # times the condition that the drawing is to have
+QUICK_STEP = 0.25  # of a way that is not to cost much
+UNLIKE = 0.05  # m or rad: dimensions this far from the drawing's are no copy's, and not worth a way
+STATIONS = 512  # readings at which the drawing's passive values are sought beforehand
+_LEAST_LEVER_M = 1e-3
+_BLOCK, _MOST_BLOCKS = 256, 200  # of random readings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mechanism(Joints):
+    """A mechanism whose joints are measured and whose passive values the closures give."""
+
+    tree: Tree
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_unsound(self, self.tree)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The parameters, without targets': the base's, ``<frame>.<step>``, ``<rod>.length``.
+
+        The constant of a step or a rod that a joint moves is that joint's offset.
+        """
+        steps = [self.tree.name_of(f, s) for f, s in self.tree.constants]
+        rods = [f"{self.tree.rods[i].name}.length" for i in self.tree.lengths]
+        return (*BASE_NAMES, *steps, *rods)
+
+    @cached_property
+    def drawn(self) -> Array:
+        """The parameters ``(p,)`` as drawn, with the base at the tracker's origin."""
+        tree = self.tree
+        steps = [tree.step(f, s).value for f, s in tree.constants]
+        return np.array([*np.zeros(6), *steps, *(tree.rods[i].length_m for i in tree.lengths)])
+
+    def dimensions(self, values: Array) -> Dimensions:
+        """What parameters ``(p,)`` in the order of ``names``, or more that follow, say of the mechanism's numbers."""
+        tree, first = self.tree, 6 + len(self.tree.constants)
+        kind = values.dtype
+        steps = [np.array([step.value for step in frame.path], dtype=kind) for frame in tree.frames]
+        for (f, s), value in zip(tree.constants, values[6:first], strict=True):
+            steps[f][s] = value
+        lengths = np.array([rod.length_m for rod in tree.rods], dtype=kind)
+        lengths[list(tree.lengths)] = values[first : first + len(tree.lengths)]
+        return Dimensions(values[:6], tuple(steps), lengths, self.sign)
+
+    def offset_of(self, joint: int) -> str:
+        """The name of the constant that a joint's reading adds to."""
+        for f, s in self.tree.constants:
+            if self.tree.step(f, s).joint == joint:
+                return self.tree.name_of(f, s)
+        return next(f"{rod.name}.length" for rod in self.tree.rods if rod.joint == joint)
+
+    def assembled(self, joints: Array, values: Array, *, quickly: bool = False) -> Closed:
+        """The loops closed at readings ``(n, joints)``, in the mode of the drawn position where a way leads there.
+
+        From a station, with these parameters; where that way ends, with the drawing's, and on to these at the readings.
+
+        Args:
+            quickly: take few steps on the way, and leave open what takes more, nearly singular or none of this mode.
+        """
+        nearest, assembly = self._nearest(joints), self._assembly(values)
+        own = slice(len(BASE_NAMES), len(self.names))
+        quickly |= bool(np.abs(values[own] - self.drawn[own]).max(initial=0.0) > UNLIKE)
+        found = assembly.from_known(joints, nearest, QUICK_STEP if quickly else LEAST_STEP)
+        lost = np.flatnonzero(~np.isfinite(found.posture.passive).all(axis=0))
+        if quickly or not lost.size or values is self.drawn:
+            return found
+        drawn = self._assembly(self.drawn).from_known(joints[lost], nearest.take(lost))
+        again = assembly.from_known(joints[lost], Known(joints[lost], drawn.posture.passive, nearest.sense))
+        passive = found.posture.passive.copy()
+        passive[:, lost] = again.posture.passive
+        found.posture.move(passive)
+        return assembly.closed(found.posture, nearest.sense)
+
+    def _nearest(self, joints: Array) -> Known:
+        """The station nearest to each of the readings ``(n, joints)``."""
+        known, tree = self._stations
+        return known.take(tree.query(joints / self._ranges)[1])
+
+    def _assembly(self, values: Array) -> Assembly:
+        return Assembly(self.tree, self.dimensions(values), self.levers, self._turns)
+
+    def refuse_open(self) -> None:
+        """A LabError where the loops do not close in the drawn position."""
+        assert self._stations
+
+    def stands(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
+        """As of any joints: whether the drawing's loops close, in the mode of the drawn position."""
+        if not well:
+            return np.asarray(self.assembled(joints, self.drawn).condition < SINGULAR)
+        most = SAMPLED * max(self._home_condition, 1.0)
+        fits = self.assembled(joints, self.drawn).condition < most
+        for values in self._copies:
+            fits[fits] = self.assembled(joints[fits], values, quickly=True).condition < WITH_COPIES * most
+        return np.asarray(fits)
+
+    @cached_property
+    def _home_condition(self) -> float:
+        """Of the closures in the drawn position."""
+        return float(self.assembled(self.home[None], self.drawn).condition[0])
+
+    @cached_property
+    def _copies(self) -> list[Array]:
+        """Parameters ``(p,)`` of imperfect copies, off by more than a real one should be."""
+        rng = stream(0, "arm")
+        return [self.drawn + OFF * rng.standard_normal(len(self.drawn)) for _ in range(COPIES)]
+
+    def random_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Readings ``(count, joints)`` uniform within the limits where the drawing assembles, well from singularities.
+
+        Raises:
+            LabError: hardly any such readings are found.
+        """
+        found: list[Array] = []
+        have = 0
+        for _ in range(_MOST_BLOCKS + count // _BLOCK):
+            block = super().random_joints(_BLOCK, rng)
+            found.append(block[self.stands(block, well=True)])
+            have += len(found[-1])
+            if have >= count:
+                return np.concatenate(found)[:count]
+        raise LabError(
+            f"robot '{self.name}': hardly any readings within the limits close its loops; narrow the joints' limits"
+        )
+
+    def why_not(self, joints: Array) -> str:
+        """Why the drawing's loops do not close at readings ``(joints,)``, in words; empty if they do."""
+        found = self.assembled(joints[None], self.drawn)
+        if found.fits[0]:
+            return ""
+        start = self._nearest(joints[None]).passive[:, 0]
+        gaps = self._assembly(self.drawn).nearest(joints, start)[1]
+        if np.abs(gaps).max() > CLOSED_M:
+            return self._said_open(joints, gaps)
+        if np.isfinite(found.condition[0]):
+            return f"at a parallel singularity: the closures' condition is {found.condition[0]:.2g}"
+        return "beyond a parallel singularity: its loops close there only in another assembly mode"
+
+    def _said_open(self, joints: Array, gaps: Array) -> str:
+        """Which closures stay open at readings ``(joints,)``, and by how much, if these are their gaps."""
+        posture = Posture.of(self.tree, self.dimensions(self.drawn), joints[None], self._drawn_passive[:, None])
+        long = np.array([float(np.ravel(length)[0]) for length in posture.lengths()])
+        rods, opened = len(long), np.abs(gaps)
+        opened[:rods] = np.abs(np.sqrt(np.maximum(long**2 + 2 * long * gaps[:rods], 0.0)) - long)
+        names = [rod.name for rod in self.tree.rods] + [pin.name for pin in self.tree.pins for _ in pin.axes]
+        left = list(dict.fromkeys(name for name, gap in zip(names, opened, strict=True) if gap > 0.1 * opened.max()))
+        return f"{', '.join(left)} cannot meet: {1e3 * opened.max():.3g} mm stay open"
+
+    @cached_property
+    def levers(self) -> Array:
+        """``(z,)`` one for a passive slide; for a turn, how far it moves the closures in the drawn position, m."""
+        posture = self._at_home(self._drawn_passive)
+        slopes = np.abs(posture.by_passive(posture.closures()[1])[0]).max(axis=0, initial=_LEAST_LEVER_M)
+        return np.where(self._turns, slopes, 1.0)
+
+    @cached_property
+    def _turns(self) -> NDArray[np.bool_]:
+        """``(z,)`` which passive values are turns."""
+        return np.array([self.tree.step(f, s).is_turn for f, s in self.tree.passive], dtype=bool)
+
+    @property
+    def home(self) -> Array:
+        """Those of the drawn position: zero, or the middle of the limits where zero is beyond them."""
+        within = (self.lower <= 0) & (self.upper >= 0)
+        return np.where(within, 0.0, (self.lower + self.upper) / 2)
+
+    @property
+    def _drawn_passive(self) -> Array:
+        return np.array([self.tree.step(f, s).value for f, s in self.tree.passive])
+
+    def _at_home(self, passive: Array) -> Posture:
+        return Posture.of(self.tree, self.dimensions(self.drawn), self.home[None], passive[:, None])
+
+    @property
+    def _ranges(self) -> Array:
+        return self.upper - self.lower
+
+    @cached_property
+    def _stations(self) -> tuple[Known, Any]:
+        """Where the drawing's passive values are known: home, and what can be reached from there, place by place.
+
+        Raises:
+            LabError: the loops do not close at home, or are singular there.
+        """
+        assembly = self._assembly(self.drawn)
+        passive, gaps = assembly.nearest(self.home, self._drawn_passive)
+        if np.abs(gaps).max(initial=0.0) > CLOSED_M:
+            at = ", ".join(f"{name} {self.shown(i, self.home[i])}" for i, name in enumerate(self.joint_names))
+            raise LabError(
+                f"robot '{self.name}': in the drawn position ({at}) {self._said_open(self.home, gaps)}; mend lengths, "
+                "places of their ends, or limits: it is drawn at zero readings, or amid limits that zero is beyond"
+            )
+        posture = self._at_home(passive)
+        sense = float(np.sign(np.linalg.det(posture.by_passive(posture.closures()[1])[0])))
+        if not assembly.closed(posture, sense).fits[0]:
+            raise LabError(
+                f"robot '{self.name}': the drawn position is singular, the closures do not hold the platform there; "
+                "place rods that are alike or in line otherwise, or draw another position"
+            )
+        known = Known(self.home[None], passive[:, None], sense)
+        sobol = scipy.stats.qmc.Sobol(self.size, scramble=True, rng=stream(0, "structure"))
+        left = scipy.stats.qmc.scale(sobol.random(STATIONS), self.lower, self.upper)
+        grown = True
+        while grown and len(left):
+            nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
+            found = assembly.from_known(left, known.take(nearest))
+            good = found.condition < STATION  # an imperfect copy may lack what is nearly singular
+            known = Known(
+                np.concatenate([known.joints, left[good]]),
+                np.concatenate([known.passive, found.posture.passive[:, good]], axis=1),
+                known.sense,
+            )
+            left, grown = left[~good], bool(good.any())
+        return known, scipy.spatial.cKDTree(known.joints / self._ranges)

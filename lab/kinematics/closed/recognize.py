@@ -1,0 +1,235 @@
+"""Whether a mechanism, as drawn, is a 2-RPR, a 3-RPR or a Delta, and what its numbers mean to their closed forms.
+
+It is read off its frames at passive values of zero: there slides have their directions, and each leg its two ends.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.closed.classical.delta import Delta
+from lab.kinematics.closed.classical.plane import left, wrapped
+from lab.kinematics.closed.classical.rpr2 import TwoLegs
+from lab.kinematics.closed.classical.rpr3 import ThreeLegs
+from lab.kinematics.closed.classical.singularity import Distances
+from lab.kinematics.closed.configuration import Posture
+from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.closed.structure import Tree
+
+ALIKE = 1e-9  # m, and of unit vectors: dimensions of a drawing that differ by less are one
+
+_Motion = tuple[int, int]  # frame and step
+
+
+@dataclass(frozen=True)
+class CourseModel:
+    """A mechanism's closed form; readings ``(n, joints)`` and passive values ``(n, z)`` are the mechanism's.
+
+    Attributes:
+        order: ``(legs,)`` the joint of each leg of the model.
+        sense, zero: ``(legs,)`` what the model takes of a leg's joint is zero + sense x reading.
+        axes, origin: ``(z, z)`` and ``(z,)``: the model's pose is axes @ (passive - origin).
+        middle: ``(joints,)`` readings of joints that turn are given within half a turn of these.
+        drawn: ``(z,)`` passive values of a platform that turns are given within half a turn of these.
+    """
+
+    model: TwoLegs | ThreeLegs | Delta
+    order: tuple[int, ...]
+    sense: Array
+    zero: Array
+    axes: Array
+    origin: Array
+    middle: Array
+    drawn: Array
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        return {TwoLegs: "2-RPR", ThreeLegs: "3-RPR", Delta: "Delta"}[type(self.model)]
+
+    def modes(self, joints: Array) -> Array:
+        """Passive values ``(n, m, z)`` of every way to assemble it; NaN where there are fewer, or none."""
+        found = np.asarray(self.model.direct(self._taken(joints)) @ self.axes + self.origin)
+        if isinstance(self.model, ThreeLegs):
+            found[..., 2] = self.drawn[2] + wrapped(found[..., 2] - self.drawn[2])
+        return found
+
+    def ways(self, passive: Array) -> Array:
+        """Readings ``(n, w, joints)``: those of a leg are in a column, its ways one below the other, NaN if none."""
+        found = self.model.inverse(self._pose(passive))
+        found = found if found.ndim == 3 else found[:, None]
+        readings = np.empty_like(found)
+        readings[..., self.order] = (found - self.zero) * self.sense
+        if isinstance(self.model, Delta):
+            return self.middle + wrapped(readings - self.middle)
+        return readings
+
+    def distances(self, joints: Array, passive: Array) -> Distances:
+        """From what is singular, at passive values that go with the readings."""
+        if isinstance(self.model, Delta):
+            return self.model.distances(self._pose(passive), self._taken(joints))
+        return self.model.distances(self._pose(passive))
+
+    def side(self, joints: Array, passive: Array) -> Array:
+        """``(n,)`` on which side of parallel singularities it is, 1 or -1: the sign of det A; else 0 or NaN."""
+        if isinstance(self.model, Delta):
+            rows = self.model.matrices(self._pose(passive), self._taken(joints))[0]
+        else:
+            rows = self.model.matrices(self._pose(passive))[0]
+        with np.errstate(invalid="ignore"):  # of what is not closed
+            return np.asarray(np.sign(np.linalg.det(rows)))
+
+    def _taken(self, joints: Array) -> Array:
+        return self.zero + self.sense * joints[:, self.order]
+
+    def _pose(self, passive: Array) -> Array:
+        return np.asarray((passive - self.origin) @ self.axes.T)
+
+
+def course_model_of(mechanism: Mechanism) -> CourseModel | None:
+    """The closed form of a mechanism, wherever it is placed; None where it is none of the three."""
+    tree = mechanism.tree
+    zeros = np.zeros((1, mechanism.size)), np.zeros((len(tree.passive), 1))
+    posture = Posture.of(tree, mechanism.dimensions(mechanism.drawn), *zeros)
+    legs = [_leg(tree, posture, rod.ends) for rod in tree.rods]
+    found = [leg for leg in legs if leg is not None]
+    if tree.pins or not found or len(found) < len(legs):
+        return None
+    slides = tuple(tree.step(*step).is_turn for step in tree.passive)
+    directions = np.stack([posture.steps[f][s][0][:3, 0] for f, s in tree.passive])
+    if not np.allclose(directions[:3] @ directions[:3].T, np.eye(min(len(slides), 3)), atol=ALIKE):
+        return None
+    try:
+        if slides == (False, False) and len(found) == 2:
+            return _two_legs(mechanism, found, directions)
+        if slides == (False, False, True) and len(found) == 3:
+            return _three_legs(mechanism, found, directions, _origin(posture, tree.passive[2]))
+        if slides == (False, False, False) and len(found) == 3:
+            return _delta(mechanism, posture, found, directions)
+    except LabError:  # dimensions that the model refuses
+        return None
+    return None
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """Of a rod: where its end nearer to the base is ``(3,)`` m, and what moves it; and the end on the platform."""
+
+    near: Array
+    moves: tuple[_Motion, ...]
+    far: Array
+
+
+def _leg(tree: Tree, posture: Posture, ends: tuple[int, int]) -> _Leg | None:
+    """A rod between what passive values do not move and what all of them move, and no joint."""
+    near, far = sorted(ends, key=lambda end: tree.loose[end])
+    on_the_platform = [step for step in tree.ancestry(far) if _moves(tree, step)]
+    if tree.loose[near] or on_the_platform != list(tree.passive):
+        return None
+    places = [posture.frames[end][1][:3, 0] for end in (near, far)]
+    return _Leg(places[0], tuple(step for step in tree.ancestry(near) if _moves(tree, step)), places[1])
+
+
+def _moves(tree: Tree, step: _Motion) -> bool:
+    described = tree.step(*step)
+    return described.passive or described.joint is not None
+
+
+def _origin(posture: Posture, step: _Motion) -> Array:
+    """Where a turn's axis passes ``(3,)``."""
+    origin = posture.steps[step[0]][step[1]][1]
+    assert origin is not None
+    return np.asarray(origin[:3, 0])
+
+
+def _of_measured_lengths(mechanism: Mechanism, legs: list[_Leg]) -> tuple[tuple[int, ...], Array, Array] | None:
+    """Order, sense and zero of legs whose lengths the joints are; None where they are not."""
+    rods = mechanism.tree.rods
+    order = tuple(rod.joint for rod in rods if rod.joint is not None)
+    if len(order) < len(rods) or any(leg.moves for leg in legs):
+        return None
+    return order, mechanism.sign[list(order)], np.array([rod.length_m for rod in rods])
+
+
+def _two_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array) -> CourseModel | None:
+    """The platform does not turn, so that legs to different places on it are legs to one pin from moved anchors."""
+    measured = _of_measured_lengths(mechanism, legs)
+    anchors = np.stack([leg.near - leg.far for leg in legs])
+    if measured is None or np.abs(anchors @ np.cross(*directions)).max() > ALIKE:
+        return None
+    first, second = anchors @ directions.T
+    model = TwoLegs(float(np.hypot(*(second - first))))
+    along = (second - first) / model.span_m
+    return CourseModel(model, *measured, np.stack([along, left(along)]), first, *_ranges(mechanism))
+
+
+def _three_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array, pivot: Array) -> CourseModel | None:
+    """The platform's frame is where it turns about."""
+    measured = _of_measured_lengths(mechanism, legs)
+    normal = np.cross(*directions[:2])
+    heights = np.array([(leg.near - leg.far) @ normal for leg in legs])
+    if measured is None or max(np.abs(heights).max(), 1 - abs(directions[2] @ normal)) > ALIKE:
+        return None
+    base, platform = (np.stack([(end - pivot) @ directions[:2].T for end in ends])
+                      for ends in ([leg.near for leg in legs], [leg.far for leg in legs]))  # fmt: skip
+    turn = np.sign(directions[2] @ normal)
+    return CourseModel(
+        ThreeLegs(base, platform), *measured, np.diag([1.0, 1.0, turn]), np.zeros(3), *_ranges(mechanism)
+    )
+
+
+def _delta(mechanism: Mechanism, posture: Posture, legs: list[_Leg], directions: Array) -> CourseModel | None:
+    """Hips on a level circle about its centre, rods' ends on another, arms that turn about tangents of the first."""
+    tree, lengths = mechanism.tree, [rod.length_m for rod in mechanism.tree.rods]
+    movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1 and tree.step(*leg.moves[0]).is_turn]
+    if len(movers) < 3 or np.ptp(lengths) > ALIKE:
+        return None
+    axes = np.stack([posture.steps[f][s][0][:3, 0] for f, s in movers])
+    levers = np.stack([leg.near - _origin(posture, mover) for leg, mover in zip(legs, movers, strict=True)])
+    arms = levers - (levers * axes).sum(axis=1, keepdims=True) * axes
+    hips, ends = np.stack([leg.near for leg in legs]) - arms, np.stack([leg.far for leg in legs])
+    sizes = np.linalg.norm(arms, axis=1)
+    normals = np.cross(axes[[0, 1, 2]], axes[[1, 2, 0]])
+    up = normals[np.argmax(np.linalg.norm(normals, axis=1))]
+    if np.ptp(sizes) > ALIKE or np.linalg.norm(up) < ALIKE:
+        return None
+    drawn = np.array([tree.step(*step).value for step in tree.passive])
+    up = up / np.linalg.norm(up) * (-1.0 if (ends[0] + drawn @ directions - hips[0]) @ up > 0 else 1.0)
+    if np.abs(axes @ up).max() > ALIKE:
+        return None
+    for signs in product((1.0, -1.0), repeat=3):
+        outward = np.array(signs)[:, None] * np.cross(axes, up)
+        centre, base_radius = _circle(hips, outward)
+        middle, platform_radius = _circle(ends, outward)
+        if base_radius >= 0 and platform_radius >= 0:
+            break
+    else:
+        return None
+    x = np.eye(3)[np.argmin(np.abs(up[:2]))]
+    x = (x - (x @ up) * up) / np.linalg.norm(x - (x @ up) * up)
+    y = np.cross(up, x)
+    azimuths = np.arctan2(outward @ y, outward @ x)
+    order = tuple(joint for mover in movers if (joint := tree.step(*mover).joint) is not None)
+    sense = np.sign((axes * np.cross(up, outward)).sum(axis=1)) * mechanism.sign[list(order)]
+    zero = np.arctan2(-(arms @ up), (arms * outward).sum(axis=1))
+    model = Delta(base_radius, platform_radius, float(sizes[0]), float(lengths[0]), azimuths)
+    rows = np.stack([x, y, up]) @ directions.T
+    return CourseModel(model, order, sense, zero, rows, -directions @ (middle - centre), *_ranges(mechanism))
+
+
+def _circle(points: Array, outward: Array) -> tuple[Array, float]:
+    """Centre and radius of the circle that points ``(3, 3)`` lie on, in these directions; a radius of NaN if none."""
+    unknowns = np.concatenate([np.tile(np.eye(3), (3, 1)), outward.reshape(9, 1)], axis=1)
+    found = np.linalg.lstsq(unknowns, points.ravel(), rcond=None)[0]
+    if np.abs(unknowns @ found - points.ravel()).max() > ALIKE:
+        return found[:3], np.nan
+    return found[:3], 0.0 if abs(found[3]) < ALIKE else float(found[3])
+
+
+def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Readings and passive values about which angles are given."""
+    drawn = np.array([mechanism.tree.step(*step).value for step in mechanism.tree.passive])
+    return (mechanism.lower + mechanism.upper) / 2, drawn

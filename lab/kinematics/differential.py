@@ -1,0 +1,121 @@
+"""Differential models of an arm: rates of its joints, the tool's twist, and where the one cannot follow the other.
+
+The direct model is the geometric Jacobian itself, twist = J rates (``SerialArm.tool``): velocity of the target (m/s)
+and angular velocity (rad/s) in the tracker's frame, from rates in rad/s, m/s of a slide. ``rates`` is the inverse one.
+Singular values are in metres: a radian of the tool weighs as much as ``ROTATION_M``; joints count as they are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+
+ROTATION_M = 0.3  # a radian of the tool weighs as much as this beside its metres
+SINGULAR_M = 1e-9  # of a singular value: a motion that joints move less than this a radian is not theirs
+WEIGHTS = np.array([1.0, 1.0, 1.0, ROTATION_M, ROTATION_M, ROTATION_M])
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What joints do for some twists.
+
+    Attributes:
+        joints: ``(n, joints)`` the shortest rates that come nearest to the twist, rad/s or m/s.
+        missing: ``(n, 6)`` m/s and rad/s, what of the twist cannot be had: J joints = twist - missing.
+        rank: ``(n,)`` of the Jacobian.
+        free: ``(n, joints, joints)`` rows of unit length, at right angles to each other: combinations of the joints
+            that move nothing. There are joints - rank of them; the other rows are zero.
+        lost: ``(n, 6, 6)`` rows, directions of motion (m, rad) that no joint moves in, not even partly: at right
+            angles to all that can be had, and of unit length, both with weighed radians. There are 6 - rank of them;
+            the other rows are zero.
+    """
+
+    joints: Array
+    missing: Array
+    rank: NDArray[np.int_]
+    free: Array
+    lost: Array
+
+
+def rates(jacobian: Array, twists: Array, least_m: float = SINGULAR_M) -> Rates:
+    """The inverse differential model, by a pseudo-inverse that is cut off at a singularity (e.g. Khalil & Dombre 2002).
+
+    Args:
+        jacobian: ``(n, 6, joints)``, geometric.
+        twists: wanted, ``(n, 6)`` m/s and rad/s.
+        least_m: singular values up to this count as zero.
+    """
+    u, sizes, vt = np.linalg.svd(WEIGHTS[:, None] * jacobian)
+    count = sizes.shape[1]
+    kept = sizes > least_m
+    along = np.einsum("nik,ni->nk", u, WEIGHTS * twists)  # of the twist, in each direction
+    by_size = np.where(kept, along[:, :count], 0.0) / np.where(kept, sizes, 1.0)
+    rank = kept.sum(axis=1)
+    free = _last_rows(vt, rank)
+    lost = _last_rows(u.swapaxes(1, 2), rank)
+    missing = np.einsum("nki,nk->ni", lost, np.einsum("nki,ni->nk", lost, WEIGHTS * twists)) / WEIGHTS
+    return Rates(np.einsum("nkj,nk->nj", vt[:, :count], by_size), missing, rank, free, lost / WEIGHTS)
+
+
+def _last_rows(rows: Array, first: NDArray[np.int_]) -> Array:
+    """Of rows ``(n, k, k)`` those from ``first`` ``(n,)`` on, the first of their largest parts positive; then zeros."""
+    size = np.abs(rows)
+    largest = (size > (1 - 1e-9) * size.max(axis=2, keepdims=True)).argmax(axis=2)[:, :, None]
+    signed = rows * np.sign(np.take_along_axis(rows, largest, axis=2))
+    chosen = np.where((np.arange(rows.shape[1]) >= first[:, None])[:, :, None], signed, 0.0)
+    return chosen[:, ::-1]
+
+
+def pseudo_inverse(matrix: Array, damping: Array | float = 0.0, least: float = SINGULAR_M) -> Array:
+    """Of matrices ``(n, r, c)``, without singular values up to ``least``; V s / (s^2 + damping^2) U' where damped.
+
+    Args:
+        damping: ``(n,)``, in the singular values' unit.
+    """
+    u, sizes, vt = np.linalg.svd(matrix, full_matrices=False)
+    kept = sizes > least
+    inverse = np.where(kept, sizes, 0.0) / np.where(kept, sizes**2 + np.reshape(damping, (-1, 1)) ** 2, 1.0)
+    found: Array = (vt.swapaxes(1, 2) * inverse[:, None]) @ u.swapaxes(1, 2)
+    return found
+
+
+def manipulability(jacobian: Array) -> Array:
+    """The product w ``(n,)`` of the singular values of ``(n, 6, joints)``: of six joints |det J|, of more
+    sqrt(det J J') (Yoshikawa 1985); m^3.
+    """
+    return np.asarray(np.prod(np.linalg.svd(jacobian, compute_uv=False), axis=1))
+
+
+def singular_distance(jacobian: Array) -> tuple[Array, NDArray[np.int_]]:
+    """How far (rad, m of a slide) the joints are from where the arm is singular, to first order.
+
+    The manipulability w is zero there: by its gradient that is w / |dw/dq| away. The gradient is w tr(J+ dJ/dq_k),
+    and of a serial arm's columns (v_i, o_i) dv_i/dq_k = o_k x v_i for k <= i, else o_i x v_k; do_i/dq_k = o_k x o_i
+    for k < i, else 0 (Hollerbach 1985). Of six joints and more neither units nor the choice of the target change it.
+
+    Args:
+        jacobian: ``(n, 6, joints)``, geometric.
+
+    Returns:
+        ``(n,)`` the distances, and the joint (from 0) that would have to move most.
+    """
+    u, sizes, vt = np.linalg.svd(jacobian)
+    size, sizes = sizes.shape[1], np.maximum(sizes, 1e-15 * sizes[:, :1])
+    inverse = (vt.swapaxes(1, 2)[:, :, :size] / sizes[:, None]) @ u.swapaxes(1, 2)[:, :size]
+    there = np.flatnonzero((sizes[:, -1] <= 1e-12 * sizes[:, 0]) & (jacobian.shape[2] < 6))
+    columns = jacobian.swapaxes(1, 2)  # (n, joints, 6)
+    v, o = columns[..., :3], columns[..., 3:]
+    gradient = np.empty(columns.shape[:2])  # of log w
+    for k in range(columns.shape[1]):
+        by_k = np.zeros_like(columns)
+        by_k[:, k:, :3] = np.cross(o[:, k : k + 1], v[:, k:])
+        by_k[:, :k, :3] = np.cross(o[:, :k], v[:, k : k + 1])
+        by_k[:, k + 1 :, 3:] = np.cross(o[:, k : k + 1], o[:, k + 1 :])
+        gradient[:, k] = np.einsum("njr,njr->n", inverse, by_k)
+        if there.size:  # fewer than six joints leave more than one direction in which the least size may grow
+            grown = np.einsum("nrl,njr,nj->nl", u[there, :, size - 1 :], by_k[there], vt[there, size - 1])
+            gradient[there, k] = np.linalg.norm(grown, axis=1) / sizes[there, -1]
+    distance: Array = 1 / np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
+    return distance, np.abs(gradient).argmax(axis=1)

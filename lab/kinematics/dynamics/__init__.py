@@ -1,0 +1,1 @@
+"""Gravity torques and rigid-body loads."""

@@ -1,0 +1,1 @@
+"""What is not geometry: compliance, gears, backlash, drift."""

@@ -1,0 +1,163 @@
+"""An arm with joint effects: the same seam as the rigid arm's, with the effects' parameters after its own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.measurements import SESSION
+from lab.core.se3 import Array
+from lab.kinematics.effects.groups import HOUR_S, Effect
+from lab.kinematics.model import RigidArm
+
+LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
+
+
+@dataclass(frozen=True)
+class AffectedArm:
+    """An arm whose joints stand where its effects put them.
+
+    Every effect sees the readings, and their offsets add up: what one effect does to another is of
+    second order (20 nm of 1 mrad). The parameters are the arm's, then each effect's.
+    """
+
+    arm: RigidArm
+    effects: tuple[Effect, ...]
+    names: tuple[str, ...] = field(init=False)
+    targets: tuple[str, ...] = field(init=False)
+    conditions: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        names = [*self.arm.names, *(name for effect in self.effects for name in effect.parameters)]
+        if twice := [name for name in names if names.count(name) > 1]:
+            groups = [effect.name for effect in self.effects if twice[0] in effect.parameters]
+            raise LabError(f"--model {'+'.join(groups)}: both have {twice[0]}; choose one of them")
+        conditions = dict.fromkeys(name for effect in self.effects for name in effect.conditions)
+        object.__setattr__(self, "names", tuple(names))
+        object.__setattr__(self, "targets", self.arm.targets)
+        object.__setattr__(self, "conditions", tuple(conditions))
+
+    def nominal(self, tool: dict[str, Array] | None = None) -> Array:
+        """The drawing's parameters: those of the arm, and no effect."""
+        drawn = self.arm.nominal(tool)
+        return np.concatenate([drawn, np.zeros(len(self.names) - len(drawn))])
+
+    def points(self, settings: Array, values: Array) -> Array:
+        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at settings ``(n, joints + conditions)``."""
+        stands, frame = (moved[0] for moved in self._moved(settings, values))
+        points = self.arm.points(stands, self._geometric(values))
+        return _seen_from(points, frame) if self._frame_moves else points
+
+    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+        """The positions, and their derivatives ``(n, k, 3, parameters)``."""
+        (stands, by_joint), (frame, by_frame) = self._moved(settings, values)
+        points, rigid = self.arm.observe(stands, self._geometric(values))
+        first = rigid.shape[-1]
+        jacobian = np.empty((*points.shape, len(self.names)), dtype=np.result_type(rigid, stands))
+        jacobian[..., :first] = rigid
+        jacobian[..., first:] = self.arm.by_joints(rigid) @ by_joint[:, None]
+        if self._frame_moves:
+            jacobian = _seen_from(jacobian.swapaxes(2, 3), frame, shifted=False).swapaxes(2, 3)
+            jacobian[..., first:] += _by_frame(points, frame) @ by_frame[:, None]
+            points = _seen_from(points, frame)
+        return points, jacobian
+
+    def tool(self, settings: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """Poses of a target and how the readings move them, as of the arm alone (``RigidArm.tool``).
+
+        The derivative is the rigid arm's where its joints stand: it lacks how effects change with the readings.
+        """
+        stands, frame = (moved[0] for moved in self._moved(settings, values))
+        Ts, jacobian = self.arm.tool(stands, self._geometric(values), target)
+        if self._frame_moves:
+            Ts = se3.pose(se3.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
+        return Ts, jacobian
+
+    def preferred(self) -> tuple[int, ...]:
+        """The arm's order of preference, then the effects'."""
+        return (*self.arm.preferred(), *range(len(self.arm.names), len(self.names)))
+
+    def structural(self, values: Array) -> Array:
+        """``values`` with nominally parallel axes exactly parallel, and effects that show their parameters."""
+        typical = [effect.typical or (0.0,) * len(effect.parameters) for effect in self.effects]
+        return np.concatenate([self.arm.structural(self._geometric(values)), *typical])
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Readings within the limits, and conditions of every kind."""
+        joints = self.arm.structure_joints(count, rng)
+        columns = [_some(name, count, rng)[:, None] for name in self.conditions]
+        return np.concatenate([joints, *columns], axis=1)
+
+    @property
+    def _frame_moves(self) -> bool:
+        return any(effect.moves == "frame" for effect in self.effects)
+
+    def _geometric(self, values: Array) -> Array:
+        return values[: len(self.arm.names)]
+
+    def _moved(self, settings: Array, values: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Where the joints stand ``(n, joints)`` and the frame ``(n, 7)``, each with its derivatives by the effects."""
+        size, first = self.arm.chain.size, len(self.arm.names)
+        joints, conditions = settings[:, :size], settings[:, size:]
+        kind = np.result_type(settings, values)
+        stands, frame = joints.astype(kind), np.zeros((len(joints), 7), dtype=kind)
+        total = len(self.names) - first
+        by_joint = np.zeros((len(joints), size, total), dtype=kind)
+        by_frame = np.zeros((len(joints), 7, total), dtype=kind)
+        at = 0
+        for effect in self.effects:
+            part = slice(at, at + len(effect.parameters))
+            asked = conditions[:, [self.conditions.index(name) for name in effect.conditions]]
+            moved, derivative = effect.offsets(joints, asked, values[first:][part])
+            if effect.moves == "joints":
+                stands, by_joint[..., part] = stands + moved, derivative
+            else:
+                frame, by_frame[..., part] = frame + moved, derivative
+            at = part.stop
+        return (stands, by_joint), (frame, by_frame)
+
+
+def _seen_from(vectors: Array, frame: Array, *, shifted: bool = True) -> Array:
+    """Points (or, not shifted, differences of points) ``(n, k, ..., 3)`` in a frame that moved by ``(n, 7)``."""
+    axes = [1] * (vectors.ndim - 2)
+    turn = se3.exp(frame[:, 3:6]).reshape(len(frame), *axes, 3, 3)
+    stretch, shift = (part.reshape(len(frame), *axes, -1) for part in (1 + frame[:, 6:], frame[:, :3]))
+    before = vectors + shift if shifted else vectors
+    seen: Array = stretch * (turn @ before[..., None])[..., 0]
+    return seen
+
+
+def _by_frame(points: Array, frame: Array) -> Array:
+    """Derivatives of points ``(n, k, 3)``, as they are before, by the frame's seven numbers, ``(n, k, 3, 7)``."""
+    seen, stretch = _seen_from(points, frame), 1 + frame[:, None, 6:]
+    out = np.zeros((*points.shape, 7), dtype=seen.dtype)
+    out[..., :3] = stretch[..., None] * se3.exp(frame[:, 3:6])[:, None]
+    out[..., 3:6] = -se3.skew(seen) @ se3.left_jacobian(frame[:, 3:6])[:, None]
+    out[..., 6] = seen / stretch
+    return out
+
+
+def _some(condition: str, count: int, rng: np.random.Generator) -> Array:
+    """Values of a condition at which the rank is decided."""
+    if condition == "payload_kg":
+        return rng.choice([0.0, LARGEST_PAYLOAD_KG], count)
+    if condition.startswith("approach_"):
+        return rng.choice([-1.0, 1.0], count)
+    if condition.startswith(SESSION):
+        return rng.choice([0.0, 1.0], count)
+    return rng.uniform(0.0, HOUR_S, count)
+
+
+Arm = RigidArm | AffectedArm
+
+
+def rigid_part(arm: Arm) -> RigidArm:
+    """The geometry of an arm, whose parameters come first."""
+    return arm.arm if isinstance(arm, AffectedArm) else arm
+
+
+def affected(arm: RigidArm, effects: Sequence[Effect]) -> Arm:
+    """The arm with these effects; the arm itself where there are none."""
+    return AffectedArm(arm, tuple(effects)) if effects else arm

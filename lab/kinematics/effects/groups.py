@@ -1,0 +1,203 @@
+"""What is not geometry: named groups of parameters that move joints away from their readings.
+
+An effect is a plain function of readings, conditions and its own parameters, with its derivative;
+all its parameters are zero on the drawing. To add one, write such a function and an ``Effect``.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.measurements import SESSION
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.joints import Joints
+
+Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
+NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
+HOUR_S = 3600.0
+TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
+
+
+@dataclass(frozen=True)
+class Course:
+    """How a campaign went: its sessions in their order, and when its clock was started (s)."""
+
+    sessions: tuple[str, ...] = ()
+    start_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A group of parameters.
+
+    Attributes:
+        name: of the group, e.g. ``compliance``.
+        parameters: their names, e.g. ``joint2.compliance``; joints count from 1.
+        offsets: readings ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
+            joints stand from their readings ``(n, joints)`` (rad, m of a slide), and the derivatives
+            ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
+            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v).
+        conditions: columns of ``Measurements.conditions`` that it asks for.
+        moves: the joints, or the frame in which points are measured.
+        typical: values at which the rank is decided, where the drawing's zeros would hide a parameter.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    offsets: Offsets
+    conditions: tuple[str, ...] = ()
+    moves: Literal["joints", "frame"] = "joints"
+    typical: tuple[float, ...] = ()
+
+
+def gear(chain: Joints) -> Effect:
+    """Gear ratios that are off: joint i stands at (1 + e_i) q_i."""
+    names = tuple(f"joint{i + 1}.gear" for i in range(chain.size))
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, chain.size))
+        derivative[:, range(chain.size), range(chain.size)] = joints
+        return joints * values, derivative
+
+    return Effect("gear", names, offsets)
+
+
+def harmonics(chain: Joints, order: int = 1) -> Effect:
+    """Runout of gear or encoder: joint i stands at q_i + s_i sin(k q_i) + c_i cos(k q_i), k the order."""
+    turning = _turning(chain)
+    names = tuple(f"joint{i + 1}.{wave}{order}" for i in turning for wave in ("sin", "cos"))
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, len(names)))
+        for k, i in enumerate(turning):
+            derivative[:, i, 2 * k] = np.sin(order * joints[:, i])
+            derivative[:, i, 2 * k + 1] = np.cos(order * joints[:, i])
+        return derivative @ values, derivative
+
+    return Effect("harmonics" if order == 1 else f"harmonics{order}", names, offsets)
+
+
+def coupling(chain: Joints) -> Effect:
+    """Axes that their neighbours drag along: joint i stands at q_i + k_ij q_j, and the last one also by j = i - 2."""
+    last, turning = chain.size - 1, _turning(chain)
+    pairs = [*((i, i - 1) for i in range(1, chain.size)), *([(last, last - 2)] if last >= 2 else [])]
+    pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
+    names = tuple(f"joint{i + 1}.coupling{j + 1}" for i, j in pairs)
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, len(pairs)))
+        for k, (i, j) in enumerate(pairs):
+            derivative[:, i, k] = joints[:, j]
+        return derivative @ values, derivative
+
+    return Effect("coupling", names, offsets)
+
+
+def backlash(chain: Joints) -> Effect:
+    """Play of full width b_i: joint i stands at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
+    names = tuple(f"joint{i + 1}.backlash" for i in range(chain.size))
+
+    def offsets(joints: Array, approach: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, chain.size))
+        derivative[:, range(chain.size), range(chain.size)] = approach / 2
+        return approach * values / 2, derivative
+
+    return Effect("backlash", names, offsets, tuple(f"approach_{name}" for name in chain.joint_names))
+
+
+def compliance(loads: Loads, payload: bool = False) -> Effect:
+    """Joints that give way to gravity: joint i stands at q_i + c_i g_i(q + offset), by the drawing's masses.
+
+    The equilibrium is solved by Newton's method, with c the compliances (rad/Nm) of the joints that
+    bear the arm's weight and g their torques (``Loads``). With ``payload``, an unknown mass at the
+    last frame's origin is fitted too, beside the rows' own ``payload_kg``.
+    """
+    bearing = loads.bearing(stream(0, "structure"))
+    names = tuple(f"joint{i + 1}.compliance" for i in bearing) + (("payload.mass",) if payload else ())
+
+    def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
+        soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
+        soft[list(bearing)] = values[: len(bearing)]
+        mass = conditions[:, 0] + (values[-1] if payload else 0.0)
+        offset: Array = np.zeros_like(joints, dtype=soft.dtype)
+        for _ in range(NEWTON_STEPS):
+            force, rate = loads.forces(joints + offset, mass)
+            equations: Array = np.eye(len(soft)) - soft[:, None] * rate
+            step: Array = np.asarray(np.linalg.solve(equations, (soft * force - offset)[..., None]), dtype=soft.dtype)
+            offset = offset + step[..., 0]
+        pushed = np.zeros((*joints.shape, len(names)), dtype=soft.dtype)
+        for k, i in enumerate(bearing):
+            pushed[:, i, k] = force[:, i]
+        if payload:
+            pushed[..., -1] = soft * (loads.forces(joints + offset, mass + 1.0)[0] - force)
+        rate_of: Array = np.asarray(np.linalg.solve(equations, pushed), dtype=soft.dtype)
+        return offset, rate_of
+
+    if payload:
+        return Effect("payload", names, offsets, ("payload_kg",), typical=(*[TYPICAL_COMPLIANCE] * len(bearing), 0.0))
+    return Effect("compliance", names, offsets, ("payload_kg",))
+
+
+def drift(start_s: float = 0.0) -> Effect:
+    """A tracker that creeps, or a frame that grows: what is measured moves in proportion to the time from a start."""
+    names = tuple(f"drift.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz", "scale"))
+
+    def offsets(_: Array, time_s: Array, values: Array) -> tuple[Array, Array]:
+        hours = (time_s - start_s) / HOUR_S  # (n, 1)
+        return hours * values, hours[:, :, None] * np.eye(7)
+
+    return Effect("drift", names, offsets, ("time_s",), "frame")
+
+
+def sessions(names: Sequence[str]) -> Effect:
+    """A tracker, or a foot, that was bumped: every session after the first has a frame moved by a little."""
+    parameters = tuple(f"session.{name}.{axis}" for name in names[1:] for axis in ("x", "y", "z", "rx", "ry", "rz"))
+
+    def offsets(_: Array, within: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((len(within), 7, len(parameters)))
+        for k in range(len(names) - 1):
+            derivative[:, :6, 6 * k : 6 * k + 6] = within[:, k, None, None] * np.eye(6)
+        return derivative @ values, derivative
+
+    return Effect("sessions", parameters, offsets, tuple(SESSION + name for name in names[1:]), "frame")
+
+
+GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions")
+OF_ITS_CAMPAIGN = ("drift", "sessions")  # groups that say nothing of another day
+
+
+def effect(name: str, chain: Joints, loads: Loads | None, course: Course = Course()) -> Effect:
+    """The group of that name for an arm; a LabError where there is none, or no masses or sessions for it."""
+    if name not in GROUPS:
+        raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}")
+    if name in ("compliance", "payload"):
+        if loads is None:
+            raise LabError(f"--model {name}: robot {chain.name} is a table without masses; give it as MJCF or URDF")
+        return compliance(loads, payload=name == "payload")
+    if name == "sessions":
+        if len(course.sessions) < 2:
+            raise LabError(
+                f"--model {name}: all rows are of one session; say in a column session which belong together"
+            )
+        return sessions(course.sessions)
+    made: dict[str, Callable[[], Effect]] = {
+        "harmonics": lambda: harmonics(chain),
+        "harmonics2": lambda: harmonics(chain, 2),
+        "gear": lambda: gear(chain),
+        "coupling": lambda: coupling(chain),
+        "backlash": lambda: backlash(chain),
+        "drift": lambda: drift(course.start_s),
+    }
+    found = made[name]()
+    if not found.parameters:
+        raise LabError(f"--model {name}: robot {chain.name} has no joint that could have it; leave it out")
+    return found
+
+
+def _turning(chain: Joints) -> tuple[int, ...]:
+    return tuple(i for i in range(chain.size) if not chain.prismatic[i])

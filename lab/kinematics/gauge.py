@@ -1,0 +1,198 @@
+"""The canonical gauge: which parameters of an arm can be told apart, one choice for each arm.
+
+Columns of the Jacobian are taken in a fixed order of preference, and one is kept if it says
+something that those before it do not. Every parameter left out is an alias of kept ones.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+from lab.kinematics.serial.chain import Chain
+
+INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
+STRUCTURE_POSES = 200
+
+
+@dataclass(frozen=True)
+class BaseSet:
+    """The identifiable parameters, and what each of the others is hidden in.
+
+    Attributes:
+        kept: indices of the identifiable parameters, ascending.
+        fixed: indices of the others, ascending.
+        alias: ``(kept, fixed)``: an error of 1 in a fixed parameter looks exactly like errors of
+            its column in the kept ones (units: those of kept per fixed, in SI).
+        held: those of the fixed that could be identified, hidden in nothing: held on request, or told apart only
+            because others are.
+    """
+
+    kept: tuple[int, ...]
+    fixed: tuple[int, ...]
+    alias: Array
+    held: tuple[int, ...] = ()
+
+
+def base_set(
+    model: Model,
+    values: Array,
+    settings: Array | None = None,
+    *,
+    fix: Sequence[str] = (),
+    free: Sequence[str] = (),
+    known: Array | None = None,
+) -> BaseSet:
+    """The identifiable parameters at ``values``, from ``settings`` or 200 random ones in the limits.
+
+    Take ``values`` at the nominal links: away from them the null directions are only nearly
+    null, and no tolerance repairs that.
+
+    Args:
+        fix: parameters to hold at nominal, names or patterns (``tool.*``).
+        free: parameters to keep that would be fixed, in the place of fixed ones.
+        known: ``(r, p)`` derivatives of what is known beside the measurements, in m.
+
+    Raises:
+        LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
+    """
+    if settings is None:
+        settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+    _, jacobian = model.observe(settings, model.structural(values))
+    flat, order = jacobian.reshape(-1, len(model.names)), model.preferred()
+    if known is not None:
+        flat = np.concatenate([flat, known])
+    if not (fix or free):
+        return base_set_of(flat, order)
+    fixed, freed = named(model.names, "--fix", fix), named(model.names, "--free", free)
+    return _as_wished(model, base_set_of(flat, order), flat, fixed, freed)
+
+
+def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[int, ...]:
+    """Indices of the parameters that some names or patterns mean, in the order of the model."""
+    found: set[int] = set()
+    for pattern in patterns:
+        hits = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
+        if not hits:
+            raise LabError(f"{option} {pattern}: no such parameter; {_there_are(pattern, names)}")
+        found.update(hits)
+    return tuple(sorted(found))
+
+
+def _there_are(pattern: str, names: Sequence[str]) -> str:
+    """The names nearest to one that is none, and the groups of all."""
+    near = get_close_matches(pattern, names)
+    groups = ", ".join(dict.fromkeys(f"{name.rsplit('.', 1)[0]}.*" for name in names))
+    return f"the nearest are {', '.join(near)}; the groups are {groups}" if near else f"the groups are {groups}"
+
+
+def _as_wished(model: Model, usual: BaseSet, jacobian: Array, fix: Sequence[int], free: Sequence[int]) -> BaseSet:
+    """The base set less what is to be fixed, with what is to be free."""
+    if both := set(fix) & set(free):
+        raise LabError(f"--fix and --free both name {model.names[min(both)]}: name it once")
+    triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))
+    left = [i for i in usual.kept if i not in fix]
+    wished = [*left, *(i for i in free if i not in usual.kept)]
+    if not wished:
+        raise LabError("--fix leaves no parameter to identify: fix fewer")
+    kept = independent_columns(triangle, wished)
+    if lost := [i for i in wished if i not in kept]:
+        alias = usual.alias[:, usual.fixed.index(lost[0])]
+        strong = np.abs(alias) > 1e-9 * max(np.abs(alias).max(), 1e-300)
+        into = [model.names[i] for i, big in zip(usual.kept, strong, strict=True) if big and i in left]
+        name = model.names[lost[0]]
+        why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
+        raise LabError(f"--free {name}: {name} cannot be told apart; {why}")
+    found = _with_aliases(triangle, kept)
+    beyond = [i for i in found.fixed if len(independent_columns(triangle, [*kept, i])) > len(kept)]
+    alias = found.alias.copy()
+    alias[:, [found.fixed.index(i) for i in beyond]] = 0.0
+    return replace(found, alias=alias, held=tuple(beyond))
+
+
+def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:
+    """The base set of a Jacobian ``(rows, p)``, its columns preferred in ``order``."""
+    triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))  # the same inner products, fewer rows
+    return _with_aliases(triangle, independent_columns(triangle, order))
+
+
+def _with_aliases(triangle: Array, kept: tuple[int, ...]) -> BaseSet:
+    """The base set of these columns, and what of them each other one looks like."""
+    fixed = tuple(column for column in range(triangle.shape[1]) if column not in kept)
+    norms = np.linalg.norm(triangle, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    scaled = triangle / scale
+    alias = np.linalg.lstsq(scaled[:, kept], scaled[:, fixed], rcond=None)[0]
+    alias[:, norms[list(fixed)] < INDEPENDENT] = 0.0  # of what moves nothing, rounding
+    return BaseSet(kept, fixed, alias * scale[list(fixed)] / scale[list(kept)][:, None])
+
+
+def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
+    """Columns that those before them in ``order`` do not span, ascending (Gram-Schmidt, done twice)."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(norms > 0, norms, 1.0)
+    basis = np.empty((len(scaled), len(order)), order="F")
+    kept: list[int] = []
+    for column in order:
+        rest = scaled[:, column]
+        known = basis[:, : len(kept)]
+        rest = rest - known @ (known.T @ rest)
+        rest = rest - known @ (known.T @ rest)
+        size = np.sqrt(rest @ rest)
+        if norms[column] > INDEPENDENT and size > INDEPENDENT:
+            basis[:, len(kept)] = rest / size
+            kept.append(column)
+    return tuple(sorted(kept))
+
+
+def preferred_columns(chain: Chain, names: Sequence[str]) -> tuple[int, ...]:
+    """All columns of a serial arm in the order of preference that gives the canonical gauge.
+
+    First the base, which carries the first link; then each link outward without what its
+    neighbours carry (Hayati's beta instead of d between parallel axes; neither d nor, in a
+    Craig table, a of a slide); then the tool, which carries the last link; then all the rest.
+    """
+    rule = _preferred_distal if chain.convention == "distal" else _preferred_craig
+    links = [f"link{i + 1}.{column}" for i in range(chain.size) for column in rule(chain, i)]
+    first = [name for name in names if name.startswith("base.")]
+    tools = [name for name in names if name.startswith("tool.")]
+    order = [names.index(name) for name in [*first, *links, *tools]]
+    return (*order, *(i for i in range(len(names)) if i not in order))
+
+
+def _preferred_distal(chain: Chain, i: int) -> list[str]:
+    if i == chain.size - 1:
+        return []
+    drop = set()
+    if chain.joins_parallel_axes(i):
+        drop |= {"d"}
+    else:
+        drop |= {"beta"}
+    if i == 0:
+        drop |= {"theta", "d"}
+    if chain.prismatic[i]:
+        drop |= {"d", "theta"} if chain.joins_parallel_axes(i) else {"d"}
+    if chain.prismatic[i + 1]:
+        drop |= {"a"}
+    return [column for column in ("theta", "d", "a", "alpha", "beta") if column not in drop]
+
+
+def _preferred_craig(chain: Chain, i: int) -> list[str]:
+    if i == 0:
+        return []
+    drop = set()
+    if not chain.joins_parallel_axes(i - 1):
+        drop |= {"beta"}
+    if chain.joins_parallel_axes(i):
+        drop |= {"d"}
+    if chain.prismatic[i]:
+        drop |= {"a", "d", "theta"} if chain.joins_parallel_axes(i) else {"a", "d"}
+    if i == chain.size - 1:
+        drop |= {"theta", "d"}
+    return [column for column in ("alpha", "a", "beta", "theta", "d") if column not in drop]

@@ -1,0 +1,1 @@
+"""Inverse kinematics: numeric, and all its branches."""

@@ -1,0 +1,129 @@
+"""The determinant of an arm's Jacobian as a product whose factors are zero where the arm is singular."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.core.se3 import Array
+
+NONE = 1e-12  # of a coefficient (m): it is left out
+DIGITS = 6  # of a number in a text
+
+
+@dataclass(frozen=True)
+class Term:
+    """A coefficient times the sine or the cosine of a sum of readings, times the reading of a slide.
+
+    Attributes:
+        coefficient: m, or without a unit where there is a slide.
+        function: of the angle; empty where there is none.
+        angle: how each reading counts in the angle, by joint: +1 or -1.
+        slide: the joint whose reading is a factor.
+    """
+
+    coefficient: float
+    function: Literal["", "sin", "cos"] = ""
+    angle: tuple[tuple[int, float], ...] = ()
+    slide: int | None = None
+
+    def at(self, joints: Array) -> Array:
+        """Values ``(...)`` at readings ``(..., n)``."""
+        angle = sum((sign * joints[..., joint] for joint, sign in self.angle), start=np.zeros(joints.shape[:-1]))
+        turned = np.sin(angle) if self.function == "sin" else np.cos(angle)  # cos 0 where there is no function
+        return np.asarray(self.coefficient * turned * (1.0 if self.slide is None else joints[..., self.slide]))
+
+    def words(self, names: tuple[str, ...]) -> str:
+        """Its size for a person, without the coefficient's sign; empty for 1."""
+        words = [] if abs(self.size - 1) < NONE and (self.function or self.slide is not None) else [number(self.size)]
+        if self.slide is not None:
+            words.append(names[self.slide])
+        if self.function:
+            angle = "".join(f"{'+' if sign > 0 else '-'}{names[joint]}" for joint, sign in self.angle).removeprefix("+")
+            words.append(f"{self.function} {angle}" if len(self.angle) == 1 else f"{self.function}({angle})")
+        return " ".join(words)
+
+    @property
+    def size(self) -> float:
+        """Of the coefficient."""
+        return abs(self.coefficient)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A sum of terms that is zero at one kind of singularity.
+
+    Attributes:
+        name: of the singularity, for people.
+        names: the joints'.
+    """
+
+    name: str
+    terms: tuple[Term, ...]
+    names: tuple[str, ...]
+
+    def at(self, joints: Array) -> Array:
+        """Values ``(...)`` at readings ``(..., n)``: m, or the sine of an angle."""
+        return sum((term.at(joints) for term in self.terms), start=np.zeros(joints.shape[:-1]))
+
+    @property
+    def text(self) -> str:
+        """As one writes it, like ``0.302 cos q3 + 0.07 sin q3``."""
+        said = ""
+        for term in self.terms:
+            sign = ("" if term.coefficient > 0 else "-") if not said else (" + " if term.coefficient > 0 else " - ")
+            said += sign + term.words(self.names)
+        return said or "0"
+
+
+@dataclass(frozen=True)
+class Determinant:
+    """A sign, lengths (m) and factors, whose product it is."""
+
+    sign: float
+    lengths: tuple[float, ...]
+    factors: tuple[Factor, ...]
+
+    def at(self, joints: Array) -> Array:
+        """Values ``(...)`` at readings ``(..., n)``."""
+        constant = self.sign * np.prod(self.lengths)
+        return np.asarray(constant * np.prod([factor.at(joints) for factor in self.factors], axis=0))
+
+    @property
+    def text(self) -> str:
+        """As one writes it, like ``-0.27 (0.302 cos q3 + 0.07 sin q3) sin q5``."""
+        factors = [f"({factor.text})" if len(factor.terms) > 1 else factor.text for factor in self.factors]
+        words = [part for part in (" * ".join(number(length) for length in self.lengths), *factors) if part]
+        return ("-" if self.sign < 0 else "") + " ".join(words)
+
+
+def determinant(
+    names: tuple[str, ...], sign: float, lengths: Iterable[float], factors: Iterable[tuple[str, Iterable[Term]]]
+) -> Determinant:
+    """The product tidied: no term without a coefficient, none that begins with a minus, and numbers in front."""
+    numbers, tidied = list(lengths), []
+    for name, terms in factors:
+        kept = tuple(term for term in terms if term.size > NONE)
+        if kept:
+            scale = np.sign(kept[0].coefficient) * (kept[0].size if len(kept) == 1 else 1.0)
+            sign *= np.sign(scale)
+            numbers.append(abs(float(scale)))
+            kept = tuple(Term(t.coefficient / scale, t.function, t.angle, t.slide) for t in kept)
+        tidied.append(Factor(name, kept, names))
+    return Determinant(sign, tuple(length for length in numbers if abs(length - 1) > NONE), tuple(tidied))
+
+
+def real_part(number: complex, turning: Iterable[tuple[int, float]], slide: int | None = None) -> list[Term]:
+    """Re(number exp(i angle)), for an angle that is the sum of some readings, each times its sign."""
+    angle = tuple(turning)
+    if not angle:
+        return [Term(number.real, slide=slide)]
+    first = angle[0][1]  # the angle's first reading counts positive, so that texts are alike
+    angle = tuple((joint, first * sign) for joint, sign in angle)
+    return [Term(-first * number.imag, "sin", angle, slide), Term(number.real, "cos", angle, slide)]
+
+
+def number(value: float) -> str:
+    """A length for a person, m."""
+    return f"{value:.{DIGITS}g}"

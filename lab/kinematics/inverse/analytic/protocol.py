@@ -1,0 +1,103 @@
+"""What every closed form returns, can say of itself, and reads off a chain."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.kinematics.inverse.analytic.determinant import Determinant
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+
+EXACT = 1e-9  # m or rad: by how much a drawing may miss the shape that is asked for
+
+
+@dataclass(frozen=True)
+class Solutions:
+    """Ways to reach some poses.
+
+    Attributes:
+        joints: ``(n, k, joints)`` readings, a hinge's between -pi and pi.
+        gap_m: ``(n, k)`` how far the place is out of reach, zero where it is reached; else the readings are those that
+            come nearest, but for a bend of the elbow (``carriers.BEND``).
+        tilt_rad: ``(n, k)`` by how much the rotation is out of reach of arms with fewer than six joints, which come as
+            near to it as they can; zero with six.
+        free: ``(n, k, joints)``, joints that could have any reading, because the arm is singular there.
+    """
+
+    joints: Array
+    gap_m: Array
+    tilt_rad: Array
+    free: NDArray[np.bool_]
+
+
+class ClosedForm(Protocol):
+    """An arm whose inverse has a closed form."""
+
+    @property
+    def branches(self) -> int:
+        """How many solutions a pose has, some of which may be out of reach or the same."""
+
+    @property
+    def determinant(self) -> Determinant:
+        """That of the Jacobian, in the factors that are zero at the arm's singularities."""
+
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """All solutions for poses ``(n, 4, 4)`` of the last frame in frame 0.
+
+        Args:
+            reference: readings ``(n, joints)`` that a free joint takes.
+        """
+
+    def nearest_turns(self, Rs_frame0_last: Array) -> Array:
+        """The rotations ``(n, 3, 3)`` of the last frame nearest to given ones that the arm can take."""
+
+
+@dataclass(frozen=True)
+class Axes:
+    """A chain's joints in frame 0 at zero readings.
+
+    Attributes:
+        directions: ``(n, 3)`` unit vectors along the axes, whatever the readings' signs.
+        origins: ``(n, 3)`` m, a point on each hinge's axis; zero of a slide.
+        T_frame0_last: pose ``(4, 4)`` of the last frame.
+    """
+
+    chain: Chain
+    directions: Array
+    origins: Array
+    T_frame0_last: Array
+
+    @classmethod
+    def of(cls, chain: Chain) -> "Axes":
+        """The axes of a drawing."""
+        arm = SerialArm(chain)
+        moving = [motion for motion in arm.motions(arm.nominal()) if motion.joint is not None]
+        origins = [np.zeros(3) if motion.origin is None else motion.origin[:3, 0] for motion in moving]
+        directions = np.array([motion.axis[:3, 0] for motion in moving])
+        return cls(chain, directions, np.array(origins), arm.flange(np.zeros((1, chain.size)), arm.nominal())[0])
+
+    def parallel(self, i: int, j: int) -> bool:
+        """Whether two axes are."""
+        return bool(np.linalg.norm(np.cross(self.directions[i], self.directions[j])) <= EXACT)
+
+    def square(self, i: int, j: int) -> bool:
+        """Whether two axes are at right angles."""
+        return bool(abs(self.directions[i] @ self.directions[j]) <= EXACT)
+
+
+def plane_across(normal: Array, first: Array | None = None) -> Array:
+    """Unit vectors as rows ``(3, 3)``, right-handed: two across a unit vector, the first as given, and itself."""
+    if first is None:
+        first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first = first - normal * (normal @ first)
+    first = first / np.linalg.norm(first)
+    return np.array([first, np.cross(normal, first), normal])
+
+
+def in_plane(plane: Array, vector: Array) -> complex:
+    """A vector ``(3,)`` along the first two rows of a plane, as a complex number."""
+    x, y = plane[:2] @ vector
+    return complex(x, y)

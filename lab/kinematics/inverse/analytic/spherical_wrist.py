@@ -1,0 +1,157 @@
+"""Arms of six joints whose last three axes meet at right angles, each to the next, whatever carries them.
+
+The wrist's centre is moved by joints 1 to 3 alone (``carriers``); what is left of the rotation is the wrist's, by
+equations of types 2, 3 and 3 (Pieper 1968; Khalil & Dombre 2002, section 4.3). Everything is worked out from the
+joints' axes at zero readings, so that the table's convention, the joints' signs and their zeros do not matter. A vector
+is an array of three rows, a pose in each column.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.kinematics.inverse.analytic.determinant import Determinant, Term, determinant
+from lab.kinematics.inverse.analytic.first_joint import Carried, Carrier
+from lab.kinematics.inverse.analytic.first_three_joints import Elbow, Lift, Telescope
+from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, type_2
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions
+from lab.kinematics.serial.chain import Chain
+
+Number = TypeVar("Number", np.float64, np.bool_)
+CHUNK = 1024  # poses at a time: what fits the processor's cache
+
+
+@dataclass(frozen=True)
+class SphericalWrist:
+    """Such an arm, by its axes in frame 0 at zero readings.
+
+    Attributes:
+        carrier: joints 1 to 3.
+        axes: ``(3, 3)`` rows a, b and c: along axes 4 and 5, and across both.
+        bend: axis 6 is a cos(bend) + c sin(bend).
+        centre: the wrist's centre ``(3,)`` in the last frame (m).
+        R_frame0_last: rotation ``(3, 3)`` of the last frame.
+    """
+
+    chain: Chain
+    carrier: Carrier
+    axes: Array
+    bend: float
+    centre: Array
+    R_frame0_last: Array
+
+    @classmethod
+    def of(cls, chain: Chain) -> "SphericalWrist | None":
+        """The closed form of a drawing; None where its shape has none."""
+        if chain.size != 6 or any(chain.prismatic[3:]):
+            return None
+        drawn = Axes.of(chain)
+        z = drawn.directions
+        centre, missed = _meeting_point(drawn.origins[3:], z[3:])
+        if missed > EXACT or not drawn.square(3, 4) or not drawn.square(4, 5):
+            return None
+        carrier = Elbow.of(drawn, centre) or Telescope.of(drawn, centre) or Lift.of(drawn, centre)
+        if carrier is None:
+            return None
+        axes = np.array([z[3], z[4], np.cross(z[3], z[4])])
+        T = drawn.T_frame0_last
+        return cls(
+            chain=chain,
+            carrier=carrier,
+            axes=axes,
+            bend=float(np.arctan2(axes[2] @ z[5], axes[0] @ z[5])),
+            centre=se3.transform(se3.inverse(T), centre[None])[0],
+            R_frame0_last=T[:3, :3],
+        )
+
+    @property
+    def branches(self) -> int:
+        """Roots of the wrist's, the elbow's and joint 1's equations."""
+        return 2 * self.carrier.elbows * 2
+
+    @property
+    def determinant(self) -> Determinant:
+        """Of the geometric Jacobian at the wrist's centre: the carrier's times that of the wrist's three axes."""
+        sign, lengths, factors = self.carrier.factors(self.chain.sign)
+        s5 = float(self.chain.sign[4])
+        wrist = [
+            Term(-s5 * float(np.cos(self.bend)), "sin", ((4, 1.0),)),  # sin(bend - angle 5)
+            Term(float(np.sin(self.bend)), "cos", ((4, 1.0),)),
+        ]
+        product = [factors[0], ("wrist", wrist), *factors[1:]]
+        return determinant(self.chain.joint_names, sign * float(np.prod(self.chain.sign)), lengths, product)
+
+    def nearest_turns(self, Rs_frame0_last: Array) -> Array:
+        """See ``ClosedForm``: six joints take any rotation."""
+        return Rs_frame0_last
+
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """See ``ClosedForm``."""
+        count, shape = len(Ts_frame0_last), (2, self.carrier.elbows, 2)
+        liked = np.broadcast_to(reference, (count, 6)) * self.chain.sign
+        angles, gap = np.empty((6, *shape, count)), np.empty((*shape, count))
+        free = np.zeros((6, *shape, count), dtype=np.bool_)
+        for start in range(0, count, CHUNK):
+            part = slice(start, start + CHUNK)
+            self._solve(Ts_frame0_last[part], liked[part].T, angles[..., part], gap[..., part], free[..., part])
+        for i in np.flatnonzero(~np.array(self.chain.prismatic)):
+            angles[i] -= 2 * np.pi * np.round(angles[i] / (2 * np.pi))
+        angles *= self.chain.sign.reshape(6, 1, 1, 1, 1)
+        tilt = np.zeros((count, self.branches))
+        return Solutions(_by_pose(angles), gap.reshape(self.branches, count).T, tilt, _by_pose(free))
+
+    def _solve(self, Ts: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
+        """Fill in the angles ``(6, 2, elbows, 2, n)``: roots of the wrist's, the elbow's and joint 1's equation."""
+        R = Ts[:, :3, :3].transpose(1, 2, 0)  # (3, 3, n)
+        place = _turned(R, self.centre) + Ts[:, :3, 3].T
+        carried = self.carrier.solve(place, liked[:3], angles[:3], gap, free[:3])
+        self._turn(R, carried, liked[3:], angles[3:], free[3:])
+
+    def _turn(self, R: Array, carried: Carried, liked: Array, angles: Array, free: NDArray[np.bool_]) -> None:
+        """Fill in the wrist's angles ``(3, 2, elbows, 2, n)``."""
+        rows = self.axes @ self.carrier.column.plane.T
+
+        def in_wrist(direction: Array) -> list[Array]:
+            """Where the hand takes a direction of the arm at zero, along a, b and c."""
+            back = carried.back(_turned(R, self.R_frame0_last.T @ direction))
+            return [_sum(row, back) for row in rows]
+
+        axis_6 = np.cos(self.bend) * self.axes[0] + np.sin(self.bend) * self.axes[2]
+        a6, b6, c6 = in_wrist(axis_6)
+        a5, b5, c5 = in_wrist(self.axes[1])
+        (angles[0],), _, (free[0],) = type_2(c6, b6, 0.0, TINY, liked[0])  # b . Rot(a, -q4) axis 6 = 0
+        cos_4, sin_4 = np.cos(angles[0]), np.sin(angles[0])
+        sin_5 = b6 * sin_4 - c6 * cos_4
+        angles[1] = self.bend + np.arctan2(sin_5, a6)  # type 3, as is the next
+        angles[2] = np.arctan2(sin_5 * a5 + a6 * (c5 * cos_4 - b5 * sin_4), b5 * cos_4 + c5 * sin_4)
+
+
+def _by_pose(values: NDArray[Number]) -> NDArray[Number]:
+    """Values ``(6, 2, elbows, 2, n)`` as ``(n, branches, 6)``."""
+    return values.reshape(len(values), -1, values.shape[-1]).transpose(2, 1, 0)
+
+
+def _meeting_point(origins: Array, axes: Array) -> tuple[Array, float]:
+    """The point ``(3,)`` nearest to some lines, and how far the farthest one misses it."""
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    point = np.linalg.lstsq(across.reshape(-1, 3), (across @ origins[:, :, None]).ravel(), rcond=None)[0]
+    return np.asarray(point, dtype=np.float64), float(
+        np.linalg.norm(across @ (point - origins)[:, :, None], axis=1).max()
+    )
+
+
+def _turned(R: Array, vector: Array) -> Array:
+    """A vector ``(3,)`` turned by each of the rotations ``(3, 3, n)``."""
+    return np.stack([_sum(vector, row) for row in R])
+
+
+def _sum(weights: Array, rows: Sequence[Array]) -> Array:
+    """A weighed sum, without what has no weight."""
+    used = [weight * row for weight, row in zip(weights, rows, strict=True) if abs(weight) > TINY]
+    total: Array = sum(used[1:], start=used[0]) if used else 0.0 * rows[0]
+    return total

@@ -1,0 +1,177 @@
+"""All ways in which the drawing reaches where a tool is wanted: in closed form where there is one, else by search."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from lab.core import se3
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.kinematics.differential import ROTATION_M
+from lab.kinematics.inverse.analytic.select import ClosedForm, Solutions, closed_form_of
+from lab.kinematics.inverse.newton import FREEDOMS, Wanted, reach, tool_at
+from lab.kinematics.joints import Joints
+from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.arm import SerialArm
+
+SAMPLES = 20_000  # random poses among which a search starts
+SEARCHED = 8  # from the nearest of which
+DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad
+EXCESS_COST = 100.0  # of a joint beyond its limits by 1 rad, beside a move of 1 rad
+GAP_COST = 1e4  # of a pose missed by 1 m
+TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's could take it
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What a controller computes with: nominal links, and a base and a tool.
+
+    Attributes:
+        values: ``(p,)`` of the arm.
+        target: of the tool, which one is to be brought somewhere.
+    """
+
+    arm: RigidArm
+    values: Array
+    target: int = 0
+    closed_form: ClosedForm | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        form = None
+        if isinstance(self.arm, SerialArm):
+            form = closed_form_of(self.arm.chain.with_table(self.arm.split(self.values)[1]))
+        object.__setattr__(self, "closed_form", form)
+
+    def ways(self, wanted: Wanted, reference: Array) -> Solutions:
+        """Some ways to reach each ``(n, k, joints)``, all of the closed form where there is one.
+
+        A target with fewer ways than others has the rest at readings zero, with an infinite gap.
+
+        Args:
+            reference: readings ``(n, joints)`` near which to look, NaN where none are given.
+        """
+        exact = wanted.turned & (self.closed_form is not None)
+        parts = [
+            (rows, by(wanted.take(rows), reference[rows]))
+            for rows, by in ((np.flatnonzero(exact), self._by_closed_form), (np.flatnonzero(~exact), self._searched))
+            if rows.size
+        ]
+        shape = (len(wanted), max((part.gap_m.shape[1] for _, part in parts), default=0), self.arm.chain.size)
+        free = np.zeros(shape, dtype=np.bool_)
+        found = Solutions(np.zeros(shape), np.full(shape[:2], np.inf), np.zeros(shape[:2]), free)
+        for rows, part in parts:
+            for name in ("joints", "gap_m", "tilt_rad", "free"):
+                getattr(found, name)[rows, : part.gap_m.shape[1]] = getattr(part, name)
+        return found
+
+    def again(self, wanted: Wanted, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
+        """Readings ``(n, joints)`` for somewhere else, in the branches and turns of ``joints``; and what is reached.
+
+        Args:
+            branch: ``(n,)`` of the closed form; negative where Newton's method is to go on from ``joints``.
+        """
+        found, reached = joints.copy(), np.ones(len(wanted), dtype=np.bool_)
+        exact = np.flatnonzero((branch >= 0) & (self.closed_form is not None))
+        other = np.setdiff1d(np.arange(len(wanted)), exact)
+        if self.closed_form is not None and exact.size:
+            ways = self.closed_form.solve(self.last_frames(wanted.take(exact)), joints[exact])
+            rows = np.arange(exact.size)
+            found[exact] = nearest_turns(self.arm.chain, ways.joints[rows, branch[exact]], joints[exact])
+            reached[exact] = ways.gap_m[rows, branch[exact]] == 0
+        if other.size:
+            found[other] = self._near(wanted.take(other), joints[other])
+        return found, reached
+
+    def _near(self, wanted: Wanted, joints: Array) -> Array:
+        """The same by Newton's method."""
+        return reach(self.arm, self.values, wanted, joints, np.empty((len(wanted), 0)), self.target).joints
+
+    def tool(self, joints: Array) -> tuple[Array, Array]:
+        """Poses of the tool ``(n, 4, 4)`` and their Jacobians ``(n, 6, joints)``, as ``inverse.tool_at``."""
+        return tool_at(self.arm, joints, self.values, self.target)
+
+    @property
+    def tools(self) -> Array:
+        """Places ``(k, 3)`` m of the targets in the last frame."""
+        return self.values[-3 * len(self.arm.targets) :].reshape(-1, 3)
+
+    def last_frames(self, wanted: Wanted) -> Array:
+        """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there, turned as near as the arm can."""
+        Ts: Array = se3.inverse(self.arm.T_tracker_frame0(self.values)) @ se3.pose(wanted.turns, wanted.places)
+        turns = Ts[:, :3, :3] if self.closed_form is None else self.closed_form.nearest_turns(Ts[:, :3, :3])
+        return se3.pose(turns, Ts[:, :3, 3] - turns @ self.tools[self.target])
+
+    def _by_closed_form(self, wanted: Wanted, reference: Array) -> Solutions:
+        assert self.closed_form is not None
+        return self.closed_form.solve(self.last_frames(wanted), np.nan_to_num(reference))
+
+    def _searched(self, wanted: Wanted, reference: Array) -> Solutions:
+        """Newton's method from the reference, and from the nearest of many random poses."""
+        chain = self.arm.chain
+        samples = chain.random_joints(SAMPLES, stream(0, "structure"))
+        Ts = self.tool(samples)[0]
+        near = np.empty((len(wanted), SEARCHED), dtype=np.int_)
+        for turned in (True, False):
+            rows = np.flatnonzero(wanted.turned == turned)
+            if rows.size:
+                tree = cKDTree(_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
+                near[rows] = tree.query(_landmarks(wanted.places[rows], wanted.turns[rows], turned), k=SEARCHED)[1]
+        starts = samples[near]
+        given = np.isfinite(reference).all(axis=1)
+        starts[given, 0] = reference[given]
+        shape = starts.shape
+        each = wanted.take(np.repeat(np.arange(len(wanted)), SEARCHED))
+        flat = starts.reshape(-1, chain.size)
+        ended = reach(self.arm, self.values, each, flat, np.empty((len(each), 0)), self.target)
+        missed, turned_off = (np.linalg.norm(part, axis=1) for part in (ended.errors[:, :3], ended.errors[:, 3:]))
+        gap = np.where(ended.arrived, 0.0, missed)
+        tilt = turned_off if chain.size < FREEDOMS else np.zeros(len(each))
+        free = np.zeros(shape, dtype=np.bool_)
+        return Solutions(ended.joints.reshape(shape), gap.reshape(shape[:2]), tilt.reshape(shape[:2]), free)
+
+
+def _landmarks(places: Array, turns: Array, turned: bool) -> Array:
+    """Points ``(n, 3 or 9)`` whose distances are those of the poses: of the tool, and on two of its axes."""
+    if not turned:
+        return places
+    axes = [places + ROTATION_M * turns[:, :, i] for i in (0, 1)]
+    return np.concatenate([places, *axes], axis=1)
+
+
+def ordered(
+    chain: Joints, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.int_]]:
+    """The ways in order of preference: reached, within limits, not disliked, and near.
+
+    Near to a row's reference where that is given, else to the way preferred for the row before; for the first one
+    to readings zero. Joints that can turn more than once do it as that asks.
+
+    Args:
+        reference: ``(n, joints)`` readings, NaN where none are given.
+        disliked: ``(n, k)``.
+
+    Returns:
+        ``(n, k, joints)`` readings, and ``(n, k)`` the branches that they are of.
+    """
+    joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
+    last = chain.home
+    for i, ways in enumerate(solutions.joints):
+        near = reference[i] if np.isfinite(reference[i]).all() else last
+        turned = nearest_turns(chain, ways, near)
+        beyond = chain.excess(turned).sum(axis=1)
+        cost = np.abs(turned - near).max(axis=1) + DISLIKE_COST * disliked[i]
+        cost += EXCESS_COST * beyond + GAP_COST * solutions.gap_m[i] + TILT_COST * solutions.tilt_rad[i]
+        order[i] = np.argsort(cost, kind="stable")
+        joints[i] = turned[order[i]]
+        last = joints[i, 0]
+    return joints, order
+
+
+def nearest_turns(chain: Joints, joints: Array, near: Array) -> Array:
+    """The same readings ``(..., joints)`` but for whole turns of hinges: nearest to others, within limits if any is."""
+    turn = np.where(chain.prismatic, 0.0, 2 * np.pi)
+    found = joints + turn * np.round((near - joints) / (2 * np.pi))
+    found = np.where((found > chain.upper) & (found - turn >= chain.lower), found - turn, found)
+    return np.asarray(np.where((found < chain.lower) & (found + turn <= chain.upper), found + turn, found))

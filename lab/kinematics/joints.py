@@ -1,0 +1,88 @@
+"""What the readings of a robot's joints mean: names, kinds, directions, limits; of a serial chain or one with loops."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joints:
+    """The n measured joints of a robot, as drawn.
+
+    Attributes:
+        sign: ``(n,)``, +1 or -1, how a joint's reading counts.
+        lower, upper: ``(n,)`` limits of the readings, rad or m.
+        speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    prismatic: tuple[bool, ...]
+    sign: Array
+    lower: Array
+    upper: Array
+    speed: Array
+    acceleration: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.joint_names)
+        if n == 0:
+            raise LabError(f"robot '{self.name}' has no joint: give it at least one")
+        if len(set(self.joint_names)) < n:
+            raise LabError(f"robot '{self.name}': two joints share a name; rename one of {', '.join(self.joint_names)}")
+        vectors = (self.sign, self.lower, self.upper, self.speed, self.acceleration)
+        assert len(self.prismatic) == n and all(vector.shape == (n,) for vector in vectors)
+        for name, lower, upper in zip(self.joint_names, self.lower, self.upper, strict=True):
+            if not np.isfinite([lower, upper]).all():
+                raise LabError(f"robot '{self.name}', joint {name}: a limit is not finite")
+            if not lower < upper:
+                raise LabError(f"robot '{self.name}', joint {name}: its lower limit is not below the upper one")
+
+    @property
+    def size(self) -> int:
+        """The number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def home(self) -> Array:
+        """Readings ``(n,)`` to start from: zero, or the limits nearest to it."""
+        return np.clip(np.zeros(self.size), self.lower, self.upper)
+
+    def random_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Readings ``(count, n)`` uniform within the limits."""
+        return rng.uniform(self.lower, self.upper, (count, self.size))
+
+    def stands(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
+        """``(m,)`` whether the drawing can stand at readings ``(m, n)``, limits aside; a chain always can.
+
+        Args:
+            well: away from parallel singularities, too.
+        """
+        return np.ones(len(joints), dtype=bool)
+
+    def why_not(self, joints: Array) -> str:
+        """Why it cannot stand at readings ``(n,)``, in words; empty if it can."""
+        return ""
+
+    def beyond_limits(self, joints: Array, slack: float | Array) -> NDArray[np.bool_]:
+        """Which readings ``(m, n)`` are beyond the limits by more than ``slack``, a number or ``(n,)``, in rad or m."""
+        return (joints < self.lower - slack) | (joints > self.upper + slack)
+
+    def shown(self, joint: int, value: float) -> str:
+        """A reading (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
+        return f"{1e3 * value:.6g} mm" if self.prismatic[joint] else f"{np.rad2deg(value):.6g}°"
+
+    def said_beyond(self, joint: int, reading: float) -> str:
+        """That a joint (from 0) stands beyond its limits, in words."""
+        low, high = (self.shown(joint, limit[joint]) for limit in (self.lower, self.upper))
+        return (
+            f"joint {self.joint_names[joint]} is at {self.shown(joint, reading)}, beyond its limits of {low} to {high}"
+        )
+
+    def excess(self, joints: Array) -> Array:
+        """How far each of the readings ``(..., n)`` is beyond its limit, zero where it is within, in rad or m."""
+        return np.maximum(np.maximum(self.lower - joints, joints - self.upper), 0.0)

@@ -1,0 +1,108 @@
+"""The seam: all that identification, observability and assessment ever need of an arm."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.kinematics.joints import Joints
+
+_UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset", "length"), "m")
+_UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta"), "rad")
+
+
+OTHERS = ("base", "tool", "drift", "session", "payload", "anchor", "socket", "plane", "cable")  # than links, by group
+
+
+def unit_of(parameter: str, slide: bool = False) -> str:
+    """The SI unit of a parameter, by its name: m, rad, or that of an effect's parameter (of a slide's)."""
+    group, _, last = parameter.rpartition(".")
+    unit = _UNITS.get(last)
+    if group == "drift":
+        return f"{unit}/h" if unit else "1/h"
+    if unit is not None:
+        return unit
+    kind = last.rstrip("0123456789")
+    if slide and kind in ("compliance", "backlash"):
+        return {"compliance": "m/N", "backlash": "m"}[kind]
+    return {"compliance": "rad/Nm", "sin": "rad", "cos": "rad", "backlash": "rad", "mass": "kg"}.get(kind, "")
+
+
+def is_link(parameter: str) -> bool:
+    """Whether a parameter is one of those that a drawing dimensions, by its name: a link's, a rod's."""
+    group = parameter.split(".")[0]
+    return group not in OTHERS and not group.removeprefix("joint").isdigit()
+
+
+def is_angle(parameter: str) -> bool:
+    """Whether a parameter is in rad, by its name."""
+    return unit_of(parameter) == "rad"
+
+
+class Model(Protocol):
+    """Joints and parameters in, positions and their derivatives out.
+
+    A chain is one (``serial.SerialArm``), a mechanism with loops another (``closed.ClosedArm``), either with joint
+    effects a third (``affected.AffectedArm``), and nothing above asks which. Where readings cannot be met (loops that
+    do not close) its answers are NaN. Parameters named ``base.*`` (place and rotation
+    vector in the tracker's frame) and ``tool.*`` (a target's place in the last frame) are
+    located with no initial guess; all others start at the drawing's values.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters, in the order of every ``values`` (m, rad)."""
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The measured points."""
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What it asks of a pose beside the readings: columns of ``Measurements.conditions``, after the joints."""
+
+    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+        """Observations ``(n, k, d)`` at settings ``(n, joints + conditions)``; derivatives ``(n, k, d, p)``.
+
+        Of points they are positions (m, in the tracker's frame), d = 3.
+        """
+
+    def points(self, settings: Array, values: Array) -> Array:
+        """The observations alone."""
+
+    def preferred(self) -> tuple[int, ...]:
+        """All parameters in the order in which they are kept if they can be told apart."""
+
+    def structural(self, values: Array) -> Array:
+        """``values`` where the rank is decided: exactly as the drawing means them."""
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Settings ``(count, joints + conditions)`` spread over the limits, at which the rank is decided."""
+
+
+class RigidArm(Model, Protocol):
+    """A robot's geometry alone, serial or closed, before joint effects."""
+
+    @property
+    def chain(self) -> Joints:
+        """The drawing, whose joints are measured."""
+
+    def nominal(self, tool: dict[str, Array] | None = None) -> Array:
+        """The drawing's parameters: base at the tracker's origin, targets of ``tool`` (m), else of the default tool."""
+
+    def T_tracker_frame0(self, values: Array) -> Array:
+        """Pose ``(4, 4)`` of the base's frame in the tracker's: what the base's parameters say."""
+
+    def by_joints(self, jacobian: Array) -> Array:
+        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
+
+    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """Poses ``(n, 4, 4)`` of a target, and its geometric Jacobian by the readings ``(n, 6, joints)``."""
+
+    def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
+        """How far (rad, m of a slide) readings ``(n, joints)`` are from where the robot is singular, to first order.
+
+        Returns:
+            ``(n,)`` the distances, and the joint (from 0) that would have to move most.
+        """

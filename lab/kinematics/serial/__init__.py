@@ -1,0 +1,1 @@
+"""Serial arms: Denavit-Hartenberg chains, their derivatives, batches of them."""

@@ -1,0 +1,299 @@
+"""Forward kinematics of a serial arm and its derivatives, batched over poses.
+
+Every elementary motion of the chain turns about an axis or slides along it, so a target's
+derivative is axis x lever or the axis itself: one walk along the chain gives all columns, and
+a joint's derivative is that of its theta or d. Each vector is kept as rows x y z x y of length
+n: a cross product is then three calls on views, without copies, whatever the number of poses.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array, exp, left_jacobian, pose
+from lab.kinematics.differential import singular_distance
+from lab.kinematics.gauge import preferred_columns
+from lab.kinematics.serial.chain import COLUMNS, Chain
+
+CHUNK = 2048  # poses at a time: what fits the processor's cache
+BASE_NAMES = tuple(f"base.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
+DEFAULT_TOOL = {"p1": (0.030, 0.020, 0.100), "p2": (-0.025, 0.030, 0.080), "p3": (0.0, -0.040, 0.090)}
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One elementary motion: column ``column`` of the parameters turns about or slides along ``axis``.
+
+    ``axis`` and ``origin`` are ``(5, n)`` (or ``(5, 1)`` before the first joint) in the tracker's
+    frame; ``origin`` is None for a slide. ``joint`` is set where a joint's reading moves along.
+    """
+
+    column: int
+    axis: Array
+    origin: Array | None
+    joint: int | None = None
+
+
+@dataclass(frozen=True)
+class SerialArm:
+    """A chain with a base in the tracker's frame and measured targets in its last frame.
+
+    The parameters, in the order of ``names``: ``base.x y z rx ry rz`` (m; rotation vector, rad),
+    ``link1.theta d a alpha`` (and ``beta`` where it exists) outward, ``tool.<target>.x y z`` (m).
+    """
+
+    chain: Chain
+    targets: tuple[str, ...] = ("p1",)
+    names: tuple[str, ...] = field(init=False)
+    table_rows: NDArray[np.int_] = field(init=False, repr=False)  # the parameters' cells in the table
+    table_columns: NDArray[np.int_] = field(init=False, repr=False)
+    conditions: tuple[str, ...] = field(init=False, default=())
+
+    def __post_init__(self) -> None:
+        if not self.targets or len(set(self.targets)) < len(self.targets):
+            raise LabError(f"targets {', '.join(self.targets) or '(none)'}: name at least one, and each once")
+        cells = [
+            (i, j) for i in range(self.chain.size) for j in range(5) if COLUMNS[j] != "beta" or self.chain.parallel[i]
+        ]
+        links = [f"link{i + 1}.{COLUMNS[j]}" for i, j in cells]
+        tools = [f"tool.{target}.{axis}" for target in self.targets for axis in "xyz"]
+        rows, columns = np.array(cells).T
+        object.__setattr__(self, "table_rows", rows)
+        object.__setattr__(self, "table_columns", columns)
+        object.__setattr__(self, "names", (*BASE_NAMES, *links, *tools))
+
+    def nominal(self, tool: dict[str, Array] | None = None) -> Array:
+        """The drawing's parameters: base at the tracker's origin, targets of ``tool``.
+
+        A target that ``tool`` (m, in the last frame) does not name takes its place on the default
+        tool, or the last frame's origin where that has no such target either.
+        """
+        places = {**DEFAULT_TOOL, **(tool or {})}
+        points = [np.asarray(places.get(target, (0.0, 0.0, 0.0))) for target in self.targets]
+        return self.assemble(np.zeros(6), self.chain.table, np.array(points))
+
+    def assemble(self, base: Array, table: Array, tool: Array) -> Array:
+        """Parameter vector from base ``(6,)``, table ``(n, 5)`` and target positions ``(k, 3)``."""
+        return np.concatenate([base, table[self.table_rows, self.table_columns], np.ravel(tool)])
+
+    def split(self, values: Array) -> tuple[Array, Array, Array]:
+        """Base ``(6,)``, table ``(n, 5)`` and targets ``(k, 3)`` of a parameter vector."""
+        first_tool = len(values) - 3 * len(self.targets)
+        table = self.chain.table.astype(values.dtype)
+        table[self.table_rows, self.table_columns] = values[6:first_tool]
+        return values[:6], table, values[first_tool:].reshape(len(self.targets), 3)
+
+    def T_tracker_frame0(self, values: Array) -> Array:
+        """Pose ``(4, 4)`` of frame 0 in the tracker's frame: what the base's parameters say."""
+        base = self.split(values)[0]
+        return pose(exp(base[3:]), base[:3])
+
+    def points(self, joints: Array, values: Array) -> Array:
+        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at readings ``(n, joints)``."""
+        joints = self._checked(joints)
+        out = np.empty((3, len(self.targets), len(joints)), dtype=np.result_type(joints, values))
+        for part in chunks(len(joints), len(self.targets)):
+            _, frame, origin = self._walk(joints[part], values)
+            out[..., part] = self._targets(frame, origin, values)[:3]
+        return out.transpose(2, 1, 0)
+
+    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
+        """Target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``."""
+        joints = self._checked(joints)
+        kind = np.result_type(joints, values)
+        out = np.empty((3, len(self.targets), len(joints)), dtype=kind)
+        jacobian = np.zeros((len(self.names), 3, len(self.targets), len(joints)), dtype=kind)
+        for part in chunks(len(joints), len(self.targets)):
+            motions, frame, origin = self._walk(joints[part], values)
+            points = self._targets(frame, origin, values)
+            out[..., part] = points[:3]
+            fill(jacobian[..., part], motions, points)
+            for k in range(len(self.targets)):
+                first = len(self.names) - 3 * (len(self.targets) - k)
+                for column, axis in enumerate(frame, start=first):
+                    jacobian[column, :, k, part] = axis[:3]
+        return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
+
+    def joint_jacobian(self, joints: Array, values: Array) -> Array:
+        """Derivatives of the targets with respect to the readings, ``(n, k, 3, joints)``."""
+        return self.by_joints(self.observe(joints, values)[1])
+
+    def by_joints(self, jacobian: Array) -> Array:
+        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
+        moving = [self.names.index(f"link{i + 1}.{'d' if p else 'theta'}") for i, p in enumerate(self.chain.prismatic)]
+        moved: Array = jacobian[..., moving] * self.chain.sign
+        return moved
+
+    def flange(self, joints: Array, values: Array) -> Array:
+        """Poses of the last frame in the tracker's frame, ``(n, 4, 4)``."""
+        joints = self._checked(joints)
+        _, frame, origin = self._walk(joints, values)
+        return _poses(frame, origin, len(joints))
+
+    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """Poses of a target, turned as the last frame is, and how the readings move them.
+
+        Returns:
+            ``(n, 4, 4)`` in the tracker's frame; and the geometric Jacobian ``(n, 6, joints)``: velocity of the
+            target (m) and angular velocity (rad), both in the tracker's frame, by the readings. It is the direct
+            differential model: twist = J rates. ``differential.rates`` is the inverse one.
+        """
+        joints = self._checked(joints)
+        motions, frame, origin = self._walk(joints, values)
+        place = self._targets(frame, origin, values)[:, target]
+        jacobian = np.zeros((6, self.chain.size, len(joints)))
+        for motion in motions:
+            if motion.joint is None:
+                continue
+            axis = self.chain.sign[motion.joint] * motion.axis
+            if motion.origin is None:
+                jacobian[:3, motion.joint] = axis[:3]
+                continue
+            lever = place - motion.origin
+            jacobian[:3, motion.joint] = axis[1:4] * lever[2:5] - axis[2:5] * lever[1:4]
+            jacobian[3:, motion.joint] = axis[:3]
+        return _poses(frame, place, len(joints)), jacobian.transpose(2, 0, 1)
+
+    def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
+        """As of ``RigidArm``: by ``differential.singular_distance``."""
+        return singular_distance(self.tool(joints, values, target)[1])
+
+    def frame(self, joints: Array, values: Array, size: int) -> Array:
+        """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at readings ``(n, joints)``."""
+        part = SerialArm(self.chain.with_table(self.split(values)[1]).first(size))
+        return part.flange(joints[:, :size], part.nominal())
+
+    def motions(self, values: Array) -> list[Motion]:
+        """The chain's elementary motions with every joint reading zero, base first."""
+        return self._walk(np.zeros((1, self.chain.size)), values)[0]
+
+    def preferred(self) -> tuple[int, ...]:
+        """All columns in the order of preference that gives the canonical gauge (``gauge``)."""
+        return preferred_columns(self.chain, self.names)
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """Readings at which identifiability is decided: random within the limits."""
+        return self.chain.random_joints(count, rng)
+
+    def structural(self, values: Array) -> Array:
+        """``values`` with nominally parallel axes exactly parallel, where the rank is decided."""
+        base, table, tool = self.split(values)
+        flags = np.array(self.chain.parallel)
+        table[flags, 3] = np.pi * np.round(table[flags, 3] / np.pi)
+        table[flags, 4] = 0.0
+        return self.assemble(base, table, tool)
+
+    def _checked(self, joints: Array) -> Array:
+        if joints.ndim != 2 or joints.shape[1] != self.chain.size:
+            raise LabError(
+                f"joints of shape {joints.shape} do not fit robot '{self.chain.name}': give (poses, {self.chain.size})"
+            )
+        return joints
+
+    def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
+        """All elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
+        base, table, _ = self.split(values)
+        frame = [padded(column) for column in exp(base[3:]).T]
+        origin = padded(base[:3])
+        motions = [Motion(i, padded(np.eye(3)[i]), None) for i in range(3)]
+        motions += [Motion(3 + i, padded(column), origin) for i, column in enumerate(left_jacobian(base[3:]).T)]
+        links, last, end = along(self.chain, (frame[0], frame[1], frame[2]), origin, table, joints.T)
+        return motions + links, last, end
+
+    def _targets(self, frame: Sequence[Array], origin: Array, values: Array) -> Array:
+        """Target positions ``(5, k, n)`` from the last frame."""
+        x, y, z = frame
+        tool = self.split(values)[2]
+        return np.stack([origin + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
+
+
+def along(
+    chain: Chain, frame: tuple[Array, Array, Array], origin: Array, table: Array, joints: Array
+) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
+    """The links' elementary motions from frame 0 outward, and the last frame's axes and origin.
+
+    Args:
+        frame, origin: of frame 0, rows x y z x y, ``(5, ...)`` each.
+        table: ``(links, 5)``, or ``(links, 5, ...)`` where every arm of many has its own.
+        joints: readings ``(joints, ...)``.
+    """
+    x, y, z = frame
+    motions: list[Motion] = []
+    column = len(BASE_NAMES)
+    for i, (theta, d, a, alpha, beta) in enumerate(table):
+        slides, parallel = chain.prismatic[i], chain.parallel[i]
+        reading = chain.sign[i] * joints[i]
+        turn, slide = (theta, d + reading) if slides else (theta + reading, d)
+        at = column
+        column += 5 if parallel else 4
+        if chain.convention == "distal":
+            motions.append(Motion(at, z, origin, None if slides else i))
+            motions.append(Motion(at + 1, z, None, i if slides else None))
+            x, y = turned(x, y, turn)
+            origin = origin + slide * z + a * x
+            motions.append(Motion(at + 2, x, None))
+            motions.append(Motion(at + 3, x, origin))
+            y, z = turned(y, z, alpha)
+            if parallel:
+                motions.append(Motion(at + 4, y, origin))
+                z, x = turned(z, x, beta)
+        else:
+            motions.append(Motion(at + 3, x, origin))
+            y, z = turned(y, z, alpha)
+            motions.append(Motion(at + 2, x, None))
+            origin = origin + a * x
+            if parallel:
+                motions.append(Motion(at + 4, y, origin))
+                z, x = turned(z, x, beta)
+            motions.append(Motion(at, z, origin, None if slides else i))
+            motions.append(Motion(at + 1, z, None, i if slides else None))
+            x, y = turned(x, y, turn)
+            origin = origin + slide * z
+    return motions, (x, y, z), origin
+
+
+def chunks(count: int, targets: int) -> Iterator[slice]:
+    """So many poses in parts that fit the processor's cache."""
+    size = max(1, CHUNK // targets)
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
+    """Poses ``(count, 4, 4)`` of a frame's axes and origin ``(5, count)``, or ``(5, 1)`` where all are the same."""
+    poses = np.zeros((count, 4, 4), dtype=np.result_type(*frame, origin))
+    for column, vector in enumerate((*frame, origin)):
+        poses[:, :3, column] = vector[:3].T
+    poses[:, 3, 3] = 1
+    return poses
+
+
+def padded(vector: Array) -> Array:
+    """``(3,)`` as the rows x y z x y, ``(5, 1)``."""
+    return np.concatenate([vector, vector[:2]])[:, None]
+
+
+def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
+    """The axes u, v after a turn from u towards v."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * u + s * v, c * v - s * u
+
+
+def fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
+    """Write the columns of the motions at ``points`` ``(5, k, ...)`` into ``(parameters, 3, k, ...)``."""
+    origin: Array | None = None
+    lever = product = points
+    product = np.empty_like(points[:3])
+    for motion in motions:
+        axis = motion.axis[:, None]
+        if motion.origin is None:
+            jacobian[motion.column] = axis[:3]
+            continue
+        if motion.origin is not origin:
+            origin = motion.origin
+            lever = points - origin[:, None]
+        np.multiply(axis[1:4], lever[2:5], out=jacobian[motion.column])
+        np.multiply(axis[2:5], lever[1:4], out=product)
+        jacobian[motion.column] -= product

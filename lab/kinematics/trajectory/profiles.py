@@ -1,0 +1,273 @@
+"""How fast joints can move: phases of constant acceleration, between speeds that need not be zero.
+
+Lengths are in rad or m, times in s. The equations were worked out here; for one joint they agree with those of
+Berscheid & Kroeger (2021, ruckig) without a limit of jerk, for several at rest with Khalil & Dombre (2002, chapter 13).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+SLACK = 1e-13  # relative: a limit or a duration missed by less is met, but for rounding
+ROUNDS = 100  # of slowing down single stretches, before what is left slows down the whole path
+TINY = 1e-300  # in place of a zero divisor under a zero
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What one joint is to do: speed up or slow down, cruise, and speed up or slow down again.
+
+    With U and L the larger and the smaller one of its two end speeds, any duration T splits into (U - L) / a, which
+    the change of speed takes, and c, which is to spare.
+
+    Attributes:
+        moved: how far, with its sign.
+        start_speed, end_speed: at its ends, with their signs.
+        speed, acceleration: largest ones, v and a, above zero.
+    """
+
+    moved: float
+    start_speed: float
+    end_speed: float
+    speed: float
+    acceleration: float
+
+    @property
+    def ramp(self) -> float:
+        """The seconds (U - L) / a that the change of speed takes at least."""
+        return abs(self.end_speed - self.start_speed) / self.acceleration
+
+    @property
+    def rest(self) -> float:
+        """What is left of the move when the speed has changed without a detour."""
+        return self.moved - 0.5 * (self.start_speed + self.end_speed) * self.ramp
+
+    def mirrored(self) -> "Axis":
+        """The same the other way round."""
+        return replace(self, moved=-self.moved, start_speed=-self.start_speed, end_speed=-self.end_speed)
+
+    def spans(self) -> list[Span]:
+        """The durations that are possible: one span without end, and at most one before it.
+
+        In c seconds to spare the joint comes as far as Dmin(c) to Dmax(c), and anywhere between. Dmax is convex and
+        Dmin concave, so that each of them rules out one open interval.
+        """
+        possible, start = [], 0.0
+        for low, high in sorted([*self._too_near(), *self.mirrored()._too_near()]):
+            if low >= start - SLACK * (self.ramp + high):
+                possible.append((self.ramp + start, self.ramp + max(low, start)))
+            start = max(start, high)
+        return [*possible, (self.ramp + start, math.inf)]
+
+    def _too_near(self) -> list[Span]:
+        """The c at which Dmax(c) < D: the joint can only stop short; one interval or none, which may begin below zero.
+
+        Dmax - D = a c^2 / 4 + U c - rest up to the c at which v is reached, then v c - (v - U)^2 / a - rest.
+        """
+        a, upper = self.acceleration, max(self.start_speed, self.end_speed)
+        square = upper**2 + a * self.rest
+        if square <= 0:
+            return []
+        fastest = math.sqrt(square)  # the cruise speed of the quickest move
+        if upper > 0:
+            low, high = -2 * (upper + fastest) / a, 2 * self.rest / (upper + fastest)
+        else:
+            low, high = 2 * self.rest / (upper - fastest), 2 * (fastest - upper) / a
+        if fastest > self.speed:
+            high = (self.rest + (self.speed - upper) ** 2 / a) / self.speed
+        return [(low, high)] if high > 0 else []
+
+    def cruise(self, seconds: float) -> float:
+        """The speed at which to cruise, so that the move lasts a duration that is possible.
+
+        How far the joint comes grows with this speed at a rate of the time of cruising: linear where the speed is
+        between L and U, else as a parabola.
+        """
+        lower, upper = sorted((self.start_speed, self.end_speed))
+        spare = max(seconds - self.ramp, 0.0)
+        beyond = self.rest - upper * spare
+        if beyond > 0:  # x = cruise speed - U: c x - x^2 / a = beyond
+            square = spare**2 - 4 * beyond / self.acceleration
+            root = math.sqrt(square) if square > SLACK * spare * seconds else 0.0
+            faster = 2 * beyond / max(spare + root, TINY)
+            return upper + min(faster, 0.5 * self.acceleration * spare, self.speed - upper)
+        if self.rest < lower * spare:
+            return -self.mirrored().cruise(seconds)
+        return self.rest / spare if spare > 0 else upper
+
+
+def possible_spans(axes: Sequence[Axis]) -> list[Span]:
+    """The durations that are possible for all joints, in rising order; the last span has no end."""
+    each, found = [axis.spans() for axis in axes], list[Span]()
+    for seconds in sorted(low for spans in each for low, _ in spans):
+        if not found or seconds > found[-1][1]:
+            ends = [_end(spans, seconds) for spans in each]
+            if min(ends) >= 0:
+                found.append((seconds, max(min(ends), seconds)))
+    return found
+
+
+def _end(spans: Sequence[Span], seconds: float) -> float:
+    """Where the span ends that a duration is in; -1 where it is in none."""
+    slack = SLACK * seconds
+    return next((high for low, high in spans if low - slack <= seconds <= high + slack), -1.0)
+
+
+def lasts(spans: Sequence[Span], seconds: float) -> bool:
+    """Whether a duration is a possible one."""
+    return _end(spans, seconds) >= 0
+
+
+def check_rates(names: Sequence[str], speed: Array, acceleration: Array) -> None:
+    """Refuse largest speeds or accelerations ``(n,)`` of joints that are not finite or not above zero.
+
+    Raises:
+        LabError: naming the joint.
+    """
+    for what, rates in (("speed", speed), ("acceleration", acceleration)):
+        if np.shape(rates) != (len(names),):
+            raise LabError(f"largest {what}s have shape {np.shape(rates)}: give one for each of {len(names)} joints")
+        for name, rate in zip(names, rates, strict=True):
+            if not 0 < rate < math.inf:
+                raise LabError(f"joint {name}: its largest {what} is {rate:g}; give a finite one above zero")
+
+
+def rest_to_rest(moved: Array, speed: Array, acceleration: Array) -> tuple[Array, Array]:
+    """The quickest phases tau, u - tau, tau that joints at rest have in common.
+
+    u = max(max |D| / v, sqrt(max |D| / a)) and tau = max(|D| / a) / u: at a given u the shortest ramp is the best
+    one, and u + tau then grows with u from tau = u on.
+
+    Args:
+        moved: D ``(..., n)``.
+        speed, acceleration: v and a ``(n,)``.
+
+    Returns:
+        tau and u ``(...,)``, zero where nothing moves.
+    """
+    far = np.abs(moved)
+    cruised, ramped = (
+        np.maximum.reduce([far[..., j] / rate for j, rate in enumerate(rates)])  # quicker than .max(axis=-1)
+        for rates in (speed, acceleration)
+    )
+    between = np.maximum(cruised, np.sqrt(ramped))
+    return ramped / np.maximum(between, TINY), between
+
+
+def rest_to_rest_seconds(moved: Array, speed: Array, acceleration: Array) -> Array:
+    """How long the quickest moves from rest to rest take whose phases the joints have in common, ``(...,)`` s.
+
+    Args:
+        moved: ``(..., n)`` how far each joint moves, rad or m.
+        speed, acceleration: ``(n,)`` largest ones.
+
+    Raises:
+        LabError: a largest speed or acceleration that is not finite or not above zero.
+    """
+    check_rates([str(i + 1) for i in range(np.shape(moved)[-1])], speed, acceleration)
+    tau, between = rest_to_rest(moved, speed, acceleration)
+    return tau + between
+
+
+def quickest_ramps(
+    moved: Array, start_speed: Array, end_speed: Array, speed: Array, acceleration: Array
+) -> tuple[float, float]:
+    """The quickest phases tau, u - tau, tau that joints have in common, whatever their end speeds.
+
+    A joint cruises at w = (D - m tau) / u, m the mean of its end speeds, so that |w| <= v, w - L <= a tau and
+    U - w <= a tau, L and U the smaller and the larger one, read p <= q u with p and q linear in tau; so does tau <= u.
+    Along one of the curves p = q u, u + tau is stationary only where u - tau = (L - U) / (2 a) <= 0. So it is least
+    where two of them meet: at roots of quadratics, all of which are tried. One is always good, as a long enough move
+    with u = 2 tau breaks no limit.
+
+    Args:
+        moved: D ``(n,)``, not all zero if the speeds are.
+        start_speed, end_speed: ``(n,)``.
+        speed, acceleration: v and a ``(n,)``.
+
+    Returns:
+        tau and u, to rounding.
+    """
+    mean, zero = 0.5 * (start_speed + end_speed), np.zeros(len(moved))
+    rows = [np.array([[0.0, 1.0, 1.0, 0.0]])]  # p = p0 + p1 tau and q = q0 + q1 tau as (p0, p1, q0, q1)
+    for sign, end in ((1.0, np.minimum(start_speed, end_speed)), (-1.0, np.maximum(start_speed, end_speed))):
+        p = (sign * moved, -sign * mean)
+        rows += [np.stack([*p, speed, zero], axis=1), np.stack([*p, sign * end, acceleration], axis=1)]
+    p0, p1, q0, q1 = np.concatenate(rows).T  # (4 n + 1,)
+    i, j = np.triu_indices(len(p0), 1)
+    tau = _roots(
+        p1[i] * q1[j] - p1[j] * q1[i],
+        p0[i] * q1[j] + p1[i] * q0[j] - p0[j] * q1[i] - p1[j] * q0[i],
+        p0[i] * q0[j] - p0[j] * q0[i],
+    )[:, None]
+    p, q = p0 + p1 * tau, q0 + q1 * tau
+    p_size, q_size = np.abs(p0) + np.abs(p1) * tau, np.abs(q0) + np.abs(q1) * tau
+    from_below = q > SLACK * q_size
+    u = np.where(from_below, p / np.where(from_below, q, 1.0), 0.0).max(axis=1, keepdims=True)
+    kept = (p - q * u <= SLACK * (p_size + q_size * u)).all(axis=1)
+    assert kept.any()
+    best = np.argmin(np.where(kept, (tau + u)[:, 0], math.inf))
+    return float(tau[best, 0]), float(u[best, 0])
+
+
+def _roots(a: Array, b: Array, c: Array) -> Array:
+    """Roots above zero of a t^2 + b t + c; complex ones are replaced by real numbers."""
+    half = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b**2 - 4 * a * c, 0.0)), b))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        roots = np.concatenate([half / a, c / half])
+    return roots[(roots > 0) & (roots < math.inf)]
+
+
+def stretches_and_blends(
+    moved: Array, allowed: Array | float, speed: Array, acceleration: Array
+) -> tuple[Array, Array]:
+    """How to pass near via points from rest to rest: stretches of constant velocity V, joined by parabolic blends.
+
+    A blend that takes tau misses its via point by |dV| tau / 8, so that it takes 8 error / |dV| (Khalil & Dombre
+    2002, chapter 13), of the joint for which that is least; and no more than what lets it have half of the stretches
+    beside it. Where it would need a larger acceleration than there is, the faster one of the two is slowed down.
+
+    Args:
+        moved: ``(m - 1, n)`` between the points, no row zero.
+        allowed: the errors at the via points ``(n,)``, or one for all.
+        speed, acceleration: largest ones ``(n,)``.
+
+    Returns:
+        dV ``(m, n)`` of the blends; and durations ``(2 m - 1,)``, of blends and stretches in turns.
+    """
+    far = np.abs(moved)
+    lasting = (far / speed).max(axis=1)  # from the middle of a blend to that of the next, (m - 1,)
+    for _ in range(ROUNDS):
+        _, shortest, longest = _blends(moved, lasting, allowed, acceleration)
+        slower = np.sqrt(np.maximum(shortest / longest, 1.0))  # k times slower: dV / k, and room for k tau
+        pace = (far / acceleration).max(axis=1) / lasting
+        before, after = np.append(0.0, pace), np.append(pace, 0.0)
+        lasting *= np.maximum(
+            np.where(after >= before, slower, 1.0)[:-1],
+            np.where(before >= after, slower, 1.0)[1:],
+        )
+    _, shortest, longest = _blends(moved, lasting, allowed, acceleration)
+    lasting *= math.sqrt(max((shortest / longest).max(), 1.0))
+    changes, shortest, blends = _blends(moved, lasting, allowed, acceleration)
+    blends[[0, -1]] = shortest[[0, -1]]
+    durations = np.zeros(2 * len(blends) - 1)
+    durations[::2], durations[1::2] = blends, np.maximum(lasting - 0.5 * (blends[:-1] + blends[1:]), 0.0)
+    return changes, durations
+
+
+def _blends(moved: Array, lasting: Array, allowed: Array | float, acceleration: Array) -> tuple[Array, Array, Array]:
+    """Of m blends dV ``(m, n)``, and their shortest and longest durations ``(m,)``; those at the ends miss nothing."""
+    velocities = moved / lasting[:, None]
+    still = np.zeros_like(velocities[:1])
+    changes = np.diff(np.vstack([still, velocities, still]), axis=0)
+    missing = (np.abs(changes) / (8 * allowed)).max(axis=1)
+    missing[[0, -1]] = 0.0
+    room = np.minimum(np.append(math.inf, lasting), np.append(lasting, math.inf))
+    return changes, (np.abs(changes) / acceleration).max(axis=1), 1 / np.maximum(missing, 1 / room)

@@ -1,0 +1,1 @@
+"""Identify the payload at the flange."""

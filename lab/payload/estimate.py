@@ -1,0 +1,175 @@
+"""A load as identified: its parameters with intervals, what follows from them, and what the data do not show."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.rigid_body import LOAD, elements, inertia_about_centre, is_physical, symmetric
+from lab.payload.least_squares import Solution
+from lab.payload.residual_tests import Verdict
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """What had to be estimated along.
+
+    Attributes:
+        name: ``offset.fx``, ``friction.q1`` (of the torque), ``delay``, ``tilt.x``, ``turn.z`` and so on.
+        unit: N, Nm, s, rad, or "" of a fraction.
+        half_width: of its 95 % interval.
+    """
+
+    name: str
+    value: float
+    half_width: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class LoadEstimate:
+    """The load at the hand, about the origin and in the axes of ``frame``, with 95 % intervals.
+
+    What is not identified is NaN, here and in everything that follows from it.
+
+    Attributes:
+        method: ``torques``, ``wrench`` or ``sag``, and whether of static poses or a motion.
+        phi: ``(10,)`` as ``LOAD``: kg, kg m and kg m^2.
+        covariance: ``(10, 10)``.
+        half_width: ``(10,)`` of phi.
+        com_half_width, inertia_com_half_width: ``(3,)`` m and ``(3, 3)`` kg m^2, to first order.
+        rank, columns: of all that was estimated, with the nuisances; equal where all of it was identified.
+        rows: the numbers that were fitted, each of which counts as independent.
+        sigma: ``(d,)`` noise of one reading: each joint's torque (Nm, N of a slide), sensor's axis, or coordinate (m).
+        seen, residual: ``(n, d)`` what was to be explained, and what of that is left, in the channels' units.
+        unseen: what cannot be told, and which motion would show it.
+        physical: whether a body can have these parameters; None where there is no mass to judge by.
+    """
+
+    method: str
+    frame: str
+    phi: Array
+    covariance: Array
+    half_width: Array
+    com_half_width: Array
+    inertia_com_half_width: Array
+    rank: int
+    columns: int
+    rows: int
+    sigma: Array
+    seen: Array
+    residual: Array
+    unseen: tuple[str, ...]
+    nuisance: tuple[Nuisance, ...]
+    verdict: Verdict
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """The names of ``LOAD`` that are."""
+        return tuple(name for name, value in zip(LOAD, self.phi, strict=True) if np.isfinite(value))
+
+    @property
+    def mass_kg(self) -> float:
+        """Its mass."""
+        return float(self.phi[0])
+
+    @property
+    def mass_half_width_kg(self) -> float:
+        """Of its mass."""
+        return float(self.half_width[0])
+
+    @property
+    def com_m(self) -> Array:
+        """``(3,)``, its centre of mass."""
+        centre: Array = self.phi[1:4] / self.phi[0]
+        return centre
+
+    @property
+    def inertia_kgm2(self) -> Array:
+        """``(3, 3)`` about the frame's origin."""
+        return symmetric(self.phi[4:])
+
+    @property
+    def inertia_half_width_kgm2(self) -> Array:
+        """``(3, 3)`` about the frame's origin."""
+        return symmetric(self.half_width[4:])
+
+    @property
+    def inertia_com_kgm2(self) -> Array:
+        """``(3, 3)`` about the centre of mass."""
+        return inertia_about_centre(self.phi)
+
+    @cached_property
+    def physical(self) -> bool | None:
+        """Whether its pseudo-inertia is positive definite; without an inertia, whether the mass is positive."""
+        if not np.isfinite(self.phi[0]):
+            return None
+        if not np.isfinite(self.phi).all():
+            return bool(self.phi[0] > 0)
+        return is_physical(self.phi)
+
+    @property
+    def adequate(self) -> bool | None:
+        """Whether the residuals are what noise explains; None where there are too few to tell."""
+        return self.verdict.adequate
+
+
+def estimate_of(
+    method: str,
+    solution: Solution,
+    nuisance: dict[str, tuple[float, str]],
+    unseen: tuple[str, ...],
+    verdict: Verdict,
+    reading: float,
+) -> LoadEstimate:
+    """The load whose ten parameters come first in a solution.
+
+    Args:
+        nuisance: values and units of the other parameters, by name, which the solution may hold as steps only.
+        reading: noise of the solution's rows where that of a reading is one.
+    """
+    told = solution.told[:10]
+    phi = np.where(told, solution.values[:10], np.nan)
+    slopes = np.eye(len(solution.values))
+    widths = np.where(solution.told, solution.half_widths(slopes), np.nan)
+    covariance = np.where(np.outer(told, told), solution.covariance[:10, :10], np.nan)
+    found = [
+        Nuisance(name, value if solution.told[i] else np.nan, float(widths[i]), unit)
+        for name, (value, unit) in nuisance.items()
+        for i in [solution.names.index(name)]
+    ]
+    centre = widths_of(solution, _centre_slopes(phi)) if told[:4].all() else np.full(3, np.nan)
+    inner = widths_of(solution, _inner_slopes(phi)) if told.all() else np.full(6, np.nan)
+    return LoadEstimate(
+        method, "flange", phi, covariance, widths[:10], centre, symmetric(inner), solution.rank, len(solution.names),
+        solution.residual.size, solution.sigma / reading, solution.seen, solution.residual * solution.sigma, unseen,
+        tuple(found), verdict,
+    )  # fmt: skip
+
+
+def widths_of(solution: Solution, slopes: Array) -> Array:
+    """Half-widths ``(k,)`` of what moves by ``slopes`` ``(k, 10)`` with the load's parameters."""
+    padded = np.zeros((len(slopes), len(solution.names)))
+    padded[:, :10] = slopes
+    return solution.half_widths(padded)
+
+
+def _centre_slopes(phi: Array) -> Array:
+    """Derivatives ``(3, 10)`` of the centre of mass."""
+    slopes = np.zeros((3, 10))
+    slopes[:, 0] = -phi[1:4] / phi[0] ** 2
+    slopes[:, 1:4] = np.eye(3) / phi[0]
+    return slopes
+
+
+def _inner_slopes(phi: Array) -> Array:
+    """Derivatives ``(6, 10)`` of the inertia's elements about the centre of mass, I - (s's 1 - s s') / m, s = m c."""
+    mass, moment = phi[0], phi[1:4]
+    slopes = np.zeros((6, 10))
+    slopes[:, 0] = elements(moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass**2
+    for axis, unit in enumerate(np.eye(3)):
+        mixed = np.outer(unit, moment)
+        slopes[:, 1 + axis] = -elements(2 * moment[axis] * np.eye(3) - mixed - mixed.T) / mass
+    slopes[:, 4:] = np.eye(6)
+    return slopes

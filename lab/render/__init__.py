@@ -1,0 +1,1 @@
+"""Draw and print: pages, figures, recordings."""

@@ -1,0 +1,144 @@
+"""Things that every recording draws: bodies that move, a frame, beams, ellipsoids, tags, texts.
+
+What moves is given ``at`` the values of a timeline, one for each of its rows.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from lab.commands.calibrate.recording_text import times
+from lab.commands.calibrate.scene import Drawn
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.render.skeleton import Legs
+from lab.simulation.meshes import Shell
+
+Colour = tuple[int, int, int]
+Times = list[rr.TimeColumn]
+BEAM: Colour = (235, 60, 60)
+LEGS = "world/arm/rods_and_legs"
+_ROD: tuple[Colour, float] = (170, 175, 185), 0.004  # and its radius, of the reach
+_LEG: tuple[Colour, float] = (242, 97, 15), 0.01  # the same of a leg whose length is a reading
+_AXES = np.array([[230, 70, 70], [90, 190, 90], [80, 130, 240]], dtype=np.uint8)  # x, y, z
+
+
+@contextmanager
+def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.RecordingStream]:
+    """A recording of a world whose z is up, written to ``path`` when the block ends well.
+
+    Args:
+        robot: the name of what it shows.
+        identity: the same for the same content, so that the same content gives the same recording.
+    """
+    application = f"{robot} {identity[:8]}"  # a viewer has one blueprint for each application
+    recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
+    memory = recording.memory_recording()  # written at the end, in one go: a full disk would hang rerun's own writer
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    yield recording
+    path.write_bytes(memory.drain_as_bytes() or b"")
+    recording.disconnect()
+
+
+def draw_shells(recording: rr.RecordingStream, at: Times, shells: Sequence[Shell], bodies: Mapping[str, Array]) -> None:
+    """The robot's shells, which move through the poses ``(m, 4, 4)`` of their bodies."""
+    for shell in shells:
+        entity = f"world/arm/{rr.escape_entity_path_part(shell.body)}"
+        mesh = rr.Mesh3D(
+            vertex_positions=shell.vertices,
+            triangle_indices=shell.faces,
+            vertex_normals=shell.normals,
+            vertex_colors=shell.rgba,
+        )
+        recording.log(entity, mesh, static=True)
+        draw_moving(recording, at, {shell.body: bodies[shell.body]})
+
+
+def draw_moving(recording: rr.RecordingStream, at: Times, bodies: Mapping[str, Array]) -> None:
+    """Further poses ``(m, 4, 4)`` of bodies that are drawn already."""
+    for name, Ts in bodies.items():
+        _move(recording, f"world/arm/{rr.escape_entity_path_part(name)}", at, Ts)
+
+
+def draw_legs(recording: rr.RecordingStream, at: Times, legs: Legs, reach_m: float) -> None:
+    """Rods and legs as lines from end to end; a serial arm has none, and no entity for them."""
+    if not legs.measured:
+        return
+    colours, shares = zip(*(_LEG if measured else _ROD for measured in legs.measured), strict=True)
+    style = rr.LineStrips3D.from_fields(colors=colours, radii=[share * reach_m for share in shares])
+    recording.log(LEGS, style, static=True)
+    draw_moving_legs(recording, at, legs)
+
+
+def draw_moving_legs(recording: rr.RecordingStream, at: Times, legs: Legs) -> None:
+    """Further places of rods and legs that are drawn already."""
+    if count := len(legs.measured):
+        lines = rr.LineStrips3D.columns(strips=list(legs.ends.reshape(-1, 2, 3))).partition([count] * len(legs.ends))
+        recording.send_columns(LEGS, at, lines)
+
+
+def _move(recording: rr.RecordingStream, entity: str, at: Times, Ts: Array) -> None:
+    """Log poses ``(m, 4, 4)``, once where nothing moves."""
+    positions, quaternions = Ts[:, :3, 3], _xyzw(Ts[:, :3, :3])
+    if np.ptp(Ts, axis=0).max() == 0:
+        still = rr.Transform3D(translation=positions[0], quaternion=quaternions[0])
+        recording.log(entity, still, static=True)
+        return
+    moving = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
+    recording.send_columns(entity, at, moving)
+
+
+def _xyzw(rotations: Array) -> Array:
+    return se3.quaternion_from_rotation(rotations)[..., [1, 2, 3, 0]]
+
+
+def draw_instrument(recording: rr.RecordingStream, name: str, T_world_instrument: Array) -> None:
+    """The instrument's frame."""
+    T = T_world_instrument
+    axes = rr.Arrows3D(
+        origins=np.tile(T[:3, 3], (3, 1)), vectors=0.25 * T[:3, :3].T, colors=_AXES, radii=0.006, labels=[name, "", ""]
+    )
+    recording.log("world/instrument/frame", axes, static=True)
+
+
+def draw_beams(recording: rr.RecordingStream, at: Times, head: Array, points: Array) -> None:
+    """Beams from the head ``(3,)`` to those of the points ``(m, k, 3)`` that are not NaN."""
+    seen = np.isfinite(points).all(axis=2)
+    strips = [np.stack([head, point]) for point in points[seen]]
+    beams = rr.LineStrips3D.columns(strips=strips).partition(seen.sum(axis=1))
+    recording.send_columns("world/instrument/beam", at, beams)
+    recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=BEAM, radii=0.0015), static=True)
+
+
+def draw_ellipsoid(recording: rr.RecordingStream, name: str, at: Times, drawn: Drawn, colour: Colour) -> None:
+    """One ellipsoid a row, with its half-axes and its magnification."""
+    shape = rr.Ellipsoids3D.columns(half_sizes=drawn.half_sizes, centers=drawn.centers, quaternions=_xyzw(drawn.axes))
+    recording.send_columns(f"world/ellipsoid/{name}/shape", at, shape)
+    style = rr.Ellipsoids3D.from_fields(colors=colour, fill_mode="TransparentFillMajorWireframe", line_radii=0.0008)
+    recording.log(f"world/ellipsoid/{name}/shape", style, static=True)
+    vectors = np.swapaxes(drawn.axes * drawn.half_sizes[:, None, :], 1, 2).reshape(-1, 3)  # rows: the half-axes
+    origins = np.repeat(drawn.centers, 3, axis=0)
+    axes = rr.Arrows3D.columns(origins=origins, vectors=vectors).partition([3] * len(drawn.centers))
+    recording.send_columns(f"world/ellipsoid/{name}/axes", at, axes)
+    recording.log(
+        f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=(245, 245, 250), radii=0.002), static=True
+    )
+    above = drawn.centers + np.array([0.0, 0.0, 1.1]) * drawn.half_sizes[:, :1]
+    draw_tag(recording, f"world/ellipsoid/{name}/factor", at, above, times(drawn.factor), colour)
+
+
+def draw_tag(
+    recording: rr.RecordingStream, entity: str, at: Times, positions: Array, text: str, colour: Colour
+) -> None:
+    """A text that goes along with ``positions`` ``(m, 3)``."""
+    recording.send_columns(entity, at, rr.Points3D.columns(positions=positions))
+    style = rr.Points3D.from_fields(colors=colour, radii=0.0005, labels=text, show_labels=True)
+    recording.log(entity, style, static=True)
+
+
+def markdown(text: str) -> rr.TextDocument:
+    """A text with tables and emphasis."""
+    return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)

@@ -1,0 +1,232 @@
+"""Poses worth measuring: within limits, touching nothing, every wanted target in the tracker's sight.
+
+All of it is asked of the nominal model, the tracker at its nominal place. A target is visible if the
+instrument admits its range, its elevation and the angle at which the beam meets the reflector (whose
+axis is the site's z), and if a ray from the tracker's head reaches it. The tracker's own body stops no
+ray; every other visible geom does, so the collision shapes, a little fuller than the shells, count too.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.se3 import Array
+from lab.simulation.closed_robot import ClosedModel
+from lab.simulation.collisions import contacts, standing
+from lab.simulation.model import TRACKER, RobotModel
+
+MARGIN = 0.02  # of a joint's range, kept from each limit
+STEP_M = 0.010  # along a path no point of the arm moves further than this between two looks
+Feasible = Callable[[Array], NDArray[np.bool_]]
+FreePath = Callable[[Array, Array], bool]
+_REASONS = ("limits", "singularity", "collision", "visibility")
+_BLOCK = 1024  # a power of two keeps Sobol's points even
+_PATIENCE, _WORST_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
+_HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
+_GOLDEN = (np.sqrt(5) - 1) / 2
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Feasible poses, and what became of the others.
+
+    Attributes:
+        joints: ``(m, n)`` readings, rad or m.
+        drawn: quasi-random draws over the full limits, up to the last candidate.
+        rejected: draws by the first reason against them: ``limits`` (in the margin), ``singularity`` (loops that do
+            not close, or nearly otherwise too), ``collision``,
+            ``visibility``. With the m candidates they sum up to ``drawn``.
+    """
+
+    joints: Array
+    drawn: int
+    rejected: dict[str, int]
+
+
+def draw_candidates(
+    robot: RobotModel,
+    targets: Sequence[str],
+    instrument: Instrument,
+    count: int,
+    rng: np.random.Generator,
+    margin: float = MARGIN,
+) -> Candidates:
+    """``count`` feasible poses from a scrambled Sobol sequence over the joints' limits.
+
+    The same generator state gives the same poses, and asking for more keeps the first ones.
+
+    Raises:
+        LabError: a target is unknown, the tracker stands in the arm, or hardly any pose is feasible.
+    """
+    if count < 1:
+        raise LabError(f"{count} candidate poses: ask for 1 or more")
+    first_reason = _judge(robot, targets, instrument, margin)
+    _refuse_tracker_in_arm(robot)
+    sobol = scipy.stats.qmc.Sobol(robot.chain.size, scramble=True, rng=rng)
+    draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
+    while np.count_nonzero(reasons < 0) < count:
+        _refuse_hopeless(robot, targets, reasons, count)
+        block = scipy.stats.qmc.scale(sobol.random(_BLOCK), robot.chain.lower, robot.chain.upper)
+        draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, first_reason(block)])
+    drawn = int(np.flatnonzero(reasons < 0)[count - 1]) + 1
+    draws, reasons = draws[:drawn], reasons[:drawn]
+    return Candidates(draws[reasons < 0], drawn, _counted(reasons))
+
+
+def feasibility(robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN) -> Feasible:
+    """A callable: whether readings ``(n, joints)`` keep from the limits, touch nothing and show every target.
+
+    Quick to ask again and again, by one thread.
+    """
+    first_reason = _judge(robot, targets, instrument, margin)
+    return lambda joints: first_reason(joints) < 0
+
+
+def path_check(robot: RobotModel) -> FreePath:
+    """A callable: whether the arm touches nothing while all joints move in proportion between two readings ``(n,)``.
+
+    Looked at so often that no point of it moves more than ``STEP_M`` in between. By one thread.
+    """
+    data, reach = mujoco.MjData(robot.model), _reach(robot)
+
+    def is_free(start: Array, end: Array) -> bool:
+        steps = max(1, int(np.ceil(np.abs(end - start) @ reach / STEP_M)))
+        # evenly spread from the first look on, so that an obstacle is met early
+        order = np.argsort(np.argsort(np.arange(steps + 1) * _GOLDEN % 1.0))
+        return not any(contacts(robot, start + (order / steps)[:, None] * (end - start), data))
+
+    return is_free
+
+
+def _judge(
+    robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float
+) -> Callable[[Array], NDArray[np.int_]]:
+    """A callable: the first of ``_REASONS`` against each of the readings ``(n, joints)``, -1 for none."""
+    if not 0 <= margin < 0.5:
+        raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
+    sees, data = sight(robot, targets, instrument), mujoco.MjData(robot.model)
+    chain = robot.chain
+    keep_off = margin * (chain.upper - chain.lower)
+
+    def first_reason(joints: Array) -> NDArray[np.int_]:
+        reasons = np.where(chain.beyond_limits(joints, -keep_off).any(axis=1), 0, -1)
+        left = np.flatnonzero(reasons < 0)
+        reasons[left[~chain.stands(joints[left], well=True)]] = 1
+        left = np.flatnonzero(reasons < 0)
+        reasons[left[np.fromiter(contacts(robot, joints[left], data), bool, len(left))]] = 2
+        left = np.flatnonzero(reasons < 0)
+        reasons[left[~sees(joints[left])]] = 3
+        return reasons
+
+    return first_reason
+
+
+def sight(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
+    """A callable: whether the tracker sees every one of the targets at readings ``(n, joints)``."""
+    for target in targets:
+        if target not in robot.tool:
+            raise LabError(f"target '{target}' is unknown: robot {robot.chain.name} has {', '.join(robot.tool)}")
+    model, data = robot.model, mujoco.MjData(robot.model)
+    sites = [model.site(name).id for name in targets]
+    ball = np.clip(model.site_size[sites, 0], _HALF_INCH_BALL_M, _LARGEST_BALL_M) + _RIM_M
+    T_world_tracker = robot.T_world_tracker
+    head, turn = T_world_tracker[:3, 3].copy(), T_world_tracker[:3, :3]
+    own = _tracker_body(robot) or -1  # a tracker drawn into the world itself leaves nothing out
+
+    def reached(stand: mujoco.MjData) -> bool:
+        for site, radius in zip(sites, ball, strict=True):
+            line = stand.site_xpos[site] - head
+            met = mujoco.mj_ray(model, stand, head, line, None, True, own, None)
+            if 0 <= met < 1 - radius / np.linalg.norm(line):
+                return False
+        return True
+
+    def sees(joints: Array) -> NDArray[np.bool_]:
+        points, axes = np.empty((2, len(joints), len(sites), 3))
+        for i, stand in enumerate(standing(robot, joints, data)):
+            points[i], axes[i] = stand.site_xpos[sites], stand.site_xmat[sites, 2::3]
+        admitted = instrument.sight.admits((points - head) @ turn, axes @ turn)
+        seen: NDArray[np.bool_] = np.all(admitted, axis=1)
+        rays = (reached(stand) for stand in standing(robot, joints[seen], data))
+        seen[seen] = np.fromiter(rays, bool, int(seen.sum()))
+        return seen
+
+    return sees
+
+
+def _tracker_body(robot: RobotModel) -> int:
+    return int(robot.model.site(TRACKER).bodyid[0])
+
+
+def _reach(robot: RobotModel) -> Array:
+    """``(n,)``: how far (m) a point of the arm moves at most per rad or m of each joint, in any pose."""
+    if isinstance(robot, ClosedModel):
+        return robot.speeds()
+    model = robot.model
+    touching = (model.geom_contype | model.geom_conaffinity) != 0
+    joints = [model.joint(name) for name in robot.chain.joint_names]
+    travel = np.zeros(model.nbody)
+    for joint, slides in zip(joints, robot.chain.prismatic, strict=True):
+        far = np.abs(joint.range).max() if slides else 2 * np.linalg.norm(joint.pos)
+        travel[joint.bodyid[0]] = far
+    ball = np.zeros(model.nbody)  # about each body's origin, around it and all that it carries
+    for geom in np.flatnonzero(touching):
+        body = model.geom_bodyid[geom]
+        ball[body] = max(ball[body], np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom])
+    for body in range(model.nbody - 1, 0, -1):  # MuJoCo numbers parents before children
+        parent = model.body_parentid[body]
+        ball[parent] = max(ball[parent], np.linalg.norm(model.body_pos[body]) + travel[body] + ball[body])
+    moved = [ball[joint.bodyid[0]] + np.linalg.norm(joint.pos) for joint in joints]
+    return np.where(robot.chain.prismatic, 1.0, moved)
+
+
+def _refuse_tracker_in_arm(robot: RobotModel) -> None:
+    """The tracker's stand and head must be clear of the arm in half of the poses at least."""
+    model, body = robot.model, _tracker_body(robot)
+    head, up = robot.T_world_tracker[:3, 3].copy(), np.array([0.0, 0.0, 1.0])
+    joints, data = robot.chain.random_joints(256, np.random.default_rng(0)), mujoco.MjData(model)
+    hits = 0
+    for _ in contacts(robot, joints, data):
+        touches = body > 0 and bool((model.geom_bodyid[data.contact.geom] == body).any())
+        normal = np.zeros(3)  # outward: along the ray where it leaves a shape that it began in
+        mujoco.mj_ray(model, data, head, up, None, True, body or -1, None, normal)
+        hits += touches or bool(normal @ up > 0)
+    if 2 * hits > len(joints) or _stands_in_base(robot, body):
+        where = "in its base" if 2 * hits <= len(joints) else f"in the way in {hits / len(joints):.0%} of its poses"
+        place = ", ".join(f"{x:.3g}" for x in head)
+        mend = "move it away" if body else "move it away, or draw its shapes in a body of its own"
+        raise LabError(f"{robot.path}: the tracker, head at ({place}) m, stands inside the arm, {where}; {mend}")
+
+
+def _stands_in_base(robot: RobotModel, body: int) -> bool:
+    """MuJoCo sees no contact between two bodies that both stand in the world."""
+    model = robot.model
+    if not (robot.base_body and body):
+        return False
+    data = next(standing(robot, robot.chain.home[None]))
+    solid = (model.geom_contype | model.geom_conaffinity) != 0
+    of = [np.flatnonzero(solid & (model.geom_bodyid == b)) for b in (body, model.body(robot.base_body).id)]
+    return any(mujoco.mj_geomDistance(model, data, a, b, 0.01, None) < 0 for a in of[0] for b in of[1])
+
+
+def _counted(reasons: NDArray[np.int_]) -> dict[str, int]:
+    return {name: int(np.count_nonzero(reasons == i)) for i, name in enumerate(_REASONS)}
+
+
+def _refuse_hopeless(robot: RobotModel, targets: Sequence[str], reasons: NDArray[np.int_], count: int) -> None:
+    drawn, have = len(reasons), int(np.count_nonzero(reasons < 0))
+    if drawn < _PATIENCE or (have and drawn < count / _WORST_SHARE):
+        return
+    n, place = _counted(reasons), ", ".join(f"{x:.3g}" for x in robot.T_world_tracker[:3, 3])
+    raise LabError(
+        f"{robot.path}: {have or 'no'} feasible poses in {drawn} draws, {count} wanted: {n['limits']} too close to a "
+        f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide, in {n['visibility']} the "
+        f"tracker at ({place}) m does not see {', '.join(targets)}; move the tracker, turn the targets towards it, "
+        "or ask for fewer targets"
+    )

@@ -1,0 +1,151 @@
+"""A mechanism with loops in MuJoCo: the drawing, the "real" robot whose dimensions are off, and the identified one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.formats.mechanism_toml import MechanismFile
+from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.serial.arm import DEFAULT_TOOL
+from lab.simulation.build_closed import BASE_BODY, closed_mjcf, closed_spec
+from lab.simulation.effects import Effects
+from lab.simulation.loop_constraints import closed_qpos
+from lab.simulation.model import FLANGE, TRACKER, RobotModel, compiled, coordinates
+from lab.simulation.true_robot import RealArm
+from lab.simulation.write_mjcf import place_tracker
+
+_LOOKS = 1000  # random poses
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedModel(RobotModel):
+    """A mechanism as drawn.
+
+    Attributes:
+        height_m: of its base above the floor; None where there is none.
+    """
+
+    chain: Mechanism
+    height_m: float | None
+
+    def qpos(self, joints: Array) -> Array:
+        """As of any robot; passive joints where the drawing's loops have them."""
+        closed = self.chain.assembled(joints, self.chain.drawn)
+        return passive_coordinates(
+            self.model, self.chain, joints, np.where(closed.fits, closed.posture.passive, np.nan)
+        )
+
+    def speeds(self) -> Array:
+        """``(joints,)``: how far a joint moves a target (m per m or rad), the most of many random poses."""
+        arm = ClosedArm(self.chain, tuple(self.tool))
+        joints = arm.structure_joints(_LOOKS, stream(0, "structure"))
+        moved = arm.by_joints(arm.observe(joints, arm.nominal(self.tool))[1])
+        return np.asarray(np.linalg.norm(moved, axis=2).max(axis=(0, 1)))
+
+    def with_values(self, values: Array, tool: Mapping[str, Array]) -> mujoco.MjSpec:
+        """A copy with the mechanism's parameters ``(p,)`` and these targets (m, on the platform)."""
+        return closed_spec(self.chain, values, tool, self.height_m)
+
+
+def closed_model(path: Path, described: MechanismFile) -> ClosedModel:
+    """The mechanism of a description, which says all that its shapes can be drawn from."""
+    mechanism = described.mechanism
+    named = {name: place for name, place in described.tool.items() if name not in (FLANGE, TRACKER)}
+    tool = named or {name: np.array(place) for name, place in DEFAULT_TOOL.items()}
+    spec = closed_spec(mechanism, mechanism.drawn, tool, described.height_m)
+    return ClosedModel(
+        path=path,
+        spec=spec,
+        model=compiled(path, spec),
+        chain=mechanism,
+        T_world_frame0=se3.pose(np.eye(3), np.array([0.0, 0.0, described.height_m or 0.0])),
+        base_body=BASE_BODY,
+        tool=tool,
+        height_m=described.height_m,
+    )
+
+
+def identified_mjcf(robot: RobotModel, arm: ClosedArm, values: Array) -> str:
+    """The identified mechanism as MJCF whose loops, closed, have the identified sites in the tracker's frame."""
+    assert isinstance(robot, ClosedModel)
+    spec = robot.with_values(values, arm.places(values))
+    model = compiled(robot.path, spec)
+    place_tracker(model, robot, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
+    carrier = spec.site(TRACKER).parent
+    placed = model.body(carrier.name)
+    carrier.pos, carrier.quat = placed.pos, placed.quat
+    return closed_mjcf(spec)
+
+
+def passive_coordinates(model: mujoco.MjModel, mechanism: Mechanism, joints: Array, passive: Array) -> Array:
+    """MuJoCo's coordinates ``(n, nq)`` at readings ``(n, joints)`` and passive values ``(z, n)``."""
+    moving = [i for i, name in enumerate(mechanism.joint_names) if mechanism.offset_of(i) not in _legs(mechanism)]
+    names = [mechanism.joint_names[i] for i in moving]
+    names += [mechanism.tree.name_of(f, s) for f, s in mechanism.tree.passive]
+    return coordinates(model, names, np.concatenate([joints[:, moving], passive.T], axis=1))
+
+
+def _legs(mechanism: Mechanism) -> list[str]:
+    return [f"{rod.name}.length" for rod in mechanism.tree.rods]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealMechanism(RealArm):
+    """A mechanism whose dimensions are off.
+
+    Attributes:
+        values: ``(p,)`` of ``Mechanism.names``; the base stands in the world as drawn.
+    """
+
+    robot: ClosedModel
+    values: Array
+
+    def with_effects(self, effects: Effects) -> Self:
+        """As of any arm; nothing of it bends."""
+        if effects.yielding:
+            raise LabError(f"robot {self.robot.chain.name} has loops, and nothing bends such a robot here")
+        return super().with_effects(effects)
+
+    def _qpos(self, driven: Array) -> Array:
+        """Newton's method on MuJoCo's constraints, from the drawing's passive values: a jump to another mode is NaN."""
+        chain = self.robot.chain
+        start = chain.assembled(driven, chain.drawn).posture.passive
+        found = np.full((len(driven), self.model.nq), np.nan)
+        near = np.isfinite(start).all(axis=0)
+        qpos, jumped = closed_qpos(self.model, chain, self.values, driven[near], start[:, near])
+        found[near] = np.where(jumped[:, None], np.nan, qpos)
+        return found
+
+
+def real_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> RealMechanism:
+    """The robot with other dimensions, before a tracker."""
+    model = robot.with_values(values, robot.tool).compile()
+    place_tracker(model, robot, T_world_tracker)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return RealMechanism(
+        robot=robot,
+        model=model,
+        T_world_tracker=T_world_tracker,
+        values=values,
+        effects=Effects.none(robot.chain.size),
+    )
+
+
+def random_values(
+    mechanism: Mechanism, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator
+) -> Array:
+    """Parameters ``(p,)`` off by normal draws of these standard deviations, the base as drawn."""
+    turns = [tree_step.is_turn for tree_step in (mechanism.tree.step(f, s) for f, s in mechanism.tree.constants)]
+    sigma = np.array([rotation_sigma_rad if turn else position_sigma_m for turn in turns])
+    sigma = np.concatenate([np.zeros(6), sigma, np.full(len(mechanism.tree.lengths), position_sigma_m)])
+    off: Array = mechanism.drawn + sigma * rng.standard_normal(len(sigma))
+    return off

@@ -1,0 +1,35 @@
+"""The masses of a MuJoCo model, as the equations of gravity need them."""
+
+import numpy as np
+
+from lab.core import se3
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.model import SerialModel, at_zero
+
+
+def loads_of(robot: SerialModel) -> Loads:
+    """What turns with each joint of the drawing: its body and all that is welded to it, later joints' aside."""
+    model, chain = robot.model, robot.chain
+    data = at_zero(model)
+    jointed = [int(model.body(name).id) for name in robot.bodies]
+    mass, moment = np.zeros(chain.size), np.zeros((chain.size, 3))
+    for body in range(1, model.nbody):
+        carrier = body
+        while carrier and carrier not in jointed:
+            carrier = int(model.body_parentid[carrier])
+        if carrier:
+            link = jointed.index(carrier)
+            mass[link] += model.body_mass[body]
+            moment[link] += model.body_mass[body] * data.xipos[body]
+    centre = moment / np.maximum(mass, 1e-300)[:, None]
+    arm, zero = SerialArm(chain), np.zeros((1, chain.size))
+    links = [arm.frame(zero, arm.nominal(), size)[0] for size in range(1, chain.size + 1)]
+    placed = [
+        se3.transform(se3.inverse(robot.T_world_frame0 @ T_frame0_link), centre[i : i + 1])[0]
+        if mass[i]
+        else np.zeros(3)
+        for i, T_frame0_link in enumerate(links)
+    ]
+    gravity = robot.T_world_frame0[:3, :3].T @ model.opt.gravity
+    return Loads(chain, mass, np.array(placed), gravity)

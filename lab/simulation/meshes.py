@@ -1,0 +1,201 @@
+"""What a robot looks like: its shells as triangles, and where its bodies stand at each pose."""
+
+import copy
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.closed_robot import ClosedModel, passive_coordinates
+from lab.simulation.model import TRACKER, RobotModel, SerialModel, at_zero, body_pose, site_pose
+from lab.simulation.write_mjcf import place_bodies
+
+VISUAL_GROUP = 2  # of the geoms that are there to be seen
+_UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
+_SECTIONS = 32  # facets of a round primitive
+
+
+Surface = tuple[Array, NDArray[np.int_], Array]  # vertices (v, 3) m, faces (f, 3), unit normals (v, 3)
+
+
+@dataclass(frozen=True)
+class Shell:
+    """All that is seen of one body, in the body's frame.
+
+    Attributes:
+        vertices: ``(v, 3)`` m.
+        faces: ``(f, 3)`` indices into them.
+        normals: ``(v, 3)``, unit.
+        rgba: ``(v, 4)``, 0 to 255.
+    """
+
+    body: str
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+    normals: NDArray[np.float32]
+    rgba: NDArray[np.uint8]
+
+
+def shells(robot: RobotModel) -> list[Shell]:
+    """The visual geoms of every body; all geoms but planes where the model marks none as visual."""
+    model = robot.model
+    plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
+    solid = [g for g in range(model.ngeom) if int(model.geom_type[g]) != plane]
+    drawn = [g for g in solid if int(model.geom_group[g]) == VISUAL_GROUP] or solid
+    bodies: dict[int, list[int]] = {}
+    for geom in drawn:
+        bodies.setdefault(int(model.geom_bodyid[geom]), []).append(geom)
+    return [_shell(model, body, geoms) for body, geoms in bodies.items()]
+
+
+def instrument_body(robot: RobotModel) -> str:
+    """The name of the body that carries the tracker's site, "" where that is the world."""
+    body = int(robot.model.site(TRACKER).bodyid[0])
+    return _name(robot.model, body) if body else ""
+
+
+def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -> dict[str, Array]:
+    """World poses ``(n, 4, 4)`` of all bodies of the arm with parameters ``values``, at readings ``(n, joints)``.
+
+    The tracker's body stands where ``values``' base, the pose of frame 0 in the tracker, puts it.
+    """
+    model, qpos = _identified(robot, arm, values, joints)
+    data = mujoco.MjData(model)
+    positions, rotations = np.empty((len(joints), model.nbody, 3)), np.empty((len(joints), model.nbody, 9))
+    for i, coordinates in enumerate(qpos):
+        data.qpos[:] = coordinates
+        mujoco.mj_kinematics(model, data)
+        positions[i], rotations[i] = data.xpos, data.xmat
+    Ts_world_body = se3.pose(rotations.reshape(*positions.shape, 3), positions)  # (n, bodies, 4, 4)
+    poses = {_name(model, body): Ts_world_body[:, body] for body in range(model.nbody)}
+    if name := instrument_body(robot):
+        poses[name] = np.broadcast_to(_tracker_stand(robot, arm, values), (len(joints), 4, 4))
+    return poses
+
+
+def _identified(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
+    """A model with the identified parameters, and its coordinates ``(n, nq)`` at readings ``(n, joints)``."""
+    if isinstance(robot, ClosedModel):
+        passive = robot.chain.assembled(joints, values).posture.passive
+        model = robot.with_values(values, {}).compile()
+        return model, passive_coordinates(model, robot.chain, joints, passive)
+    assert isinstance(robot, SerialModel) and isinstance(arm, SerialArm)
+    model = copy.deepcopy(robot.model)
+    place_bodies(model, robot, arm, values)
+    return model, robot.qpos(joints)
+
+
+def _tracker_stand(robot: RobotModel, arm: RigidArm, values: Array) -> Array:
+    """World pose ``(4, 4)`` of the tracker's body."""
+    nominal = at_zero(robot.model)
+    T_world_body = body_pose(nominal, int(robot.model.site(TRACKER).bodyid[0]))
+    T_tracker_body = se3.inverse(site_pose(robot.model, nominal, TRACKER)) @ T_world_body
+    return robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)) @ T_tracker_body
+
+
+def _name(model: mujoco.MjModel, body: int) -> str:
+    return str(model.body(body).name) or f"body{body}"
+
+
+def _shell(model: mujoco.MjModel, body: int, geoms: list[int]) -> Shell:
+    """The geoms of one body as one mesh."""
+    parts = [_triangles(model, geom) for geom in geoms]
+    starts = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts)])
+    vertices, normals, colours = [], [], []
+    for geom, (local, _, local_normals) in zip(geoms, parts, strict=True):
+        T_body_geom = se3.pose(se3.rotation_from_quaternion(model.geom_quat[geom]), model.geom_pos[geom])
+        vertices.append(se3.transform(T_body_geom, local))
+        normals.append(local_normals @ T_body_geom[:3, :3].T)
+        colours.append(np.tile(_colour(model, geom), (len(local), 1)))
+    return Shell(
+        _name(model, body),
+        np.concatenate(vertices).astype(np.float32),
+        np.concatenate([faces + start for (_, faces, _), start in zip(parts, starts, strict=False)]).astype(np.uint32),
+        np.concatenate(normals).astype(np.float32),
+        np.concatenate(colours),
+    )
+
+
+def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.uint8]:
+    """A geom's own colour goes before its material's."""
+    rgba, material = model.geom_rgba[geom], int(model.geom_matid[geom])
+    if material >= 0 and np.allclose(rgba, _UNPAINTED):
+        rgba = model.mat_rgba[material]
+    bytes_: NDArray[np.uint8] = np.round(255 * np.clip(rgba, 0.0, 1.0)).astype(np.uint8)
+    return bytes_
+
+
+def _triangles(model: mujoco.MjModel, geom: int) -> Surface:
+    """The surface of a geom in its own frame."""
+    kind, size = mujoco.mjtGeom(int(model.geom_type[geom])), np.asarray(model.geom_size[geom], dtype=np.float64)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return _mesh(model, int(model.geom_dataid[geom]))
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return _box(size)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return _cylinder(size[0], size[1])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return _capsule(size[0], size[1])
+    vertices, faces, normals = _capsule(1.0, 0.0)
+    radii = size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[[0, 0, 0]]
+    steep = normals / radii
+    return vertices * radii, faces, steep / np.linalg.norm(steep, axis=1, keepdims=True)
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> Surface:
+    """A mesh with one vertex for each pair of corner and normal, so that its edges stay sharp."""
+    first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    corners, normals = (of[first : first + count].astype(np.int_) for of in (model.mesh_face, model.mesh_facenormal))
+    width = int(model.mesh_normalnum[mesh])
+    pairs, faces = np.unique(corners * width + normals, return_inverse=True)
+    vertices = model.mesh_vert[int(model.mesh_vertadr[mesh]) :][pairs // width].astype(np.float64)
+    directions = model.mesh_normal[int(model.mesh_normaladr[mesh]) :][pairs % width].astype(np.float64)
+    return vertices, faces.reshape(corners.shape), directions
+
+
+def _box(half: Array) -> Surface:
+    """Six sides, each with its own corners and normal."""
+    square = np.array([[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
+    sides = [np.roll(square * [1, sign, sign], axis, axis=1) for axis in range(3) for sign in (1, -1)]
+    normals = [np.roll([0.0, 0.0, sign], axis) for axis in range(3) for sign in (1, -1)]
+    faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(6)[:, None, None]
+    return np.concatenate(sides) * half, faces.reshape(-1, 3), np.repeat(normals, 4, axis=0)
+
+
+def _cylinder(radius: float, half: float) -> Surface:
+    """Two lids and a wall."""
+    profile = np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
+    outward = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
+    return _revolved(np.stack([profile[:-1], profile[1:]], axis=1), np.stack([outward, outward], axis=1))
+
+
+def _capsule(radius: float, half: float) -> Surface:
+    """Two half spheres and a wall; a sphere where ``half`` is zero."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, _SECTIONS // 2 + 1)
+    outward = np.column_stack([np.cos(angle), np.sin(angle)])
+    outward = np.insert(outward, len(outward) // 2, outward[len(outward) // 2], axis=0)  # the wall's two edges
+    shift = np.where(np.arange(len(outward)) < len(outward) // 2, -half, half)
+    profile = radius * outward + np.column_stack([np.zeros(len(shift)), shift])
+    return _revolved(np.stack([profile[:-1], profile[1:]], axis=1), np.stack([outward[:-1], outward[1:]], axis=1))
+
+
+def _revolved(bands: Array, normals: Array) -> Surface:
+    """Bands about z from their two edges ``(b, 2, 2)``, (radius, height) upward, and the normals there."""
+    angle = np.linspace(0.0, 2 * np.pi, _SECTIONS + 1)[:, None]
+    ring = np.arange(_SECTIONS)
+    low, high = ring, ring + _SECTIONS + 1
+    quads = np.concatenate([np.stack([low, low + 1, high + 1], 1), np.stack([low, high + 1, high], 1)])
+    faces = quads + 2 * (_SECTIONS + 1) * np.arange(len(bands))[:, None, None]
+
+    def spun(plane: Array) -> Array:
+        edge = plane.reshape(-1, 1, 2)
+        around = np.cos(angle), np.sin(angle), np.ones_like(angle)
+        parts = [edge[..., column] * of[:, 0] for column, of in zip((0, 0, 1), around, strict=True)]
+        return np.stack(parts, axis=-1).reshape(-1, 3)
+
+    return spun(bands), faces.reshape(-1, 3), spun(normals)

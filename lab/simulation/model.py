@@ -1,0 +1,190 @@
+"""A robot's MuJoCo model, and the drawing that it stands for."""
+
+import itertools
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.joints import Joints
+from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import JointAxes
+from lab.kinematics.serial.chain import Chain
+
+FLANGE, TRACKER = "flange", "tracker"
+_DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) beside a small arm
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotModel:
+    """The drawing as MuJoCo has it.
+
+    Attributes:
+        spec: what the model was compiled from; copy it before editing.
+        model: nominal, with a site for each target of ``tool`` and one for the tracker's head.
+        chain: the joints that are measured.
+        T_world_frame0: pose ``(4, 4)`` of the base's frame, a table's frame 0.
+        base_body: what carries the moving ones, "" where that is the world.
+        tool: targets' positions (m) in a table's last frame, or the platform's.
+        drawn: whether the links' shapes are the lab's own (``rods``).
+        weighed: whether the masses of some are.
+        missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
+    """
+
+    path: Path
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    chain: Joints
+    T_world_frame0: Array
+    base_body: str
+    tool: dict[str, Array]
+    drawn: bool = False
+    weighed: bool = False
+    missing: str = ""
+
+    @property
+    def assumed(self) -> str:
+        """What of the arm is the lab's own, in words; "" where nothing is."""
+        said = ["its links are drawn as rods"] if self.drawn else []
+        return " and ".join([*said, "weigh what rods would"] if self.weighed else said)
+
+    def qpos(self, joints: Array) -> Array:
+        """MuJoCo's coordinates ``(n, nq)`` at readings ``(n, joints)``; NaN where the robot cannot stand so."""
+        raise NotImplementedError
+
+    def values_before(self, arm: RigidArm, T_world_tracker: Array) -> Array:
+        """Nominal parameters ``(p,)`` of the arm as a tracker at this pose ``(4, 4)`` sees it."""
+        values = arm.nominal(self.tool)
+        T_tracker_frame0 = se3.inverse(T_world_tracker) @ self.T_world_frame0
+        values[:3], values[3:6] = T_tracker_frame0[:3, 3], se3.log(T_tracker_frame0[:3, :3])
+        return values
+
+    @property
+    def T_world_tracker(self) -> Array:
+        """Nominal pose of the tracker's frame."""
+        return site_pose(self.model, at_zero(self.model), TRACKER)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialModel(RobotModel):
+    """A serial arm.
+
+    Attributes:
+        chain: its distal Denavit-Hartenberg table.
+        bodies: the jointed bodies, base outward.
+    """
+
+    chain: Chain
+    bodies: tuple[str, ...]
+
+    @property
+    def carrier(self) -> str:
+        """The body that carries the flange's site, else the last jointed one."""
+        return flange_body(self.model, self.bodies)
+
+    def qpos(self, joints: Array) -> Array:
+        """As of any robot: a joint's coordinate is its reading."""
+        return coordinates(self.model, self.chain.joint_names, joints)
+
+
+def coordinates(model: mujoco.MjModel, joint_names: Sequence[str], joints: Array) -> Array:
+    """A model's coordinates ``(n, nq)`` with these joints at values ``(n, joints)``, all others at zero."""
+    qpos = np.zeros((len(joints), model.nq))
+    qpos[:, [int(model.joint(name).qposadr[0]) for name in joint_names]] = joints
+    return qpos
+
+
+def flange_body(model: mujoco.MjModel, bodies: Sequence[str]) -> str:
+    """The body that carries the flange's site, else the last of the jointed ones."""
+    for site in range(model.nsite):
+        if model.site(site).name == FLANGE:
+            return str(model.body(int(model.site_bodyid[site])).name)
+    return bodies[-1]
+
+
+def add_targets(body: mujoco.MjsBody, T_body_last: Array, tool: Mapping[str, Array]) -> None:
+    """Give a body a site for each target (m, in the last frame), which faces along that frame's z."""
+    quat = se3.quaternion_from_rotation(T_body_last[:3, :3])
+    for name, place in tool.items():
+        body.add_site(name=name, pos=se3.transform(T_body_last, place[None])[0], quat=quat)
+
+
+def add_tracker(spec: mujoco.MjSpec, away: float = 1.0) -> None:
+    """Give a model that has none the head of a tracker, so many times as far ``away`` as from a small arm."""
+    taken = {body.name for body in spec.bodies}
+    name = next(name for n in itertools.count(1) if (name := TRACKER if n == 1 else f"{TRACKER}{n}") not in taken)
+    x, y, z = _DEFAULT_TRACKER
+    spec.worldbody.add_body(name=name, pos=(away * x, away * y, z)).add_site(name=TRACKER)
+
+
+def last_frame(chain: Chain, T_world_frame0: Array) -> Array:
+    """Pose ``(4, 4)`` of the table's last frame in the world, readings zero."""
+    arm = SerialArm(chain)
+    pose: Array = T_world_frame0 @ arm.flange(np.zeros((1, chain.size)), arm.nominal())[0]
+    return pose
+
+
+def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
+    """The model's kinematics with every joint at zero."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def body_pose(data: mujoco.MjData, body: int) -> Array:
+    """World pose ``(4, 4)`` of a body."""
+    return se3.pose(data.xmat[body].reshape(3, 3), data.xpos[body])
+
+
+def site_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
+    """World pose ``(4, 4)`` of a site."""
+    site = model.site(name).id
+    return se3.pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
+
+
+def joint_name(model: mujoco.MjModel, body: str) -> str:
+    """The name of a body's joint."""
+    return str(joint_of(model, body).name)
+
+
+def joint_axes(
+    model: mujoco.MjModel, data: mujoco.MjData, joint_names: Sequence[str], targets: Sequence[str]
+) -> JointAxes:
+    """The joints' axes and the targets' sites in the world, at the pose that ``data`` holds."""
+    joints = [model.joint(name).id for name in joint_names]
+    sites = [model.site(name).id for name in targets]
+    return JointAxes(data.xanchor[joints].copy(), data.xaxis[joints].copy(), data.site_xpos[sites].copy())
+
+
+def compiled(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The spec as a model; a LabError with the file's name where it cannot be built."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # MuJoCo's are about the dynamics, which nothing here integrates
+            return spec.compile()
+    except ValueError as error:
+        raise LabError(f"{path}: MuJoCo cannot build it, mend this: {one_line(error)}") from error
+
+
+def let_weigh_nothing(spec: mujoco.MjSpec) -> None:
+    """Let it be compiled though moving bodies have no mass."""
+    spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
+    spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
+
+
+def one_line(error: Exception) -> str:
+    """An error's words without line breaks."""
+    return " ".join(str(error).split())
+
+
+def joint_of(model: mujoco.MjModel, body: str) -> "mujoco._structs._MjModelJointViews":
+    """The first joint of a body."""
+    return model.joint(int(model.body(body).jntadr[0]))

@@ -1,0 +1,185 @@
+"""The virtual measurement of a load: a loaded and an unloaded run, with what an arm and its sensors do wrong.
+
+Torques that are measured: the rigid arm's and its load's (``load``), and friction in the direction of motion,
+``(f_c + mu |tau|) sign(q') + f_v q'`` with a load-dependent part (e.g. Hamon, Gautier & Garrec 2010), all of them as
+late as the torque channel. A servo of compliance c lets the load shift the path by ``-c tau_load``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.se3 import Array
+from lab.simulation.model import SerialModel
+from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
+
+Path = Callable[[Array], tuple[Array, Array, Array]]
+"""Times ``(n,)`` s to readings, speeds and accelerations ``(n, J)``; also a little before and after the run."""
+
+_EACH_JOINT = ("encoder_rad", "coulomb_nm", "viscous_nm_s", "servo_rad_per_nm")
+_SPARE = 8  # samples around a run on which the spline of its shift stands
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """What is not perfect; all zero is. Where ``(J,)`` is said, one number serves for all joints.
+
+    Attributes:
+        encoder_rad: standard deviation of a reading, rad (m), ``(J,)``.
+        torque_noise: the same of a torque, as a share of the joint's peak torque.
+        coulomb_nm: Coulomb friction, Nm (N), ``(J,)``.
+        viscous_nm_s: viscous friction, Nm s/rad (N s/m), ``(J,)``.
+        load_friction: mu: friction grows by this share of the torque that the joint carries.
+        stiction: the share of Coulomb friction, of either sign, that a joint at rest may still carry.
+        lag_s: how late the torques are.
+        servo_rad_per_nm: by how much the load's torque shifts the path, rad/Nm (m/N), ``(J,)``.
+        force_noise_n, moment_noise_nm: standard deviations of the wrist sensor.
+        wrench_offset: ``(6,)`` N and Nm.
+        wrench_gain: ``(6,)`` relative errors: 0.01 reads 1 % too much.
+        tilt_rad: ``(2,)``, how far the base leans beyond what the mounting says.
+        turn_rad: ``(3,)``, how far the sensor is turned beyond what the mounting says; a rotation vector.
+    """
+
+    encoder_rad: Array | float = 0.0
+    torque_noise: float = 0.0
+    coulomb_nm: Array | float = 0.0
+    viscous_nm_s: Array | float = 0.0
+    load_friction: float = 0.0
+    stiction: float = 0.0
+    lag_s: float = 0.0
+    servo_rad_per_nm: Array | float = 0.0
+    force_noise_n: float = 0.0
+    moment_noise_nm: float = 0.0
+    wrench_offset: tuple[float, ...] = (0.0,) * 6
+    wrench_gain: tuple[float, ...] = (0.0,) * 6
+    tilt_rad: tuple[float, ...] = (0.0,) * 2
+    turn_rad: tuple[float, ...] = (0.0,) * 3
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not np.isfinite(value).all():
+                raise LabError(f"errors of a run: {name} is {value}; give finite numbers")
+            default = getattr(RunErrors, name)
+            if isinstance(default, tuple) and len(value) != len(default):
+                raise LabError(f"errors of a run: {name} has {len(value)} numbers; give {len(default)}")
+            if not isinstance(default, tuple) and (np.asarray(value) < 0).any():
+                raise LabError(f"errors of a run: {name} is {value}; give zero or more")
+
+
+class LoadBench:
+    """An arm that measures with a load and without it. The same generator state gives the same records."""
+
+    def __init__(self, robot: SerialModel, load: RigidLoad, mounting: Mounting, errors: RunErrors) -> None:
+        """The mounting is what is known of the set-up; the errors come on top.
+
+        Raises:
+            LabError: the arm has no masses, torque noise is asked for and it has no peak torques, or an error is not
+                for its joints.
+        """
+        for name in _EACH_JOINT:
+            if np.shape(value := getattr(errors, name)) not in ((), (robot.chain.size,)):
+                raise LabError(f"errors of a run: {name} is {value}; give one number, or {robot.chain.size} of them")
+        leaning = se3.exp(np.append(errors.tilt_rad, 0.0))
+        gravity = leaning.T @ mounting.gravity
+        self._arms = {True: CarryingArm(robot, gravity, load), False: CarryingArm(robot, gravity)}
+        self._T_last_sensor = mounting.rotation @ se3.exp(np.array(errors.turn_rad))
+        self._sign, self._errors, self._size = mounting.sign, errors, robot.chain.size
+        self._noise_nm = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
+
+    def moving(self, path: Path, seconds: float, rate_hz: float, rng: np.random.Generator) -> LoadRecords:
+        """A loaded and then an unloaded run along a path, sampled at a rate from time zero on."""
+        times = np.arange(round(seconds * rate_hz)) / rate_hz
+        if len(times) < 2:
+            raise LabError(f"{seconds:g} s at {rate_hz:g} Hz are {len(times)} samples; ask for more")
+        shifted = self._shifted(path, times) if np.any(self._errors.servo_rad_per_nm) else path
+        chance = _Chance(rng)
+        runs = [self._run(way, times, loaded, chance) for loaded, way in ((True, shifted), (False, path))]
+        return self._recorded(np.concatenate([times, times]), runs)
+
+    def resting(self, joints: Array, rng: np.random.Generator) -> LoadRecords:
+        """Static poses ``(n, J)``, first all with the load, then all without it."""
+        zero = np.zeros_like(joints)
+        chance, errors = _Chance(rng), self._errors
+        hanging = self._load_torque(joints, zero, zero)
+        runs = []
+        for loaded, stand in ((True, joints - errors.servo_rad_per_nm * hanging), (False, joints)):
+            torques, wrench = self._arms[loaded].torques_and_wrench(stand, zero, zero)
+            stuck = errors.stiction * errors.coulomb_nm * chance.stiction.uniform(-1.0, 1.0, joints.shape)
+            runs.append(self._read(stand, torques + stuck, wrench, loaded, chance))
+        return self._recorded(None, runs)
+
+    def _run(self, path: Path, times: Array, loaded: bool, chance: "_Chance") -> LoadRecords:
+        arm, late = self._arms[loaded], self._errors.lag_s
+        motion = path(times)
+        torques, wrench = arm.torques_and_wrench(*motion)
+        driven = torques + self._friction(torques, motion[1])
+        if late:
+            before = path(times - late)
+            held = arm.torques(*before)
+            driven = held + self._friction(held, before[1])
+        return self._read(motion[0], driven, wrench, loaded, chance)
+
+    def _friction(self, torques: Array, speeds: Array) -> Array:
+        errors = self._errors
+        dry: Array = errors.coulomb_nm + errors.load_friction * np.abs(torques)
+        return dry * np.sign(speeds) + errors.viscous_nm_s * speeds
+
+    def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, chance: "_Chance") -> LoadRecords:
+        """What encoders, drives and sensor show of one run; ``wrench`` is the hand's on the load, in the last frame."""
+        errors = self._errors
+        turned = (wrench.reshape(-1, 2, 3) @ self._T_last_sensor).reshape(-1, 6)  # rows: R' f
+        noise = np.repeat([errors.force_noise_n, errors.moment_noise_nm], 3) * chance.wrench.standard_normal(
+            wrench.shape
+        )
+        return LoadRecords(
+            None,
+            joints + errors.encoder_rad * chance.encoder.standard_normal(joints.shape),
+            torques + self._noise_nm * chance.torque.standard_normal(torques.shape),
+            (1 + np.array(errors.wrench_gain)) * self._sign * turned + errors.wrench_offset + noise,
+            np.full(len(joints), loaded),
+        )
+
+    def _recorded(self, times: Array | None, runs: list[LoadRecords]) -> LoadRecords:
+        torques, wrench = ([getattr(run, name) for run in runs] for name in ("torques", "wrench"))
+        return LoadRecords(
+            times,
+            np.concatenate([run.joints for run in runs]),
+            np.concatenate(torques),
+            np.concatenate(wrench),
+            np.concatenate([run.loaded for run in runs]),
+        )
+
+    def _load_torque(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
+        """What the load alone asks of the joints, ``(n, J)``."""
+        with_load, without = (self._arms[loaded].torques(joints, speeds, accelerations) for loaded in (True, False))
+        difference: Array = with_load - without
+        return difference
+
+    def _shifted(self, path: Path, times: Array) -> Path:
+        """The path as the load shifts it: a smooth function of time, so that speeds and accelerations fit readings.
+
+        The shift is that of the load's torque on the path that was asked for (first order), a spline of degree 5.
+        """
+        step = times[1] - times[0]
+        spare = _SPARE + int(np.ceil(self._errors.lag_s / step))
+        knots = times[0] + step * np.arange(-spare, len(times) + _SPARE)
+        shift = make_interp_spline(knots, -self._errors.servo_rad_per_nm * self._load_torque(*path(knots)), k=5)
+        rates = [shift, shift.derivative(1), shift.derivative(2)]
+
+        def shifted(at: Array) -> tuple[Array, Array, Array]:
+            joints, speeds, accelerations = (asked + rate(at) for asked, rate in zip(path(at), rates, strict=True))
+            return joints, speeds, accelerations
+
+        return shifted
+
+
+class _Chance:
+    """Independent streams: more noise here leaves the draws there as they were."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.encoder, self.torque, self.wrench, self.stiction = rng.spawn(4)

@@ -1,0 +1,269 @@
+"""The "real" robot: a copy of the model whose bodies are a little off, and what a tracker sees of it."""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
+from lab.simulation.effects import BUMPED, NOTHING_SET, Effects, condition
+from lab.simulation.elastic import FlexibleArm
+from lab.simulation.model import RobotModel, SerialModel, coordinates, joint_axes
+from lab.simulation.write_mjcf import place_bodies, place_tracker
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """How far the bodies are off.
+
+    Attributes:
+        bodies: which ones.
+        position_m: ``(b, 3)``, added to the body's place in its parent's frame.
+        rotation_rad: ``(b, 3)``, a rotation vector in the body's own frame.
+        joint_offset: ``(n,)`` rad or m: the joint stands at its reading plus this.
+    """
+
+    bodies: tuple[str, ...]
+    position_m: Array
+    rotation_rad: Array
+    joint_offset: Array
+
+    def __post_init__(self) -> None:
+        b = len(self.bodies)
+        if self.position_m.shape != (b, 3) or self.rotation_rad.shape != (b, 3) or self.joint_offset.ndim != 1:
+            raise LabError(f"a perturbation of {b} bodies: give position_m and rotation_rad of shape ({b}, 3)")
+
+
+def perturbed_bodies(robot: SerialModel) -> tuple[str, ...]:
+    """The bodies that can be off: base, every link, and the flange where it is a body of its own."""
+    base = [robot.base_body] if robot.base_body else []
+    return tuple(dict.fromkeys([*base, *robot.bodies, robot.carrier]))
+
+
+def random_perturbation(
+    robot: SerialModel,
+    position_sigma_m: float,
+    rotation_sigma_rad: float,
+    rng: np.random.Generator,
+    offset_sigma: float = 0.0,
+) -> Perturbation:
+    """Every body off by normal draws of these standard deviations per axis, then every joint (rad or m)."""
+    bodies = perturbed_bodies(robot)
+    draws = rng.standard_normal((len(bodies), 6))
+    offset = offset_sigma * rng.standard_normal(robot.chain.size)
+    return Perturbation(bodies, position_sigma_m * draws[:, :3], rotation_sigma_rad * draws[:, 3:], offset)
+
+
+def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator) -> Array:
+    """Parameters ``(p,)`` with only the links' Denavit-Hartenberg entries (and betas) off."""
+    base, table, tool = arm.split(arm.nominal())
+    sigma = np.array([rotation_sigma_rad, position_sigma_m, position_sigma_m, rotation_sigma_rad, rotation_sigma_rad])
+    return arm.assemble(base, table + sigma * rng.standard_normal(table.shape), tool)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealArm:
+    """A perturbed arm before a tracker: what may be measured, and what it truly is.
+
+    Attributes:
+        model: with the bodies and the tracker where they really are.
+        T_world_tracker: pose ``(4, 4)`` of the tracker's frame.
+        effects: what adds to the geometry.
+    """
+
+    robot: RobotModel
+    model: mujoco.MjModel
+    T_world_tracker: Array
+    effects: Effects
+
+    def with_effects(self, effects: Effects) -> Self:
+        """The same arm and tracker with these effects alone.
+
+        Raises:
+            LabError: they are of an arm with other joints.
+        """
+        chain = self.robot.chain
+        if len(effects.gear) != chain.size:
+            raise LabError(f"effects of {len(effects.gear)} joints: robot {chain.name} has {chain.size}")
+        slides = list(chain.prismatic)
+        if effects.harmonics_rad[slides].any() or effects.bending_rad_per_nm[slides].any():
+            raise LabError(f"robot {chain.name}: a slide has no harmonics_rad and no bending_rad_per_nm; give it zeros")
+        return replace(self, effects=effects)
+
+    def points(
+        self,
+        joints: Array,
+        targets: Sequence[str],
+        conditions: Mapping[str, Array] = NOTHING_SET,
+        scatter: Array | float = 0.0,
+    ) -> Array:
+        """Exact positions ``(m, k, 3)`` m of the targets in the tracker's frame, at readings ``(m, n)``.
+
+        All effects that are the same at every visit are in it: motors, then loads, growth, and the tracker's drift.
+
+        Args:
+            conditions: ``payload_kg``, ``approach_<joint>`` (+1 or -1), ``time_s`` and ``session 2`` (1 after the
+                bump), ``(m,)`` each; where missing there is no payload, no approach, no time gone by, no bump.
+            scatter: ``(m, n)`` rad or m, how far the joints stand off by chance.
+        """
+        poses, sites = len(joints), [self.model.site(name).id for name in targets]
+        names = [f"approach_{name}" for name in self.robot.chain.joint_names]
+        approach = np.stack([condition(conditions, name, poses) for name in names], axis=1)
+        time_s = condition(conditions, "time_s", poses)
+        driven = self.effects.driven(joints, approach) + scatter
+        world = self._stand(driven, sites, condition(conditions, "payload_kg", poses))
+        world = self.effects.grown(world, self.robot.T_world_frame0[:3, 3], time_s)
+        first = se3.transform(se3.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
+        return self.effects.bumped(self.effects.drifted(first, time_s), condition(conditions, BUMPED, poses))
+
+    def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
+        """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
+        data = mujoco.MjData(self.model)
+        world = np.full((len(driven), len(sites), 3), np.nan)
+        stands = self._qpos(driven)
+        for i in np.flatnonzero(np.isfinite(stands).all(axis=1)):
+            data.qpos[:] = stands[i]
+            mujoco.mj_kinematics(self.model, data)
+            world[i] = data.site_xpos[sites]
+        return world
+
+    def _qpos(self, driven: Array) -> Array:
+        """MuJoCo's coordinates ``(m, nq)`` where the motors put the joints ``(m, n)``; NaN where it cannot stand."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealSerialArm(RealArm):
+    """A perturbed serial arm.
+
+    Attributes:
+        joint_offset: ``(n,)`` rad or m.
+    """
+
+    robot: SerialModel
+    joint_offset: Array
+
+    def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
+        if not self.effects.yielding:
+            return super()._stand(driven, sites, payload_kg)
+        arm = FlexibleArm(self.model, self.robot, self.effects.payload_at_m)
+        compliance, bending = self.effects.compliance_rad_per_nm, self.effects.bending_rad_per_nm
+        return arm.positions(arm.settled(driven + self.joint_offset, compliance, bending, payload_kg), sites)
+
+    def _qpos(self, driven: Array) -> Array:
+        return coordinates(self.model, self.robot.chain.joint_names, driven + self.joint_offset)
+
+    def truth(self, arm: SerialArm) -> Truth:
+        """The canonical parameters of the geometry, without effects, read off the joint axes."""
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self._qpos(np.zeros((1, self.robot.chain.size)))[0]
+        mujoco.mj_kinematics(self.model, data)
+        world = joint_axes(self.model, data, self.robot.chain.joint_names, arm.targets)
+        T_tracker_world = se3.inverse(self.T_world_tracker)
+        axes = JointAxes(
+            se3.transform(T_tracker_world, world.origins),
+            world.directions @ T_tracker_world[:3, :3].T,
+            se3.transform(T_tracker_world, world.targets),
+        )
+        return parameters_from_axes(arm, axes, self.robot.values_before(arm, self.T_world_tracker))
+
+
+def real_arm(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Array) -> RealSerialArm:
+    """The robot with its bodies off, before a tracker."""
+    model = copy.deepcopy(robot.model)
+    known = perturbed_bodies(robot)
+    if unknown := [name for name in perturbation.bodies if name not in known]:
+        raise LabError(f"body '{unknown[0]}' is unknown: robot {robot.chain.name} has {', '.join(known)}")
+    if len(perturbation.joint_offset) != robot.chain.size:
+        raise LabError(f"{len(perturbation.joint_offset)} joint offsets for {robot.chain.size} joints: give one each")
+    for name, position, rotation in zip(
+        perturbation.bodies, perturbation.position_m, perturbation.rotation_rad, strict=True
+    ):
+        body = model.body(name)
+        turned = se3.rotation_from_quaternion(body.quat) @ se3.exp(rotation)
+        body.pos[:] += position
+        body.quat[:] = se3.quaternion_from_rotation(turned)
+    return _before_tracker(robot, model, T_world_tracker, perturbation.joint_offset)
+
+
+def real_arm_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> RealSerialArm:
+    """The robot with its bodies where a Denavit-Hartenberg chain puts them; the base stays."""
+    model = copy.deepcopy(robot.model)
+    place_bodies(model, robot, arm, values)
+    return _before_tracker(robot, model, T_world_tracker, np.zeros(robot.chain.size))
+
+
+def random_tracker(robot: RobotModel, rng: np.random.Generator) -> Array:
+    """A tracker's pose ``(4, 4)``: set up near its nominal place, turned anyhow about z, a little tilted."""
+    place = robot.T_world_tracker.copy()
+    place[:3, 3] += rng.uniform(-0.15, 0.15, 3)
+    tilt = np.append(np.deg2rad(2.0) * rng.standard_normal(2), 0.0)
+    place[:3, :3] = se3.exp(tilt) @ se3.exp(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))
+    return place
+
+
+def track(
+    real: RealArm,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int = 1,
+    conditions: Mapping[str, Array] = NOTHING_SET,
+) -> Measurements:
+    """What the tracker reads where these joint readings settle: each point the mean of some readings."""
+    return track_knowing(real, joints, targets, instrument, rng, readings, conditions)[0]
+
+
+def track_knowing(
+    real: RealArm,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int = 1,
+    conditions: Mapping[str, Array] = NOTHING_SET,
+) -> tuple[Measurements, NDArray[np.bool_]]:
+    """The same, and ``(m,)`` which poses' readings are bad, for the assessment alone.
+
+    Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
+    """
+    effects, (scattering, failing) = real.effects, rng.spawn(2)
+    exact = real.points(joints, targets, conditions, effects.scatter(len(joints), scattering))
+    displaced, bad = effects.displacements(len(joints), failing)
+    points = instrument.sample(exact, rng, readings) + displaced[:, None]
+    return recorded(real, effects.shown(joints), targets, points, conditions), bad
+
+
+def recorded(
+    real: RealArm, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
+) -> Measurements:
+    """Measurements of points ``(m, k, 3)`` under these conditions; those after a bump are a session of their own."""
+    data = measured(real.robot.chain.joint_names, joints, targets, points)
+    rest = {name: column for name, column in conditions.items() if name != BUMPED}
+    if BUMPED not in conditions:
+        return replace(data, conditions=rest)
+    sessions = tuple("2" if after else "1" for after in conditions[BUMPED])
+    return replace(data, conditions=rest, sessions=sessions)
+
+
+def _before_tracker(robot: SerialModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealSerialArm:
+    place_tracker(model, robot, T_world_tracker)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return RealSerialArm(
+        robot=robot,
+        model=model,
+        T_world_tracker=T_world_tracker,
+        joint_offset=offset,
+        effects=Effects.none(robot.chain.size),
+    )

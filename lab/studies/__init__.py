@@ -1,0 +1,1 @@
+"""Many campaigns: grid, batches, executors, store, analysis."""

@@ -1,0 +1,249 @@
+"""What a study's campaigns say: means, paired comparisons and ranks, each with its uncertainty.
+
+Robots are drawn; the draws of one robot share it, and so are no independent campaigns. What is uncertain is therefore
+resampled by robots, each with all its draws (Davison & Hinkley 1997, section 3.8: resampling within them as well
+would count the noise twice; Field & Welsh 2007). That asks for noise that is independent from robot to robot. What all
+campaigns of a cell share, its poses and the fresh ones, is given: no interval here says what other poses would do.
+
+The same robot and draw meet the same noise in every cell, so that cells are compared campaign by campaign. A ratio is
+the geometric mean of the campaigns' ratios, which need not be the ratio of the means.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.studies.bootstrap import Resampled, holm, resampled
+from lab.studies.grid import ANY, FACTORS, Cell
+from lab.studies.table import KEYS, Arranged, Group, groups
+
+LEVEL = 0.05
+COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
+_TIED = 1e-12  # scores this near to each other, against the largest, are equal
+
+Kind = Literal["ratio", "difference"]
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A metric's mean in a cell: over robots, of each one's mean over its draws.
+
+    Attributes:
+        mean, lower, upper: with its 95 % interval; NaN where there are too few robots to say.
+        campaigns: how many there are.
+        not_converged: of them; they are left out, as those whose metric is not finite.
+        used: those that count.
+        robots: that have such.
+    """
+
+    cell: int
+    metric: str
+    mean: float
+    lower: float
+    upper: float
+    campaigns: int
+    not_converged: int
+    used: int
+    robots: int
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two cells over the same robots and the same noise.
+
+    Attributes:
+        first, second: the cells' numbers.
+        effect, lower, upper: exp of the mean log-ratio of second to first, or the mean of second less first, and the
+            95 % interval of this pair alone; NaN where it cannot be said.
+        p: of no effect.
+        p_holm: the same, corrected for all pairs of the comparison (Holm 1979).
+        used: campaigns that both have, converged in both.
+        left_out: that both have, and did not.
+    """
+
+    first: int
+    second: int
+    effect: float
+    lower: float
+    upper: float
+    p: float
+    p_holm: float
+    used: int
+    left_out: int
+
+    @property
+    def told(self) -> bool:
+        """Whether the two can be told apart, among all pairs of the comparison."""
+        return self.p_holm <= LEVEL
+
+
+@dataclass(frozen=True)
+class Rank:
+    """Where a cell stands among those that it is compared with; 1 has the least of the metric.
+
+    Attributes:
+        rank: as seen; ties share the better one.
+        lowest, highest: the 95 % set of ranks, jointly for all cells of the comparison: no better than those that
+            surely beat it leave, no worse than those that it surely beats (Mogstad, Romano, Shaikh & Wilhelm 2024).
+            Quantiles of resampled ranks would not cover where cells are equal (Hall & Miller 2009).
+        chances: share of the resamples in which it has rank 1, 2, ...
+    """
+
+    cell: int
+    rank: int
+    lowest: int
+    highest: int
+    chances: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All pairs of a group's cells by one metric, and the ranks that follow from them.
+
+    Attributes:
+        pairs: in the order of the group's cells.
+        ranks: best first; a cell that never converged has none.
+    """
+
+    group: Group
+    metric: str
+    kind: Kind
+    pairs: tuple[Pair, ...]
+    ranks: tuple[Rank, ...]
+
+    def against(self, one: int, other: int) -> Pair:
+        """The pair of two of the group's cells, the other one against the one."""
+        pair = next(pair for pair in self.pairs if {pair.first, pair.second} == {one, other})
+        return pair if pair.first == one else _reversed(pair, self.kind)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """All that is said of a study."""
+
+    cells: tuple[Cell, ...]
+    means: tuple[Mean, ...]
+    comparisons: tuple[Comparison, ...]
+
+
+def means(campaigns: Arranged, metric: str) -> tuple[Mean, ...]:
+    """Of every cell."""
+    values, failed = campaigns.values(metric), campaigns.not_converged()
+    by_robot = _over_draws(values)
+    found = resampled(by_robot.T, campaigns.weights, LEVEL)
+    counts = campaigns.present().sum((1, 2))
+    used, robots = np.isfinite(values).sum((1, 2)), np.isfinite(by_robot).sum(1)
+    return tuple(
+        Mean(
+            cell=i,
+            metric=metric,
+            mean=float(found.mean[i]),
+            lower=float(found.lower[i]),
+            upper=float(found.upper[i]),
+            campaigns=int(counts[i]),
+            not_converged=int(failed[i]),
+            used=int(used[i]),
+            robots=int(robots[i]),
+        )
+        for i in range(len(campaigns.cells))
+    )
+
+
+def compared(campaigns: Arranged, group: Group, metric: str, kind: Kind = "ratio") -> Comparison:
+    """All pairs of a group's cells, and the ranks that follow.
+
+    A campaign counts in a pair where it converged in both cells (and, for a ratio, the metric is positive in both).
+    """
+    values, present = (every[list(group.cells)] for every in (campaigns.values(metric), campaigns.present()))
+    if kind == "ratio":
+        values = np.log(np.where(values > 0, values, np.nan))
+    numbers = list(combinations(range(len(group.cells)), 2))
+    apart = [values[j] - values[i] for i, j in numbers]  # (robots, draws) each
+    found = resampled(np.stack([_over_draws(each) for each in apart], axis=1), campaigns.weights, LEVEL)
+    corrected = holm(found.p)
+    told = np.stack([found.mean, found.lower, found.upper])
+    mean, lower, upper = np.exp(told) if kind == "ratio" else told
+    pairs = tuple(
+        Pair(
+            first=group.cells[i],
+            second=group.cells[j],
+            effect=float(mean[k]),
+            lower=float(lower[k]),
+            upper=float(upper[k]),
+            p=float(found.p[k]),
+            p_holm=float(corrected[k]),
+            used=(used := int(np.isfinite(apart[k]).sum())),
+            left_out=int((present[i] & present[j]).sum()) - used,
+        )
+        for k, (i, j) in enumerate(numbers)
+    )
+    return Comparison(group, metric, kind, pairs, _ranks(group, numbers, found, pairs))
+
+
+def _ranks(
+    group: Group, numbers: Sequence[tuple[int, int]], found: Resampled, pairs: Sequence[Pair]
+) -> tuple[Rank, ...]:
+    """Ranks by the scores that fit the pairs' effects best; with no campaign left out these are the cells' means."""
+    known = np.isfinite(found.mean)
+    signs = np.zeros((len(numbers), len(group.cells)))
+    for row, (i, j) in zip(signs, numbers, strict=True):
+        row[[i, j]] = -1, 1
+    alive = np.flatnonzero(np.abs(signs[known]).sum(axis=0))
+    scores = np.linalg.pinv(signs[known])[alive].T  # (pairs, cells)
+    at, drawn = _placed(found.mean[None, known] @ scores)[0], _placed(found.means[:, known] @ scores)
+    told = np.array([pair.told for pair in pairs], dtype=bool)
+    behind = signs * np.sign(np.where(told, found.mean, 0.0))[:, None]  # 1 where a cell surely has more
+    ranks = []
+    for k, cell in enumerate(alive):
+        lowest, highest = 1 + int((behind[:, cell] > 0).sum()), len(alive) - int((behind[:, cell] < 0).sum())
+        chances = np.bincount(drawn[:, k], minlength=len(alive) + 1)[1:] / len(drawn)
+        ranks.append(Rank(group.cells[cell], int(at[k]), lowest, highest, tuple(chances.tolist())))
+    return tuple(sorted(ranks, key=lambda each: (each.rank, each.cell)))
+
+
+def _placed(scores: Array) -> NDArray[np.int_]:
+    """Ranks ``(n, cells)`` of scores: 1 and how many are less."""
+    margin = _TIED * np.abs(scores).max(axis=1, initial=0.0)[:, None, None]
+    return np.asarray(1 + (scores[:, None, :] < scores[:, :, None] - margin).sum(axis=2))
+
+
+def _over_draws(values: Array) -> Array:
+    """Means over the last axis of what is finite; NaN where nothing is."""
+    good = np.isfinite(values)
+    count = good.sum(axis=-1)
+    return np.asarray(np.where(good, values, 0.0).sum(axis=-1) / np.where(count, count, np.nan))
+
+
+def _reversed(pair: Pair, kind: Kind) -> Pair:
+    """The first against the second."""
+    ends = np.array([pair.effect, pair.upper, pair.lower])
+    effect, lower, upper = (1 / ends if kind == "ratio" else -ends).tolist()
+    return replace(pair, first=pair.second, second=pair.first, effect=effect, lower=lower, upper=upper)
+
+
+def analysed(
+    columns: Mapping[str, NDArray[Any]],
+    cells: Sequence[Cell],
+    seed: int = 0,
+    metrics: Sequence[str] = COMPARED,
+    factors: Sequence[str] | None = None,
+) -> Analysis:
+    """Means of every cell by every column, and comparisons by some metrics and factors.
+
+    Args:
+        metrics: of which less is better.
+        factors: those that vary where not given.
+    """
+    campaigns = Arranged.of(columns, cells, seed)
+    chosen = factors or [name for name in FACTORS if len({getattr(cell, name) for cell in cells} - {ANY}) > 1]
+    found = [group for factor in chosen for group in groups(cells, [factor]) if len(group.cells) > 1]
+    return Analysis(
+        tuple(cells),
+        tuple(mean for name in columns if name not in KEYS for mean in means(campaigns, name)),
+        tuple(compared(campaigns, group, metric) for metric in metrics for group in found),
+    )

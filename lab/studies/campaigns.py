@@ -1,0 +1,279 @@
+"""Many campaigns: the poses of a cell of a study, and what came out of some of its robots.
+
+A campaign's row depends on the study's seed and on the numbers of its cell, robot and draw alone: a robot and its
+tracker are drawn from the robot's own seed, the noise from the robot's and the draw's, and each robot's campaigns are
+solved in blocks of their own.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from lab.calibration.batch import Campaigns, Fits, aligned, fit_many, in_drawing
+from lab.calibration.gauss_newton import whitening
+from lab.commands.calibrate.virtual_robot import drawn_conditions, perturbed_arm, truth_of
+from lab.commands.design.problem import pose_problem
+from lab.commands.design.run import best_design
+from lab.commands.options import PlannedCampaign, VirtualCampaign
+from lab.commands.robot import Robot, load_virtual
+from lab.commands.shared_options import ArmEffects, Fitting
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument, instrument
+from lab.core.random import Purpose, seed_of, stream
+from lab.core.se3 import Array
+from lab.kinematics.gauge import base_set
+from lab.kinematics.model import is_angle, is_link
+from lab.kinematics.serial.batch import Stacked, stacked
+from lab.simulation.collisions import random_poses
+from lab.simulation.true_robot import RealArm, track
+from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
+
+RANDOM = "random"
+CANDIDATES, STARTS = 1000, 2  # of a cell's design
+JUDGED_TOGETHER = 5  # campaigns: what fits the processor's cache
+Columns = dict[str, Array]
+COLUMNS = {  # of every campaign's row, and what they mean
+    "cell": "number of the cell, from 0 (manifest.json says which)",
+    "robot": "number of the perturbed robot, from 0; the same number is the same robot in every cell",
+    "draw": "number of the noise draw, from 0; the same number is the same noise in every cell",
+    "converged": "whether Gauss-Newton converged",
+    "steps": "how many steps it took",
+    "fresh_mean_mm": "mean position error over the fresh poses, without noise",
+    "fresh_p95_mm": "95 % of these errors are smaller",
+    "fresh_worst_mm": "largest of these errors",
+    "length_rms_mm": "root mean square error of the identified lengths, in the canonical gauge",
+    "angle_rms_mrad": "the same of the identified angles",
+    "mixed_rms": "the same of all identified parameters, in mm and rad as they are, as the thesis takes it",
+    "nees": "squared parameter errors by their predicted covariance, a parameter: one on average",
+    "before_mm": "mean position error over the fresh poses with nominal links, base and tool fitted",
+    "lost": "poses, to be measured or fresh, that the robot cannot take, as its loops do not close there: left out",
+}
+METRICS = tuple(COLUMNS)[5:-1]
+
+
+def cell_poses(study: Study, cell: Cell) -> Array:
+    """The poses ``(n, joints)`` that every campaign of a cell measures: of the drawing, whatever the robot.
+
+    They are designed for the usual parameters, whichever are then identified.
+
+    Raises:
+        LabError: there are fewer than the identifiable parameters need.
+    """
+    robot = load_virtual(study.robot)
+    needed = -(-len(_Fitted.of(study, cell, robot).free) // (3 * len(study.targets)))
+    if cell.poses < needed:
+        raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
+    if cell.criterion == RANDOM:
+        return random_poses(robot.model, cell.poses, stream(study.seed, "poses"))
+    asked = PlannedCampaign(
+        robot=study.robot,
+        poses=cell.poses,
+        criterion=cell.criterion,
+        scaling="whitened" if cell.scaling == ANY else cell.scaling,
+        targets=study.targets,
+        instrument=cell.instrument,
+        candidates=CANDIDATES,
+        starts=STARTS,
+        seed=study.seed,
+    )
+    return _designed(asked).copy()
+
+
+@lru_cache(maxsize=16)
+def _designed(asked: PlannedCampaign) -> Array:
+    """Kept, because cells that differ in the arm alone have the same."""
+    assert asked.poses is not None
+    return best_design(asked, pose_problem(asked), asked.poses).joints
+
+
+def run_task(study: Study, task: Task, joints: Array) -> Columns:
+    """All campaigns of a task, a row each, as the columns of ``COLUMNS``.
+
+    Args:
+        joints: the cell's poses.
+    """
+    robot, cell = load_virtual(study.robot), study.cells[task.cell]
+    fitted = _Fitted.of(study, cell, robot)
+    fresh = random_poses(robot.model, study.fresh, stream(study.seed, "fresh"))
+    rows = [_of_robot(study, fitted, number, joints, fresh) for number in range(task.first, task.last)]
+    columns = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    numbers = np.repeat(np.arange(task.first, task.last, dtype=np.int32), study.draws)
+    draws = np.tile(np.arange(study.draws, dtype=np.int32), task.last - task.first)
+    return {"cell": np.full(len(numbers), task.cell, dtype=np.int32), "robot": numbers, "draw": draws, **columns}
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """What is identified in a cell.
+
+    Attributes:
+        nominal: parameters ``(p,)`` of the drawing before the nominal tracker.
+        free: those that are identified.
+        placed: whether the base is, so that the points may be turned.
+        device: with its noise as the cell has it.
+    """
+
+    robot: Robot
+    cell: Cell
+    stacked: Stacked
+    nominal: Array
+    free: tuple[int, ...]
+    placed: bool
+    effects: ArmEffects
+    device: Instrument
+
+    @classmethod
+    def of(cls, study: Study, cell: Cell, robot: Robot) -> "_Fitted":
+        asked = Fitting() if cell.parameters == USUAL else study.parameters[cell.parameters]
+        if asked != Fitting(fix=asked.fix, free=asked.free):
+            raise LabError(f"parameters.{cell.parameters}: a study fits geometry alone, by fix and free")
+        arm, model = robot.arm(study.targets), robot.model
+        nominal = model.values_before(arm, model.T_world_tracker)
+        free = base_set(arm, nominal, fix=asked.fix, free=asked.free).kept
+        effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
+        device = _noisy(instrument(cell.instrument), cell.noise)
+        if study.frozen and device.kind == "spherical":
+            raise LabError(
+                f"frozen: {device.name} weighs every arm otherwise, so one Jacobian cannot serve all; leave it"
+            )
+        placed = set(range(6)) <= set(free)
+        return cls(
+            robot,
+            cell,
+            stacked(arm),
+            nominal,
+            free,
+            placed,
+            effects,
+            device,
+        )
+
+
+def _noisy(device: Instrument, noise: float) -> Instrument:
+    """The instrument with its noise multiplied."""
+    names = ("radial_m", "radial_per_m", "transverse_m", "transverse_per_m")
+    return replace(device, **{name: noise * getattr(device, name) for name in names})
+
+
+def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> Columns:
+    """The campaigns with one robot, a row each."""
+    seed, cell = seed_of(study.seed, "robots", number), fitted.cell
+    asked = VirtualCampaign(
+        robot=study.robot,
+        seed=seed,
+        targets=study.targets,
+        instrument=cell.instrument,
+        position_sigma_mm=cell.position_sigma_mm,
+        rotation_sigma_mrad=cell.rotation_sigma_mrad,
+        effects=fitted.effects,
+    )
+    real = perturbed_arm(fitted.robot, asked)
+    measured = _measured(real, fitted.device, asked, joints, study.draws)
+    exact = real.points(joints, study.targets, _conditions(real, asked, joints, "conditions"))
+    there = real.points(fresh, study.targets, _conditions(real, asked, fresh, "fresh"))
+    taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
+    measured, exact, joints, there, fresh = measured[:, taken], exact[taken], joints[taken], there[met], fresh[met]
+    campaigns = _turned(fitted, real, joints, measured)
+    found = fit_many(fitted.stacked, campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
+    judged = _judged(fitted, real, found, campaigns, fresh, there)
+    before = _before(fitted, joints, exact, fresh, there)
+    lost = int((~taken).sum() + (~met).sum())
+    return {**judged, "before_mm": np.full(study.draws, before), "lost": np.full(study.draws, lost, dtype=np.int32)}
+
+
+def _conditions(real: RealArm, asked: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
+    return drawn_conditions(real, asked, len(joints), stream(asked.seed, purpose), ())
+
+
+def _measured(real: RealArm, device: Instrument, asked: VirtualCampaign, joints: Array, draws: int) -> Array:
+    """What the tracker reads in each draw, ``(draws, n, k, 3)`` m; what is the same in all is worked out once."""
+    effects = real.effects
+    conditions = _conditions(real, asked, joints, "conditions")
+    noises = [stream(asked.seed, "noise", draw) for draw in range(draws)]
+    if effects.repeatability_rad.any() or effects.bad_share:
+        seen = [track(real, joints, asked.targets, device, rng, conditions=conditions).points for rng in noises]
+        return np.array(seen)
+    exact = real.points(joints, asked.targets, conditions)
+    return np.array([device.sample(exact, rng) for rng in noises])
+
+
+def _turned(fitted: _Fitted, real: RealArm, joints: Array, measured: Array) -> Campaigns:
+    """The campaigns turned onto the drawing: by what was measured, or where the base is known, by that."""
+    shown, device = real.effects.shown(joints), fitted.device
+    if fitted.placed:
+        campaigns = aligned(fitted.stacked, shown, measured, fitted.nominal)
+    else:
+        T = se3.inverse(real.T_world_tracker) @ real.robot.T_world_frame0
+        Ts = np.broadcast_to(T, (len(measured), 4, 4))
+        campaigns = Campaigns(shown, in_drawing(measured, Ts), Ts)
+    if device.kind != "spherical":
+        return campaigns
+    turns = campaigns.Ts_instrument_drawing[:, None, None, :3, :3]
+    whiten = whitening(device.covariance(measured)) @ turns  # (b, n, k, 3, 3)
+    return replace(campaigns, whiten=whiten.transpose(0, 2, 3, 4, 1))
+
+
+def _judged(fitted: _Fitted, real: RealArm, found: Fits, campaigns: Campaigns, fresh: Array, exact: Array) -> Columns:
+    """What came out of the campaigns with one robot.
+
+    Args:
+        exact: ``(m, k, 3)`` m, where its targets are at the fresh poses.
+    """
+    Ts = campaigns.Ts_instrument_drawing
+    errors = _errors(fitted, fresh, found.values, in_drawing(exact, Ts))
+    free, names = list(fitted.free), fitted.stacked.arm.names
+    off = (found.values - _true_values(fitted, real, Ts))[:, free]
+    angular = np.array([is_angle(names[i]) for i in free])
+    device = fitted.device
+    weight = 1.0 if campaigns.whiten is not None else 1 / device.radial_m**2 if device.radial_m else np.nan
+    lengths, angles = 1e3 * off[:, ~angular], off[:, angular]
+    return {
+        "converged": found.converged,
+        "steps": found.steps.astype(np.int32),
+        "fresh_mean_mm": errors.mean(axis=1),
+        "fresh_p95_mm": np.quantile(errors, 0.95, axis=1),
+        "fresh_worst_mm": errors.max(axis=1),
+        "length_rms_mm": _rms(lengths),
+        "angle_rms_mrad": 1e3 * _rms(angles),
+        "mixed_rms": _rms(np.concatenate([lengths, angles], axis=1)),
+        "nees": weight * np.einsum("bf,bfg,bg->b", off, found.information, off) / len(free),
+    }
+
+
+def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
+    """Mean error (mm) at the fresh poses of nominal links with base and tool fitted, without noise."""
+    campaigns = aligned(fitted.stacked, joints, exact[None], fitted.nominal)
+    placing = base_set(
+        fitted.stacked.arm, fitted.nominal, fix=tuple(name for name in fitted.stacked.arm.names if is_link(name))
+    ).kept
+    found = fit_many(fitted.stacked, campaigns, fitted.nominal, placing, block=1)
+    return float(_errors(fitted, fresh, found.values, in_drawing(there, campaigns.Ts_instrument_drawing)).mean())
+
+
+def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array:
+    """Lengths ``(b, k m)`` mm of the errors at fresh poses ``(m, joints)``, where targets are at ``(b, k, 3, m)``."""
+    parts = []
+    for at in range(0, len(values), JUDGED_TOGETHER):
+        part = slice(at, at + JUDGED_TOGETHER)
+        off = fitted.stacked.points(fresh, values[part]) - exact[part]
+        parts.append(1e3 * np.sqrt((off**2).sum(axis=2)).reshape(len(off), -1))
+    errors = np.concatenate(parts)
+    return errors[:, np.isfinite(errors).all(axis=0)]  # where a fit's loops do not close it says nothing
+
+
+def _true_values(fitted: _Fitted, real: RealArm, Ts_instrument_drawing: Array) -> Array:
+    """The robot's parameters ``(b, p)`` in the canonical gauge, the base as each campaign was turned."""
+    arm = fitted.stacked.arm
+    known = truth_of(real, arm)
+    truth = np.full(len(arm.names), np.nan) if known is None else known.of(arm.names)
+    Ts = se3.inverse(Ts_instrument_drawing) @ arm.T_tracker_frame0(truth)
+    values = np.tile(truth, (len(Ts), 1))
+    values[:, :3], values[:, 3:6] = Ts[:, :3, 3], se3.log(Ts[:, :3, :3])
+    return values
+
+
+def _rms(values: Array) -> Array:
+    """Root mean squares ``(b,)`` of ``(b, f)``; NaN of nothing."""
+    return np.sqrt((values**2).mean(axis=1)) if values.shape[1] else np.full(len(values), np.nan)

@@ -1,0 +1,148 @@
+"""Who does the work of a study: processes of this machine, or a cluster; and how pieces of work are handed out."""
+
+import asyncio
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from importlib.util import find_spec
+from itertools import islice
+from typing import TYPE_CHECKING, TypeVar
+
+from lab.commands.shared_options import whole
+from lab.core.errors import LabError
+
+if TYPE_CHECKING:
+    from distributed import Client  # of an extra
+
+IN_FLIGHT = 256  # tasks handed out at a time: enough for a hundred workers, and what memory holds
+CONNECTING_S = 10.0
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+Key = TypeVar("Key")
+Result = TypeVar("Result")
+
+
+class StoppedError(LabError):
+    """A study that stopped before its end: what is finished is kept, and it can go on from there."""
+
+
+def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
+    """Processes of this machine, by default one for each core that this process may use.
+
+    A script that calls this needs ``if __name__ == "__main__"``: each process imports it.
+
+    Raises:
+        LabError: fewer than one.
+    """
+    if workers is None:
+        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    whole("--workers", workers, 1)
+    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _prepare)
+
+
+def _prepare() -> None:
+    """In a new process: one BLAS thread, no interruption but by the parent, and no life after it."""
+    os.environ.update(dict.fromkeys(_THREADS, "1"))  # before numpy is imported
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent has it too, and ends the work
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed closes nothing: without this its workers would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def cluster_executor(address: str) -> Iterator[Executor]:
+    """The workers of a dask.distributed scheduler; certificates for ``tls://`` come from dask's own configuration.
+
+    Raises:
+        LabError: the extra is not installed, or the scheduler does not answer or has no workers with the lab.
+        StoppedError: a piece of work was lost with several workers, one after another.
+    """
+    try:
+        from distributed import KilledWorker
+    except ModuleNotFoundError as error:
+        raise LabError(f"--scheduler needs '{error.name}'; pip install -e '.[cluster]' in the lab's folder") from error
+    with _client(address) as client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECTING_S)
+        except TimeoutError as error:
+            raise LabError(f"--scheduler {address}: has no workers; start dask worker {address}") from error
+        found = {"the scheduler": client.run_on_scheduler(find_spec, "lab"), **client.run(find_spec, "lab")}
+        if lacking := [place for place, lab in found.items() if lab is None]:
+            raise LabError(f"--scheduler {address}: no lab at {lacking[0]}; install the same one on every machine")
+        try:
+            yield client.get_executor(pure=False)
+        except KilledWorker as error:
+            raise StoppedError(
+                "workers of the cluster ended one after another (killed, or out of memory); "
+                "look at their logs, then --resume goes on"
+            ) from error
+
+
+def _client(address: str) -> "Client":
+    """A client of a scheduler that answers."""
+    from distributed import Client
+    from distributed.comm.core import connect
+    from distributed.security import Security
+
+    async def answer() -> None:  # before there is a client, which does not go away quietly if it never had a scheduler
+        comm = await connect(address, timeout=CONNECTING_S, **Security().get_connection_args("client"))
+        await comm.close()
+
+    try:
+        asyncio.run(answer())
+        client = Client(address, timeout=CONNECTING_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # all that dask raises of addresses, certificates
+        why = " ".join(str(error).split())
+        raise LabError(
+            f"--scheduler {address}: does not answer ({why}); start dask scheduler there, "
+            "mend the address, or give dask its certificates"
+        ) from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it would say of a loss is said here
+    return client
+
+
+def run_jobs(
+    executor: Executor, jobs: Iterable[tuple[Key, Callable[[], Result]]], in_flight: int = IN_FLIGHT
+) -> Generator[tuple[Key, Result], None, None]:
+    """What each job returns, with its key, as they finish; no more than ``in_flight`` are handed out at a time.
+
+    Raises:
+        StoppedError: the workers were lost.
+    """
+    left = iter(jobs)
+    waiting: dict[Future[Result], Key] = {}
+    try:
+        while True:
+            for key, call in islice(left, in_flight - len(waiting)):
+                waiting[executor.submit(call)] = key
+            if not waiting:
+                return
+            done = wait(waiting, return_when=FIRST_COMPLETED).done
+            for future in [future for future in waiting if future in done]:  # in the order in which they were given
+                yield waiting.pop(future), future.result()
+    except BrokenExecutor as error:
+        raise StoppedError("a worker process ended (killed, or out of memory); --resume goes on") from error
+    except CancelledError as error:
+        raise StoppedError("the cluster's scheduler was lost; start it again, then --resume goes on") from error
+    finally:
+        for future in waiting:
+            future.cancel()

@@ -1,0 +1,182 @@
+"""What a study asks: a grid of factors, times robots, times draws of the noise; and how it is cut into tasks."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final, Literal, get_args, get_type_hints
+
+from lab.commands.config_file import options_from
+from lab.commands.shared_options import ArmEffects, Fitting, positive, whole
+from lab.core.errors import LabError, naming
+from lab.formats.toml import read_toml
+
+ANY: Final = "any"  # the scaling of what is the same in each
+NONE = "none"  # the effects of a rigid arm
+USUAL = "usual"  # the parameters that are identifiable
+CAMPAIGNS_A_TASK = 2000  # about half a second's
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One combination of the factors.
+
+    Attributes:
+        criterion: by which the poses were chosen; ``random`` for poses that were not.
+        scaling: of the criterion; O1 and random poses are the same in each.
+        poses: how many.
+        noise: by what the instrument's is multiplied; the poses are chosen as if it were one.
+        parameters, effects: names of sets that the study defines.
+    """
+
+    criterion: str = "O1"
+    scaling: Literal["raw", "unit", "length", "whitened", "any"] = "whitened"
+    poses: int = 30
+    instrument: str = "uniform-8um"
+    noise: float = 1.0
+    position_sigma_mm: float = 0.5
+    rotation_sigma_mrad: float = 1.5
+    parameters: str = USUAL
+    effects: str = NONE
+
+
+SCALINGS = tuple(each for each in get_args(get_type_hints(Cell)["scaling"]) if each != ANY)
+FACTORS = tuple(each.name for each in fields(Cell))
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some robots of one cell, solved in one go: as much as is worth sending to a worker.
+
+    Attributes:
+        cell: its number.
+        first, last: robots, the last one not included.
+    """
+
+    cell: int
+    first: int
+    last: int
+
+    @property
+    def name(self) -> str:
+        """What its file is called."""
+        return f"cell{self.cell:04d}-robots{self.first:05d}-{self.last:05d}"
+
+
+@dataclass(frozen=True)
+class Study:
+    """A grid of campaigns.
+
+    Attributes:
+        robot: a model's name or path.
+        robots: how many perturbed copies of it.
+        draws: campaigns with each, which differ in the noise alone.
+        fresh: poses by which each is judged.
+        frozen: one Jacobian for all steps of a fit, instead of one for each.
+        factors: values of the factors; of those that are not named the usual one.
+        parameters: sets of parameters to identify, by name, beside ``usual``.
+        effects: sets of effects of the arm, by name, beside ``none``.
+    """
+
+    name: str = "study"
+    robot: str = "irb120"
+    targets: tuple[str, ...] = ("p1",)
+    seed: int = 0
+    robots: int = 20
+    draws: int = 50
+    fresh: int = 250
+    frozen: bool = False
+    factors: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    parameters: Mapping[str, Fitting] = field(default_factory=dict)
+    effects: Mapping[str, ArmEffects] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.name or Path(self.name).name != self.name:
+            raise LabError(f"name '{self.name}': give a name without slashes")
+        whole("seed", self.seed, 0)
+        for name in ("robots", "draws", "fresh"):
+            whole(name, getattr(self, name), 1)
+        for kind, values in self.factors.items():
+            if kind not in FACTORS:
+                raise LabError(f"factor '{kind}' is unknown; there are {', '.join(FACTORS)}")
+            if not values or len(set(values)) < len(values):
+                raise LabError(f"factor {kind}: give at least one value, and each once")
+        if strange := [each for each in self.factors.get("scaling", ()) if each not in SCALINGS]:
+            raise LabError(f"factor scaling: '{strange[0]}' is unknown; there are {', '.join(SCALINGS)}")
+        for kind, sets in (("parameters", self.parameters), ("effects", self.effects)):
+            for name, each in sets.items():
+                try:
+                    each.check()
+                except LabError as error:
+                    raise LabError(f"{kind}.{name}: {error}") from error
+        for cell in self.cells:
+            whole("factor poses", cell.poses, 1)
+            positive("factor noise", cell.noise)
+            positive("factor position_sigma_mm", cell.position_sigma_mm)
+            positive("factor rotation_sigma_mrad", cell.rotation_sigma_mrad)
+            if cell.parameters != USUAL and cell.parameters not in self.parameters:
+                raise LabError(
+                    f"factor parameters: '{cell.parameters}' is not defined; add [parameters.{cell.parameters}]"
+                )
+            if cell.effects != NONE and cell.effects not in self.effects:
+                raise LabError(f"factor effects: '{cell.effects}' is not defined; add [effects.{cell.effects}]")
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All combinations, in the order of the factors; each that is the same as another once."""
+        usual = asdict(Cell())
+        values = [self.factors.get(name, (usual[name],)) for name in FACTORS]
+        found = (Cell(*combination) for combination in itertools.product(*values))
+        return tuple(dict.fromkeys(_plain(cell) for cell in found))
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """The whole study in pieces, whose results do not depend on how it is cut."""
+        step = max(1, CAMPAIGNS_A_TASK // self.draws)
+        starts = range(0, self.robots, step)
+        return tuple(
+            Task(cell, first, min(first + step, self.robots)) for cell in range(len(self.cells)) for first in starts
+        )
+
+    @property
+    def campaigns(self) -> int:
+        """How many there are."""
+        return len(self.cells) * self.robots * self.draws
+
+
+def _plain(cell: Cell) -> Cell:
+    """A scaling that makes no difference is none: of random poses, and of O1."""
+    return Cell(**{**asdict(cell), "scaling": ANY}) if cell.criterion in ("random", "O1") else cell
+
+
+def read_study(path: Path) -> Study:
+    """A study from a TOML file.
+
+    Raises:
+        LabError: the file cannot be read, or asks for what there is not.
+    """
+    content = read_toml(path)
+    with naming(path):
+        return study_from(content)
+
+
+def study_from(content: Mapping[str, Any]) -> Study:
+    """A study from plain values, as TOML and JSON have them."""
+    known = {each.name for each in fields(Study)}
+    if unknown := [name for name in content if name not in known]:
+        raise LabError(f"'{unknown[0]}' is unknown; there are {', '.join(sorted(known))}")
+    values = dict(content)
+    values["targets"] = tuple(values.get("targets", ("p1",)))
+    values["factors"] = {name: _levels(name, given) for name, given in values.get("factors", {}).items()}
+    for key, kind in (("parameters", Fitting), ("effects", ArmEffects)):
+        sets = values.get(key, {})
+        values[key] = {name: options_from(f"{key}.{name}", kind, given) for name, given in sets.items()}
+    return Study(**values)
+
+
+def _levels(factor: str, given: Any) -> tuple[Any, ...]:
+    """A factor's values, one or a list, each of the factor's type."""
+    levels = given if isinstance(given, list) else [given]
+    if factor not in FACTORS:
+        return tuple(levels)  # the study says that there is none such
+    return tuple(getattr(options_from("factors", Cell, {factor: level}), factor) for level in levels)

@@ -1,0 +1,134 @@
+"""A study on any executor: the poses of every cell, then all campaigns, each file kept as soon as it is there."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.studies.campaigns import cell_poses, run_task
+from lab.studies.executors import StoppedError, run_jobs
+from lab.studies.grid import Cell, Study, Task
+from lab.studies.provenance import difference, origin_of
+from lab.studies.store import Store, begin, go_on
+
+Posing = Callable[[Study, Cell], Array]
+Solving = Callable[[Study, Task, Array], dict[str, Array]]
+Progress = Callable[[str, int, int], None]  # what is being made, how many there are, how many there are to be
+
+
+@dataclass(frozen=True)
+class StudyDone:
+    """A study that is finished.
+
+    Attributes:
+        computed: campaigns that this run added to those that were there.
+        seconds: that it took, designs and start of the processes included.
+    """
+
+    folder: Path
+    study: Study
+    computed: int
+    seconds: float
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What ``--json`` prints."""
+        return {
+            "folder": str(self.folder),
+            "campaigns": self.study.campaigns,
+            "computed": self.computed,
+            "seconds": self.seconds,
+            "campaigns_per_second": self.computed / self.seconds,
+            "cells": [{"number": number, "factors": asdict(cell)} for number, cell in enumerate(self.study.cells)],
+        }
+
+
+def run_study(
+    study: Study,
+    folder: Path,
+    executor: Executor,
+    *,
+    resume: bool = False,
+    progress: Progress = lambda what, there, all_of_them: None,
+    posing: Posing = cell_poses,
+    solving: Solving = run_task,
+) -> StudyDone:
+    """Run a study into a folder, or go on with one that stopped.
+
+    Args:
+        executor: whose workers have the lab: threads, processes or a cluster; the campaigns are the same.
+
+    Raises:
+        LabError: the folder is not to be written, or the study asks for what cannot be.
+        StoppedError: the disk is full or workers were lost; what is finished is kept.
+    """
+    started = time.perf_counter()
+    store = go_on(folder, study) if resume else begin(folder, study)
+    work = partial(_work, origin_of(study.robot), study.robot)
+    with threadpool_limits(1):  # of this process, where the workers are its threads
+        try:
+            poses = _posed(store, executor, progress, partial(work, posing))
+        except StoppedError:
+            raise
+        except LabError:
+            if not resume:
+                store.discard()
+            raise
+        computed = _solved(store, executor, progress, partial(work, solving), poses)
+    return StudyDone(folder, study, computed, time.perf_counter() - started)
+
+
+def _posed(store: Store, executor: Executor, progress: Progress, work: Callable[..., Array]) -> dict[int, Array]:
+    """The poses of every cell; those that are not there yet are worked out and kept."""
+    cells = store.cells
+    read = ((number, store.read_poses(number)) for number in range(len(cells)))
+    poses = {number: joints for number, joints in read if joints is not None}
+    progress("poses", len(poses), len(cells))
+    left = [number for number in range(len(cells)) if number not in poses]
+    jobs = ((number, partial(work, store.study, cells[number])) for number in left)
+    with closing(run_jobs(executor, jobs)) as results:
+        for number, joints in results:
+            store.keep_poses(number, joints)
+            poses[number] = joints
+            progress("poses", len(poses), len(cells))
+    return poses
+
+
+def _solved(
+    store: Store, executor: Executor, progress: Progress, work: Callable[..., dict[str, Array]], poses: dict[int, Array]
+) -> int:
+    """How many campaigns were worked out and kept: those that were not there yet."""
+    study = store.study
+    left = [task for task in study.tasks if not store.has(task)]
+    at_first = there = study.campaigns - sum(store.campaigns_of(task) for task in left)
+    progress("campaigns", there, study.campaigns)
+    jobs = ((task, partial(work, study, task, poses[task.cell])) for task in left)
+    with closing(run_jobs(executor, jobs)) as results:
+        for task, columns in results:
+            store.keep(task, columns)
+            there += store.campaigns_of(task)
+            progress("campaigns", there, study.campaigns)
+    return there - at_first
+
+
+def _work(origin: dict[str, Any], robot: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """What a worker does: call a function, with one BLAS thread, if it would give what it gives elsewhere."""
+    what = difference(_origin_here(robot), origin)
+    if what is not None:
+        raise StoppedError(f"a worker has {what}; mend that, then --resume goes on")
+    threadpool_limits(1)
+    return function(*arguments)
+
+
+@lru_cache
+def _origin_here(robot: str) -> dict[str, Any]:
+    """Of this process, worked out once."""
+    return origin_of(robot)

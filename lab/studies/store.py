@@ -1,0 +1,261 @@
+"""A study's folder: what was asked, the poses of every cell, and the campaigns, a file a task.
+
+A file appears whole or not at all: it is written under a temporary name and renamed.
+"""
+
+import json
+import os
+import shutil
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lab.commands.robot import load_robot
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.studies.campaigns import COLUMNS
+from lab.studies.executors import StoppedError
+from lab.studies.grid import Cell, Study, Task, study_from
+from lab.studies.provenance import difference, origin_of, other_version
+
+_CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
+_TEMPORARY = ".*.partial-*"
+_TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}
+SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
+_REALS = [field.name for field in SCHEMA if field.type == pa.float64()]
+
+
+@dataclass(frozen=True)
+class Store:
+    """What of a study is on the disk.
+
+    Attributes:
+        columns: names of the joints with their unit, of the files of poses.
+    """
+
+    folder: Path
+    study: Study
+    columns: tuple[str, ...]
+
+    @cached_property
+    def cells(self) -> tuple[Cell, ...]:
+        """Of the study, worked out once."""
+        return self.study.cells
+
+    def campaigns_of(self, task: Task) -> int:
+        """How many a task has."""
+        return (task.last - task.first) * self.study.draws
+
+    def read_poses(self, cell: int) -> Array | None:
+        """The poses ``(n, joints)`` of a cell, in rad or m; None if they are not there, or not whole."""
+        try:
+            header, *rows, end = self._poses(cell).read_text(encoding="utf-8").split("\n")
+            joints = np.array([row.split(",") for row in rows], dtype=np.float64)
+        except (OSError, ValueError):
+            return None
+        whole = joints.shape == (self.cells[cell].poses, len(self.columns))
+        return joints if whole and header == ",".join(self.columns) and not end else None
+
+    def keep_poses(self, cell: int, joints: Array) -> None:
+        """Write the poses of a cell, to the last digit."""
+        rows = [",".join(map(repr, row)) for row in joints.tolist()]
+        write_whole(self._poses(cell), ("\n".join([",".join(self.columns), *rows]) + "\n").encode())
+
+    def has(self, task: Task) -> bool:
+        """Whether all campaigns of a task are there, and undamaged."""
+        try:
+            return len(_read(self._campaigns(task))) == self.campaigns_of(task)
+        except (OSError, pa.ArrowException):
+            return False
+
+    def keep(self, task: Task, columns: dict[str, Array]) -> None:
+        """Write the campaigns of a task: the same campaigns give the same bytes."""
+        arrays = [np.asarray(columns[field.name], dtype=field.type.to_pandas_dtype()) for field in SCHEMA]
+        table = pa.Table.from_arrays([pa.array(array) for array in arrays], schema=SCHEMA)
+        assert len(table) == self.campaigns_of(task), task
+        buffer = pa.BufferOutputStream()
+        pq.write_table(
+            table,
+            buffer,
+            compression="zstd",
+            use_dictionary=False,
+            use_byte_stream_split=_REALS,
+            write_page_checksum=True,
+        )
+        write_whole(self._campaigns(task), buffer.getvalue())
+
+    def read(self) -> pa.Table:
+        """All campaigns, in the order of the tasks.
+
+        Raises:
+            LabError: some are not there, or damaged.
+        """
+        return pa.concat_tables([self._whole(task) for task in self.study.tasks])
+
+    def discard(self) -> None:
+        """Remove the folder of a study that cannot be."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _whole(self, task: Task) -> pa.Table:
+        path = self._campaigns(task)
+        try:
+            table = _read(path)
+        except (OSError, pa.ArrowException) as error:
+            raise LabError(f"{path}: not there, or not whole; lab study --resume does it") from error
+        return table
+
+    def _poses(self, cell: int) -> Path:
+        return self.folder / _POSES / f"cell{cell:04d}.csv"
+
+    def _campaigns(self, task: Task) -> Path:
+        return self.folder / _CAMPAIGNS / f"{task.name}.parquet"
+
+
+def begin(folder: Path, study: Study) -> Store:
+    """A folder for a study: there with all that describes it, or not at all.
+
+    Raises:
+        LabError: it holds something, or cannot be written.
+    """
+    place = folder.absolute().resolve()
+    draft = place.parent / f".{place.name}.partial-{os.getpid()}"
+    content = _described(study)
+    try:
+        if place.exists() and (not place.is_dir() or any(place.iterdir())):
+            raise LabError(f"{folder}: holds something; --resume goes on with a study, else give another folder")
+        for part in (_POSES, _CAMPAIGNS):
+            (draft / part).mkdir(parents=True)
+        for name, values in content.items():
+            (draft / name).write_bytes(_json(values))
+        draft.rename(place)
+    except OSError as error:
+        raise LabError(f"{folder}: cannot be written ({error.strerror}); make room, or give another folder") from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    return Store(folder, study, _pose_columns(study))
+
+
+def go_on(folder: Path, study: Study) -> Store:
+    """The folder of this very study, without what a killed run left half written.
+
+    Raises:
+        LabError: it holds another study, or was begun with another version or other files of the robot.
+    """
+    there, here = _read_json(folder / _CONFIG), _described(study)
+    old, new = there.get("options", {}), _plain(here[_CONFIG])["options"]
+    what = other_version(there, here[_CONFIG])
+    if what is None and (other := next((name for name in new if old.get(name) != new[name]), None)):
+        raise LabError(
+            f"{folder}: holds another study ({other} is {old.get(other)} there, {new[other]} here); "
+            "give the folder of this one, or begin it in a folder of its own"
+        )
+    what = difference(there, here[_CONFIG])
+    if what is None and _read_json(folder / _MANIFEST) != _plain(here[_MANIFEST]):
+        what = "another manifest.json"
+    if what is not None:
+        raise LabError(f"{folder}: was begun with {what}; go on with that, or begin again in another folder")
+    try:
+        for part in (folder, folder / _POSES, folder / _CAMPAIGNS):
+            part.mkdir(exist_ok=True)
+            for left_over in part.glob(_TEMPORARY):
+                left_over.unlink()
+    except OSError as error:
+        raise LabError(f"{folder}: cannot be written ({error.strerror}); mend that, then --resume") from error
+    return Store(folder, study, _pose_columns(study))
+
+
+def read_store(folder: Path) -> Store:
+    """The folder of a study, to read.
+
+    Raises:
+        LabError: it holds none.
+    """
+    study = study_from(_read_json(folder / _CONFIG).get("options", {}))
+    return Store(folder, study, _pose_columns(study))
+
+
+def read_campaigns(folder: Path) -> pa.Table:
+    """All campaigns of a study, a row each: cell by cell, robot by robot, draw by draw.
+
+    Raises:
+        LabError: the folder holds no study, or one that is not finished.
+    """
+    return read_store(folder).read()
+
+
+def write_whole(path: Path, content: bytes | pa.Buffer) -> None:
+    """Write a file that is there whole, on the disk, or not at all.
+
+    Raises:
+        StoppedError: the disk is full, or does not let it be written.
+    """
+    draft = path.parent / f".{path.name}.partial-{os.getpid()}"
+    try:
+        try:
+            with draft.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            draft.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                draft.unlink()
+            raise
+    except OSError as error:
+        raise StoppedError(
+            f"{path.name} cannot be written ({error.strerror}); make room, then --resume goes on"
+        ) from error
+
+
+def _described(study: Study) -> dict[str, dict[str, Any]]:
+    """What goes into the folder's JSON files, by their names."""
+    columns = {field.name: {"type": str(field.type), "meaning": COLUMNS[field.name]} for field in SCHEMA}
+    cells = [{"number": number, "factors": asdict(cell)} for number, cell in enumerate(study.cells)]
+    tasks = [{"file": f"{_CAMPAIGNS}/{task.name}.parquet", **asdict(task)} for task in study.tasks]
+    return {
+        _CONFIG: {"command": "study", "options": asdict(study), **origin_of(study.robot)},
+        _MANIFEST: {"columns": columns, "cells": cells, "tasks": tasks},
+    }
+
+
+def _pose_columns(study: Study) -> tuple[str, ...]:
+    chain = load_robot(study.robot).chain
+    units = ("m" if slides else "rad" for slides in chain.prismatic)
+    return tuple(f"{name}_{unit}" for name, unit in zip(chain.joint_names, units, strict=True))
+
+
+def _read(path: Path) -> pa.Table:
+    """A file of campaigns; an Arrow error or OSError if it is not as it was written."""
+    with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        table = file.read()
+    if not table.schema.equals(SCHEMA):
+        raise pa.ArrowInvalid("other columns")
+    return table
+
+
+def _json(values: dict[str, Any]) -> bytes:
+    return (json.dumps(values, indent=1, allow_nan=False) + "\n").encode()
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """As JSON has it: a tuple is a list."""
+    plain: dict[str, Any] = json.loads(_json(values))
+    return plain
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_bytes())
+    except OSError as error:
+        raise LabError(f"{path}: cannot be read ({error.strerror}); give the folder of a study") from error
+    except ValueError as error:
+        raise LabError(f"{path}: not JSON ({error}); begin the study again in another folder") from error
+    if not isinstance(content, dict):
+        raise LabError(f"{path}: does not hold what a study writes; begin the study again in another folder")
+    return content

@@ -1,1 +1,0 @@
-"""One campaign as one readable function, and the options it takes."""

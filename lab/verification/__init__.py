@@ -1,0 +1,1 @@
+"""Test whether a calibrated arm is unchanged."""

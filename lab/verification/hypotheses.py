@@ -1,0 +1,157 @@
+"""What may have moved since an arm was calibrated: its base, its tool, the zero of one joint; and how far."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.calibration.initial_guess import columns_of
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.kinematics.effects.arm import Arm, rigid_part
+
+Kind = Literal["base", "tool", "joint", "reading"]
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far something has moved, each with its standard deviation; NaN where that does not apply or is not told."""
+
+    shift_m: float = float("nan")
+    shift_std_m: float = float("nan")
+    turn_rad: float = float("nan")
+    turn_std_rad: float = float("nan")
+
+    @property
+    def words(self) -> str:
+        """The extent for a person, in mm and mrad."""
+        parts = [
+            f"{_with_std(1e3 * size, 1e3 * std)} {unit}"
+            for size, std, unit in (
+                (self.shift_m, self.shift_std_m, "mm"),
+                (self.turn_rad, self.turn_std_rad, "mrad"),
+            )
+            if np.isfinite(size)
+        ]
+        return " and ".join(parts) or "an amount that these poses do not tell"
+
+
+@dataclass(frozen=True)
+class Movement:
+    """One way in which an arm may have changed.
+
+    Attributes:
+        what: has moved, e.g. ``the base``.
+        did: what it did, e.g. ``has shifted by``.
+        directions: ``(p, h)`` how its h numbers change the parameters.
+        turns: how many of these, the last ones, are rotations (rad); the others are lengths (m).
+        alike: how many movements like it are tried.
+    """
+
+    kind: Kind
+    what: str
+    did: str
+    directions: Array
+    turns: int = 0
+    alike: int = 1
+
+
+def _with_std(size: float, std: float) -> str:
+    """A number to the last digit that its standard deviation leaves."""
+    digits = int(np.clip(np.ceil(-np.log10(max(std, 1e-6))), 0, 6))
+    return f"{size:.{digits}f} ± {std:.{digits}f}"
+
+
+def movements(arm: Arm, values: Array, without: Sequence[str]) -> list[Movement]:
+    """All that is tried: of base, tool and joints, without the kinds that are fitted anew anyhow.
+
+    Args:
+        without: ``base``, ``tool``, or both.
+    """
+    found = [] if "base" in without else of_base(arm)
+    found += [] if "tool" in without else _of_tool(arm, values)
+    return found + of_joints(arm)
+
+
+def refitted(arm: Arm, refit: Sequence[str]) -> Array:
+    """Directions ``(p, h)`` of everything that is fitted anew."""
+    return np.eye(len(arm.names))[:, list(columns_of(arm, refit))]
+
+
+def of_base(arm: Arm) -> list[Movement]:
+    """Instrument and base moved against each other: it is the same to the measurements."""
+    what, one = "the base (or the instrument)", refitted(arm, ("base",))
+    return [
+        Movement("base", what, "has shifted by", one[:, :3]),
+        Movement("base", what, "has moved by", one, turns=3),
+    ]
+
+
+def _of_tool(arm: Arm, values: Array) -> list[Movement]:
+    """Each target moved alone; of several, the tool moved as one (by little: v + w x t), or each by its own."""
+    one, count, found = refitted(arm, ("tool",)), len(arm.targets), of_targets(arm)
+    if count > 1:
+        places = values[list(columns_of(arm, ("tool",)))].reshape(-1, 3)
+        turned = -se3.skew(places - places.mean(axis=0))  # (k, 3, 3) of w x t
+        as_one = np.concatenate([np.tile(np.eye(3), (count, 1)), turned.reshape(-1, 3)], axis=1)
+        found.append(Movement("tool", "the tool", "has moved by", one @ as_one, turns=3))
+        found.append(Movement("tool", "the tool's targets", "have each moved, on average by", one))
+    return found
+
+
+def of_targets(arm: Arm) -> list[Movement]:
+    """Each target moved alone."""
+    one, count = refitted(arm, ("tool",)), len(arm.targets)
+    return [
+        Movement("tool", f"target {target}", "has moved on the tool by", one[:, 3 * k : 3 * k + 3], alike=count)
+        for k, target in enumerate(arm.targets)
+    ]
+
+
+def of_joints(arm: Arm) -> list[Movement]:
+    """The zero of each joint: it stands further than its reading says."""
+    chain, found = rigid_part(arm).chain, []
+    directions = rigid_part(arm).by_joints(np.eye(len(arm.names)))  # (p, joints)
+    for k, slides in enumerate(chain.prismatic):
+        what = f"the zero of joint {k + 1} ({chain.joint_names[k]})"
+        direction = directions[:, k : k + 1]
+        found.append(Movement("joint", what, "has moved by", direction, int(not slides), chain.size))
+    return found
+
+
+def extent(arm: Arm, movement: Movement, before: Array, after: Array, covariance: Array) -> Extent:
+    """How far a movement went.
+
+    Args:
+        before, after: all parameters ``(p,)``.
+        covariance: ``(p, p)`` of ``after``.
+    """
+    back = np.linalg.pinv(movement.directions, rcond=1e-9)
+    numbers, spread = back @ (after - before), back @ covariance @ back.T
+    if movement.kind == "base" and movement.turns:
+        turning = list(columns_of(arm, ("base",)))[3:]
+        old, new = se3.exp(before[turning]), se3.exp(after[turning])
+        numbers[3:] = se3.log(new @ old.T)
+        local = np.eye(6)
+        local[3:, 3:] = se3.left_jacobian(after[turning])
+        spread = local @ spread @ local.T
+    first = len(numbers) - movement.turns
+    shift = sized(numbers[:first], spread[:first, :first])
+    turn = sized(numbers[first:], spread[first:, first:])
+    return Extent(*shift, *turn)
+
+
+def sized(vector: Array, covariance: Array) -> tuple[float, float]:
+    """Length of a vector ``(3 k,)``, or of the mean of k of them (root mean square), and its standard deviation.
+
+    A single number keeps its sign. NaN where there is none.
+    """
+    if not len(vector):
+        return float("nan"), float("nan")
+    if len(vector) == 1:
+        return float(vector[0]), float(np.sqrt(covariance[0, 0]))
+    length = float(np.linalg.norm(vector))
+    along = vector / length if length > 0 else np.full(len(vector), len(vector) ** -0.5)
+    each = np.sqrt(len(vector) / 3)
+    return length / each, float(np.sqrt(along @ covariance @ along)) / each

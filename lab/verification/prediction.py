@@ -1,0 +1,225 @@
+"""What a run promises of new measurements, and the generalized least squares that hold them against it.
+
+Measured less predicted is r = e + J d, with e the instrument's noise and d the error of the identified parameters,
+whose covariance is C: without any change r has the covariance S = noise + J C J', and r' S^-1 r is chi squared
+(or F, where sigma was estimated: Chow 1960).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import brentq
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.initial_guess import locate
+from lab.calibration.weights import root_mean_square_sigma
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.effects.arm import Arm
+
+LEVEL = 0.01  # of the test
+POWER = 0.95  # with which a change that "would be noticed" is
+ITERATIONS = 20
+SETTLED = 1e-3  # standard deviations: a step that moves the predictions by less
+FULL_RANK = 1e-8  # of the largest singular value of unit columns
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a run says of an arm.
+
+    Attributes:
+        values: ``(p,)`` of ``arm``.
+        free: indices of those that were identified.
+        covariance: ``(f, f)`` of these.
+        freedom: with how many degrees of freedom its sigma was estimated; None where it was known.
+        strange: targets of the arm of which the run says nothing.
+    """
+
+    arm: Arm
+    values: Array
+    free: tuple[int, ...]
+    covariance: Array
+    freedom: int | None = None
+    strange: tuple[str, ...] = ()
+
+    def test(self, numbers: int, p: float) -> str:
+        """The test of so many numbers and its outcome, for a person."""
+        name, freedom = ("chi2", f"{numbers}") if self.freedom is None else ("F", f"{numbers} and {self.freedom}")
+        chance = f"p = {p:.2g}" if p > 0 else "p < 1e-300"
+        return f"{name} test at {100 * LEVEL:g} %, {freedom} degrees of freedom, {chance}"
+
+    def p(self, square: float, numbers: int) -> float:
+        """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none."""
+        if numbers < 1:
+            return 1.0
+        if self.freedom is None:
+            return float(stats.chi2.sf(square, numbers))
+        return float(stats.f.sf(square / numbers, numbers, self.freedom))
+
+    def deviance(self, square: float, numbers: int) -> float:
+        """Minus twice the logarithm of the likelihood, up to a constant: of a Gaussian, or of Student's t."""
+        if self.freedom is None:
+            return square
+        return (self.freedom + numbers) * float(np.log1p(square / self.freedom))
+
+    def noticeable(self, numbers: int) -> float:
+        """How large a change of r, as r' S^-1 r, the test of so many numbers notices in 95 of 100 files."""
+
+        def missed(shift: float) -> float:
+            if self.freedom is None:
+                return float(stats.ncx2.cdf(stats.chi2.isf(LEVEL, numbers), numbers, shift)) - (1 - POWER)
+            bound = stats.f.isf(LEVEL, numbers, self.freedom)
+            return float(stats.ncf.cdf(bound, numbers, self.freedom, shift)) - (1 - POWER)
+
+        enough = 1.0
+        while missed(enough) > 0:  # no larger than that: far out the distribution is not to be had
+            enough *= 2
+        return float(brentq(missed, 0.5 * enough if enough > 1 else 0.0, enough))
+
+
+@dataclass(frozen=True)
+class There:
+    """The problem at some parameters, in units of the noise.
+
+    Attributes:
+        residual: ``(N,)`` measured less predicted.
+        jacobian: ``(N, p)``.
+        axes, sizes: ``(N, f)`` and ``(f,)`` of J C^1/2, so that S = 1 + axes sizes^2 axes'.
+    """
+
+    residual: Array
+    jacobian: Array
+    axes: Array
+    sizes: Array
+
+    def white(self, rows: Array) -> Array:
+        """S^-1/2 of rows ``(N, ...)``."""
+        return self._scaled(rows, 1 / np.sqrt(1 + self.sizes**2))
+
+    def coloured(self, rows: Array) -> Array:
+        """S^1/2 of rows ``(N, ...)``."""
+        return self._scaled(rows, np.sqrt(1 + self.sizes**2))
+
+    def _scaled(self, rows: Array, by: Array) -> Array:
+        scaled: Array = rows + (self.axes * (by - 1)) @ (self.axes.T @ rows)
+        return scaled
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where r' S^-1 r is least.
+
+    Attributes:
+        values: ``(p,)``.
+        square: r' S^-1 r there.
+        basis: ``(N, rank)`` orthonormal, of the fitted columns times S^-1/2.
+        covariance: ``(p, p)`` of what was fitted.
+    """
+
+    values: Array
+    square: float
+    basis: Array
+    covariance: Array
+    there: There
+
+    @property
+    def rank(self) -> int:
+        """How many numbers the measurements told."""
+        return int(self.basis.shape[1])
+
+    @property
+    def left(self) -> int:
+        """Degrees of freedom."""
+        return len(self.there.residual) - self.rank
+
+    def beyond(self, directions: Array) -> Array:
+        """What directions ``(p, h)`` change, without what is fitted anyhow: whitened columns ``(N, h)``."""
+        columns = self.there.white(self.there.jacobian @ directions)
+        rest: Array = columns - self.basis @ (self.basis.T @ columns)
+        return rest
+
+
+@dataclass(frozen=True)
+class Problem:
+    """New measurements, weighed by the instrument's noise, against a promise."""
+
+    promise: Promise
+    seen: Observations
+
+    def fitted(self, start: Array, directions: Array) -> Solution:
+        """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
+
+        S is that of the parameters reached: a base may be turned by any angle.
+        """
+        values = start
+        best, step, moved = self._step(values, directions)
+        for _ in range(ITERATIONS):
+            if moved < SETTLED:
+                break
+            values = values + step
+            if np.isnan(self.promise.arm.points(self.seen.settings, values)).any():  # too far: loops do not close
+                break
+            here, step, moved = self._step(values, directions)
+            best = here if here.square < best.square else best
+        return best
+
+    def placed(self, start: Array, directions: Array, groups: Sequence[str]) -> Solution:
+        """The same for base or tool, which may be anywhere: from ``start``, or from where the points alone put them."""
+        near = self.fitted(start, directions)
+        enough = int(seen_mask(self.seen.points).sum()) >= 3
+        if "base" not in groups or not enough or self.promise.p(near.square, near.left) >= LEVEL:
+            return near
+        far = self.fitted(locate(self.promise.arm, self.seen, start, groups), directions)
+        return far if far.square < near.square else near
+
+    def promised_m(self, fit: Solution) -> float:
+        """Root mean square length of the errors to be expected where ``fit`` was made.
+
+        Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted.
+        """
+        there = fit.there
+        known, taken = (
+            float((self.in_metres(rows) ** 2).sum()) for rows in (there.axes * there.sizes, there.coloured(fit.basis))
+        )
+        numbers = len(there.residual)
+        noise = numbers * root_mean_square_sigma(self.seen, 0) ** 2
+        return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / numbers))
+
+    def in_metres(self, rows: Array) -> Array:
+        """Rows ``(N, h)`` in units of the noise, in metres."""
+        whiten, blocks = self.seen.whiten[seen_mask(self.seen.points)], rows.reshape(len(rows) // 3, 3, -1)
+        metres = blocks / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, blocks)
+        return np.asarray(metres.reshape(rows.shape))
+
+    def _at(self, values: Array) -> There:
+        points, slopes = self.promise.arm.observe(self.seen.settings, values)
+        jacobian = self.seen.apply(slopes)
+        known = jacobian[:, list(self.promise.free)] @ _root(self.promise.covariance)
+        axes, sizes, _ = np.linalg.svd(known, full_matrices=False)
+        return There(self.seen.apply(self.seen.points - points), jacobian, axes, sizes)
+
+    def _step(self, values: Array, directions: Array) -> tuple[Solution, Array, float]:
+        """The fit if it were solved here, the step ``(p,)`` to a better one, and how far that leads."""
+        there = self._at(values)
+        residual, columns = there.white(there.residual), there.white(there.jacobian @ directions)
+        scale = np.linalg.norm(columns, axis=0)
+        scale[scale == 0] = 1.0
+        axes, sizes, vt = np.linalg.svd(columns / scale, full_matrices=False)
+        told = sizes > FULL_RANK * sizes.max(initial=1e-300)
+        back = (directions / scale) @ (vt[told].T / sizes[told])  # (p, rank)
+        basis = axes[:, told]
+        pull = basis.T @ residual
+        here = Solution(values, float(residual @ residual), basis, back @ back.T, there)
+        return here, back @ pull, float(np.linalg.norm(pull))
+
+
+def _root(covariance: Array) -> Array:
+    """A square root ``(f, f)`` of a covariance of parameters in several units."""
+    scale = np.sqrt(np.diag(covariance))
+    scale[scale == 0] = 1.0
+    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root: Array = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
+    return root

@@ -1,0 +1,261 @@
+"""Whether a calibrated arm is still good, from a few new measurements, and what has moved where it is not.
+
+The test holds measured less predicted against what the run promised (``promise``). Where it rejects, whatever may
+have moved alone is fitted by generalized least squares, and compared by Schwarz's criterion (1978).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations
+from lab.core.errors import LabError
+from lab.core.measurements import seen_mask
+from lab.core.random import stream
+from lab.core.se3 import Array
+from lab.verification.hypotheses import (
+    Extent,
+    Kind,
+    Movement,
+    extent,
+    movements,
+    of_base,
+    of_joints,
+    of_targets,
+    refitted,
+    sized,
+)
+from lab.verification.prediction import FULL_RANK, LEVEL, Problem, Promise, Solution
+
+GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
+STRUCTURE_POSES = 50
+SEVERAL = (
+    "no movement of base or tool, of one joint's zero, and no single bad reading explains it: more than one thing has "
+    "changed; calibrate anew"
+)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One thing that may have changed, fitted to the measurements.
+
+    Attributes:
+        words: what it is and how far it went, for a person.
+        parameters: how many numbers the measurements tell of it.
+        chi2: what it leaves of r' S^-1 r.
+        p: the chance of leaving more, if it is right.
+        bic: Schwarz's criterion, with twice the logarithm of how many of its kind were tried.
+        explains: whether what it leaves is not rejected.
+    """
+
+    kind: Kind
+    words: str
+    extent: Extent
+    parameters: int
+    chi2: float
+    p: float
+    bic: float
+    explains: bool
+
+
+@dataclass(frozen=True)
+class Verified:
+    """Whether a calibrated arm is still good.
+
+    Attributes:
+        statistic: r' S^-1 r, without what was fitted anew.
+        numbers: its degrees of freedom.
+        sigma_freedom: those with which sigma was estimated; None where it was known.
+        errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not seen.
+        promised_m: the root mean square length that the run makes one expect here.
+        hypotheses: the best first; none where the arm is good.
+        moved: the kinds among which the measurements cannot choose; none where the arm is good, or nothing explains.
+        refit: how far went what was fitted anew, by its name.
+        would_notice: what the test finds in 95 of 100 such files, in the worst direction (m, rad); infinite if nothing.
+    """
+
+    good: bool
+    statistic: float
+    numbers: int
+    sigma_freedom: int | None
+    p: float
+    errors: Array
+    promised_m: float
+    hypotheses: tuple[Hypothesis, ...]
+    moved: tuple[Kind, ...]
+    refit: tuple[tuple[str, Extent], ...]
+    would_notice: tuple[tuple[str, float], ...]
+    words: str
+
+
+def verify(promise: Promise, seen: Observations, refit: Sequence[str] = (), poses: Sequence[str] = ()) -> Verified:
+    """Test new measurements against what a run promised; where they contradict it, say what has moved.
+
+    Args:
+        seen: weighed by a known sigma, or by the one that the run estimated.
+        refit: ``base``, ``tool`` or both: fitted anew, so that they cannot be what has moved.
+        poses: what each is called; by their numbers where not given.
+
+    Raises:
+        LabError: the measurements are too few for what is to be fitted anew.
+    """
+    arm, problem = promise.arm, Problem(promise, seen)
+    anew = refitted(arm, refit)
+    fit = problem.placed(promise.values, anew, refit)
+    if refit and (fit.left < 1 or fit.rank < _structural_rank(promise, anew)):
+        count = f"{len(seen.points)} pose{'' if len(seen.points) == 1 else 's'}"
+        raise LabError(
+            f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
+            "measure more, or refit less"
+        )
+    p = promise.p(fit.square, fit.left)
+    found = [] if p >= LEVEL else _hypotheses(problem, fit, refit, poses)
+    alike = _not_told_apart(found, len(fit.there.residual))
+    errors = np.linalg.norm(seen.points - arm.points(seen.settings, fit.values), axis=2)
+    promised = problem.promised_m(fit)
+    rms = float(np.sqrt(np.nanmean(errors**2)))
+    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are promised ({promise.test(fit.left, p)})"
+    return Verified(
+        good=p >= LEVEL,
+        statistic=fit.square,
+        numbers=fit.left,
+        sigma_freedom=promise.freedom,
+        p=p,
+        errors=errors,
+        promised_m=promised,
+        hypotheses=tuple(found),
+        moved=tuple(dict.fromkeys(each.kind for each in alike)),
+        refit=_placed_anew(promise, fit, refit),
+        would_notice=_would_notice(promise, fit, refit),
+        words=f"still good: {words}" if p >= LEVEL else f"changed: {words}: {_diagnosis(alike)}",
+    )
+
+
+def _structural_rank(promise: Promise, directions: Array) -> int:
+    """How many numbers of ``directions`` ``(p, h)`` enough poses could tell."""
+    settings = promise.arm.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+    _, jacobian = promise.arm.observe(settings, promise.values)
+    columns = jacobian.reshape(-1, len(directions)) @ directions
+    return int(np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), rtol=FULL_RANK))
+
+
+def _hypotheses(problem: Problem, fit: Solution, refit: Sequence[str], poses: Sequence[str]) -> list[Hypothesis]:
+    """All that may have changed alone, the best first."""
+    tried = movements(problem.promise.arm, fit.values, refit)
+    found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
+    return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
+
+
+def _tried(problem: Problem, fit: Solution, refit: Sequence[str], movement: Movement) -> Hypothesis | None:
+    """One movement, beside what is fitted anew; None where the measurements say nothing more of it."""
+    arm = problem.promise.arm
+    directions = np.concatenate([refitted(arm, refit), movement.directions], axis=1)
+    anywhere = movement.kind == "base" and movement.turns > 0
+    moved = problem.placed(fit.values, directions, (*refit, "base") if anywhere else ())
+    told = moved.rank - fit.rank
+    if told < 1:
+        return None
+    whole = told == np.linalg.matrix_rank(movement.directions)
+    size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Extent()
+    words = f"{movement.what} {movement.did} {size.words}"
+    return _judged(problem, movement.kind, words, size, told, (moved.square, moved.left), movement.alike)
+
+
+def _bad_reading(problem: Problem, fit: Solution, poses: Sequence[str]) -> list[Hypothesis]:
+    """The pose without which r' S^-1 r is least, as a reading of its own.
+
+    With M = S^-1 less what is fitted and g = M r, leaving out rows i lowers it by g_i' M_ii^-1 g_i, and M_ii^-1 g_i
+    is how far they are off, with covariance M_ii^-1 (Cook & Weisberg 1982, section 2.2, for blocks).
+    """
+    there, seen = fit.there, problem.seen
+    gain = np.sqrt(there.sizes**2 / (1 + there.sizes**2))
+    taken = np.concatenate([there.axes * gain, there.white(fit.basis)], axis=1)  # M = 1 - taken taken'
+    pull = there.residual - taken @ (taken.T @ there.residual)
+    pose, _ = np.nonzero(seen_mask(seen.points))
+    of_row, best = np.repeat(pose, 3), None
+    for i in np.unique(pose).tolist():
+        rows = of_row == i
+        inverse = np.linalg.pinv(np.eye(int(rows.sum())) - taken[rows] @ taken[rows].T, rcond=FULL_RANK, hermitian=True)
+        drop = float(pull[rows] @ inverse @ pull[rows])
+        if best is None or drop > best[0]:
+            best = drop, i, inverse
+    assert best is not None
+    drop, i, inverse = best
+    told = int(np.linalg.matrix_rank(inverse, hermitian=True))
+    if told < 1:
+        return []
+    units = np.zeros((len(of_row), len(inverse)))
+    units[of_row == i] = np.eye(len(inverse))
+    metres = problem.in_metres(units)[of_row == i]
+    size = Extent(*sized(metres @ inverse @ pull[of_row == i], metres @ inverse @ metres.T))
+    words = f"the reading of {poses[i] if poses else f'pose {i}'} alone is off by {size.words}"
+    left = fit.square - drop, fit.left - told
+    return [_judged(problem, "reading", words, size, told, left, len(np.unique(pose)))]
+
+
+def _judged(
+    problem: Problem, kind: Kind, words: str, size: Extent, told: int, left: tuple[float, int], alike: int
+) -> Hypothesis:
+    """A hypothesis of ``told`` numbers that leaves a square of so many degrees of freedom."""
+    promise, numbers = problem.promise, 3 * int(seen_mask(problem.seen.points).sum())
+    bic = promise.deviance(left[0], numbers) + told * np.log(numbers) + 2 * np.log(alike)
+    p = promise.p(*left)
+    return Hypothesis(kind, words, size, told, left[0], p, float(bic), p >= LEVEL)
+
+
+def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
+    """What explains the measurements as well as the best that does: of each kind the best, of joints all.
+
+    A larger hypothesis does not pay for being larger: a base that turned about the first axis is as simple a thing
+    as that axis' zero, and looks the same.
+    """
+    explaining = [each for each in found if each.explains]
+    if not explaining:
+        return []
+    best = explaining[0]
+    alike: list[Hypothesis] = []
+    for each in explaining:
+        pays = max(0, each.parameters - best.parameters) * np.log(numbers)
+        new = each.kind == "joint" or each.kind not in {other.kind for other in alike}
+        if new and each.bic - pays <= best.bic + GAP:
+            alike.append(each)
+    return alike
+
+
+def _diagnosis(alike: Sequence[Hypothesis]) -> str:
+    """What has changed, in words."""
+    if len(alike) > 1:
+        return f"these poses cannot tell whether {', or '.join(each.words for each in alike)}"
+    return alike[0].words if alike else SEVERAL
+
+
+def _placed_anew(promise: Promise, fit: Solution, refit: Sequence[str]) -> tuple[tuple[str, Extent], ...]:
+    """How far base and targets have moved that were fitted anew; a target that the run did not have is left out."""
+    arm, tried = promise.arm, []
+    if "base" in refit:
+        tried.append(("base", of_base(arm)[1]))
+    if "tool" in refit:
+        tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
+    whole = fit.rank == refitted(arm, refit).shape[1]
+    return tuple(
+        (name, extent(arm, each, promise.values, fit.values, fit.covariance) if whole else Extent())
+        for name, each in tried
+        if name.removeprefix("tool.") not in promise.strange
+    )
+
+
+def _would_notice(promise: Promise, fit: Solution, refit: Sequence[str]) -> tuple[tuple[str, float], ...]:
+    """How far the base, a target or a joint's zero would have to be off, in the worst direction, to be noticed."""
+    arm = promise.arm
+    tried = [] if "base" in refit else [("base", of_base(arm)[0])]
+    if "tool" not in refit:
+        tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
+    tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
+    bound = np.sqrt(promise.noticeable(fit.left))
+    found = []
+    for name, each in tried:
+        whole = np.linalg.norm(fit.there.white(fit.there.jacobian @ each.directions))
+        least = np.linalg.svd(fit.beyond(each.directions), compute_uv=False)[-1]
+        found.append((name, float(bound / least) if least > FULL_RANK * whole else float("inf")))
+    return tuple(found)

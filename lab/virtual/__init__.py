@@ -1,1 +1,0 @@
-"""The stand-in for reality: the only room that imports mujoco."""

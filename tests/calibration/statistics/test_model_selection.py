@@ -1,0 +1,342 @@
+"""Which effects an arm has: what is there is taken, what is not is not, and the table's figures are those of refits."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, data_file, somewhere, table_robot
+
+from lab.calibration.identify import Identification, Wishes, identify
+from lab.calibration.statistics import candidate_models as trials
+from lab.calibration.statistics.candidate_models import Large, Task
+from lab.calibration.statistics.model_selection import CANDIDATES, Selection, objection, select
+from lab.calibration.statistics.nested_models import Score
+from lab.calibration.weights import Noise
+from lab.commands.robot import Robot
+from lab.core.errors import LabError
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.effects.arm import AffectedArm, affected
+from lab.kinematics.effects.groups import Course, Effect
+from lab.kinematics.gauge import base_set
+from lab.kinematics.model import Model
+from lab.simulation.collisions import random_poses
+from lab.simulation.random_effects import EffectSizes, random_effects
+from lab.simulation.true_robot import random_perturbation, random_tracker, real_arm, track
+
+SIGMA = 5e-6
+SESSIONS = Course(("a", "b"))
+SIZE = {"compliance": 1e-5, "gear": 2e-4, "backlash": 1e-4, "drift": 1e-4}  # of the others 1e-4
+
+
+def nominal(model: Model) -> Array:
+    return model.nominal(IRB120.tool)
+
+
+def irb120(groups: Sequence[str]) -> Model:
+    return IRB120.arm_with(("p1",), groups, SESSIONS)
+
+
+def simulated(arm: Model, values: Array, poses: int, rng: np.random.Generator, sigma_m: float = SIGMA) -> Measurements:
+    """What Gaussian noise leaves of an arm with effects, with all conditions that any group asks for."""
+    every = IRB120.arm_with(arm.targets, CANDIDATES, SESSIONS)
+    settings = every.structure_joints(poses, rng)
+    columns = {name: settings[:, 6 + i] for i, name in enumerate(every.conditions)}
+    asked = [columns[name][:, None] for name in arm.conditions]
+    points = arm.points(np.concatenate([settings[:, :6], *asked], axis=1), values)
+    points = points + sigma_m * rng.standard_normal(points.shape)
+    return replace(measured(IRB120.chain.joint_names, settings[:, :6], arm.targets, points), conditions=columns)
+
+
+def values_with(arm: Model, rng: np.random.Generator) -> Array:
+    """Geometry off by 0.5 mm and mrad, effects of the size that arms have."""
+    rigid = IRB120.arm(arm.targets)
+    values = np.concatenate([somewhere(rigid, rng), np.zeros(len(arm.names) - len(rigid.names))])
+    kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    values[kept] += 5e-4 * rng.normal(size=len(kept))
+    for i in range(len(rigid.names), len(arm.names)):
+        kind = arm.names[i].rpartition(".")[2]
+        group = "drift" if arm.names[i].startswith("drift") else kind
+        values[i] = SIZE.get(group, 1e-4) * rng.uniform(0.5, 1.5)
+    return values
+
+
+def example(groups: Sequence[str], poses: int = 60, seed: int = 0) -> Measurements:
+    rng = np.random.default_rng(seed)
+    arm = irb120(groups)
+    return simulated(arm, values_with(arm, rng), poses, rng)
+
+
+def row(selection: Selection, name: str):
+    return next(group for group in selection.groups if group.name == name)
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["sigma known", "sigma estimated"])
+@pytest.mark.parametrize("group", CANDIDATES)
+def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None:
+    found = select(irb120, example([group]), nominal, Noise(None, SIGMA) if known else None)
+    assert found.chosen == (group,) and [g.name for g in found.groups] == [
+        "geometric",
+        group,
+        *(name for name in CANDIDATES if name != group),
+    ]
+    geometry, taken = found.groups[:2]
+    assert taken.chosen and not taken.why_not and geometry.chosen
+    assert taken.holdout_m < 0.6 * geometry.holdout_m and taken.bic < geometry.bic - 100 and taken.f_p < 1e-10
+    assert len(found.identification.fit.free) == geometry.parameters + taken.parameters
+    for other in found.groups[2:]:
+        assert not other.chosen and other.why_not and other.parameters > 0 and other.bic > taken.bic - 10
+
+
+def test_a_rigid_arm_stays_rigid() -> None:
+    for seed in range(10):
+        found = select(irb120, example((), seed=seed), nominal, Noise(None, SIGMA))
+        assert found.chosen == () and len(found.identification.fit.free) == 27
+
+
+def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
+    """60 random poses with 0 or 3 kg; scripts/effects_found.py does so for many arms at designed poses."""
+    robot, device = IRB120.model, instrument("uniform-8um")
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        sizes = EffectSizes(stiffness_nm_per_rad={2: 1e5, 3: 1e5}, harmonic_rad=0.2e-3)
+        real = real_arm(robot, random_perturbation(robot, 0.5e-3, 1.5e-3, rng), random_tracker(robot, rng))
+        real = real.with_effects(random_effects(IRB120.chain, sizes, rng))
+        joints, fresh = random_poses(robot, 60, rng), random_poses(robot, 200, rng)
+        conditions = {"payload_kg": rng.choice([0.0, 3.0], 60)}
+        data = track(real, joints, ("p1",), device, rng, conditions=conditions)
+        found = select(irb120, data, nominal, Noise(device))
+        assert sorted(found.chosen) == ["compliance", "harmonics"]
+        bought = [group.holdout_m for group in found.groups[:3]]
+        assert bought[0] > 0.05e-3 and bought[0] > bought[1] > bought[2] and bought[2] < 0.015e-3
+        model, values = found.identification.model, found.identification.values
+        exact = real.points(fresh, ("p1",), {"payload_kg": np.full(200, 3.0)})
+        settings = np.insert(fresh, 6, 3.0, axis=1)
+        assert np.linalg.norm(model.points(settings, values) - exact, axis=2).mean() < 0.007e-3
+        assert row(found, "backlash").why_not.startswith("column approach_") and row(found, "drift").parameters == 0
+
+
+@pytest.fixture(scope="module")
+def near_compliance() -> tuple[Measurements, Identification, Large]:
+    data = example(["compliance", "harmonics"])
+    found = identify(irb120(["compliance"]), data, nominal(irb120(["compliance"])), Noise(None, SIGMA))
+    task = Task(irb120, nominal, data, Noise(None, SIGMA), Wishes())
+    return data, found, Large.of(task, CANDIDATES, task.identified(()), 0)
+
+
+def by_known_noise(whole: Identification) -> float:
+    """Known noise to that which the table takes: never less, and as much as the residuals."""
+    return 1 / max(1.0, float(np.sqrt(2 * whole.fit.cost_trace[-1] / whole.freedom)))
+
+
+@pytest.mark.parametrize("groups", [(), ("compliance",), ("compliance", "harmonics"), ("compliance", "gear", "drift")])
+def test_scores_are_those_of_refits(near_compliance, groups: tuple[str, ...]) -> None:
+    """Sum of squares and held-out errors of nested models, larger and smaller, from one linearization."""
+    data, found, large = near_compliance
+    table = large.around(found)
+    names = large.sight.model.names
+    arm = irb120(groups)
+    whole = identify(arm, data, nominal(arm), Noise(None, SIGMA))
+    score = table.score([names.index(arm.names[i]) for i in whole.fit.free])
+    assert score.squares == pytest.approx(2 * whole.fit.cost_trace[-1], rel=1e-3)
+    lengths = []
+    for fold in range(5):
+        part, test = data.take(np.flatnonzero(large.folds != fold)), data.take(np.flatnonzero(large.folds == fold))
+        values = identify(arm, part, nominal(arm), Noise(None, SIGMA)).values
+        lengths.append(np.linalg.norm(arm.points(test.settings(arm.conditions), values) - test.points, axis=2)[:, 0])
+    np.testing.assert_allclose(score.errors, np.concatenate(lengths), rtol=1e-2, atol=1e-7)
+    free = [names.index(arm.names[i]) for i in whole.fit.free]
+    if not groups or groups == ("compliance", "harmonics"):
+        np.testing.assert_allclose(table.std(free) * by_known_noise(whole), whole.std, rtol=1e-2)
+
+
+def test_p_values(near_compliance) -> None:
+    """F's where sigma is given too small or not at all, chi squared's where it says that nothing is amiss."""
+    table = replace(near_compliance[2].around(near_compliance[1]), rows=180, floor=1.0)
+    few, more = (Score(p, squares, np.zeros(1), 0.0) for p, squares in ((27, 1e4), (29, 9.9e3)))
+    assert table.p_value(few, more) == pytest.approx(0.468, abs=0.01)  # F; chi squared would say 1e-22
+    few, more = (Score(p, squares, np.zeros(1), 0.0) for p, squares in ((27, 4.0), (29, 3.0)))
+    assert table.p_value(few, more) == pytest.approx(np.exp(-0.5), rel=1e-9)  # chi squared; F would say 1e-10
+    assert replace(table, floor=1e-9).p_value(few, more) < 1e-8
+
+
+def test_all_three_must_say_so(near_compliance) -> None:
+    """A test of all groups together, very strong evidence by BIC, and held-out errors beyond their scatter."""
+    table = near_compliance[2].around(near_compliance[1])
+    errors = 1e-5 * (1 + np.random.default_rng(0).random(60))
+    small, big = Score(29, 200.0, errors, 0.0), Score(41, 150.0, 0.8 * errors, -11.0)
+    assert objection(table, small, big, 0.0099) == ""
+    assert objection(table, small, big, 0.0101) == "not significant"
+    assert objection(table, small, replace(big, bic=-9.0), 0.0) == "BIC does not fall enough"
+    assert objection(table, small, replace(big, bic=1.0), 0.0) == "BIC rises"
+    assert objection(table, small, replace(big, errors=errors[::-1] - 1e-8), 0.0) == "the held-out error does not fall"
+
+
+def test_rows_of_one_configuration_are_held_out_together() -> None:
+    data = example((), poses=40)
+    data = data.take(np.repeat(np.arange(40), 3))
+    task = Task(irb120, nominal, data, Noise(), Wishes())
+    large = Large.of(task, ["gear"], task.identified(()), 0)
+    assert (large.folds.reshape(40, 3) == large.folds[::3, None]).all() and set(large.folds) == set(range(5))
+    table = large.around(task.identified(()))
+    assert np.bincount(table.cluster).tolist() == [3] * 40
+    before = Score(0, 0.0, np.repeat(np.arange(40.0), 3)[np.argsort(large.folds, kind="stable")], 0.0)
+    fall, error = table.gain(before, replace(before, errors=np.zeros(120)))
+    values = np.arange(40.0)
+    assert fall == pytest.approx(values.mean()) and error == pytest.approx(values.std() / np.sqrt(40))
+
+
+def one_joint_or_more(weights: dict[int, float]) -> Effect:
+    """A single parameter that makes harmonics of several joints, each with its weight."""
+    name = "wave" + "".join(str(i) for i in weights)
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, 1))
+        for i, weight in weights.items():
+            derivative[:, i - 1, 0] = weight * np.sin(3 * joints[:, i - 1])
+        return derivative @ values, derivative
+
+    return Effect(name, (f"{name}.size",), offsets)
+
+
+def test_a_group_that_later_ones_replace_is_dropped() -> None:
+    """A surrogate of two effects is taken first, then each of them, then it has nothing left to say."""
+    own = {made.name: made for made in map(one_joint_or_more, ({2: 1.0, 3: 1.0, 1: 0.6}, {2: 1.0}, {3: 1.0}))}
+
+    def arm_with(groups: Sequence[str]) -> Model:
+        return affected(IRB120.arm(("p1",)), [own[name] for name in groups])
+
+    rng = np.random.default_rng(3)
+    arm = arm_with(["wave2", "wave3"])
+    values = values_with(arm, rng)
+    values[-2:] = 2e-4
+    taken: list[tuple[str, ...]] = []
+
+    def watched(groups: Sequence[str]) -> Model:
+        taken.append(tuple(groups))
+        return arm_with(groups)
+
+    data = simulated(arm, values, 60, rng)
+    found = select(watched, data, nominal, Noise(None, SIGMA), candidates=tuple(own))
+    assert sorted(found.chosen) == ["wave2", "wave3"]
+    assert taken[-1] == found.chosen and "wave231" in taken[-2]
+    assert "significant" in row(found, "wave231").why_not
+    np.testing.assert_allclose(found.identification.values[-2:], 2e-4, atol=1e-5)
+
+
+def test_what_poses_do_not_show_is_held() -> None:
+    """A joint that is always approached from one side has no play to be found; if all are, there is nothing to try."""
+    rng = np.random.default_rng(0)
+    arm = irb120(["backlash"])
+    data = example(["backlash"])
+    from_one_side = {**data.conditions, arm.conditions[3]: np.ones(60)}
+    data = replace(data, conditions=from_one_side)
+    points = arm.points(data.settings(arm.conditions), values_with(arm, rng)) + SIGMA * rng.standard_normal((60, 1, 3))
+    data = replace(data, points=points)
+    found = select(irb120, data, nominal, Noise(None, SIGMA))
+    taken = row(found, "backlash")
+    assert found.chosen == ("backlash",) and taken.held == found.held == ("joint4.backlash",) and taken.parameters == 5
+    assert not found.identification.unseen
+    assert found.identification.values[arm.names.index("joint4.backlash")] == 0.0
+    all_from_one_side = {**data.conditions, **{name: np.ones(60) for name in arm.conditions}}
+    found = select(irb120, replace(data, conditions=all_from_one_side), nominal)
+    assert row(found, "backlash").why_not == "these poses do not show it"
+
+
+def test_parameters_too_unsure_to_tell_are_held() -> None:
+    """With a target 0.1 mm off axis 6 its runout is seen to no better than 20 mrad: it is not fitted."""
+    rng = np.random.default_rng(1)
+    arm = irb120(["harmonics"])
+    values = values_with(arm, rng)
+    values[[arm.names.index(f"tool.p1.{axis}") for axis in "xyz"]] = 1e-4, 0.0, 0.1
+    data = simulated(arm, values, 80, rng, sigma_m=2e-5)
+    found = select(irb120, data, lambda model: model.nominal({"p1": np.array([0, 0, 0.1])}))
+    assert found.chosen == ("harmonics",)
+    assert found.held == ("joint6.sin1", "joint6.cos1") and row(found, "harmonics").parameters == 10
+
+
+def test_too_few_poses() -> None:
+    found = select(irb120, example(["gear"], poses=17), nominal, Noise(None, SIGMA))
+    assert found.chosen == () and row(found, "harmonics").why_not.startswith("too few poses for 3")
+
+
+def test_masses_and_columns_that_are_missing() -> None:
+    robot = table_robot("ur10.toml")
+    rng = np.random.default_rng(2)
+    arm = robot.arm(("p1",))
+    joints = robot.chain.random_joints(60, rng)
+    points = arm.points(joints, somewhere(arm, rng)) + SIGMA * rng.standard_normal((60, 1, 3))
+    data = measured(robot.chain.joint_names, joints, ("p1",), points)
+    found = select(lambda g: robot.arm_with(("p1",), g), data, lambda m: m.nominal(robot.tool))
+    assert found.chosen == () and "table without masses" in row(found, "compliance").why_not
+    assert row(found, "drift").why_not == "column time_s is missing: the model needs it in every row"
+    assert (
+        np.isnan(row(found, "drift").bic)
+        and "no such group"
+        in row(
+            select(lambda g: robot.arm_with(("p1",), g), data, lambda m: m.nominal(robot.tool), candidates=["sag"]),
+            "sag",
+        ).why_not
+    )
+
+
+def test_wishes_hold_for_every_model() -> None:
+    """Patterns of a group's parameters as well; names that no model has are an error."""
+    data = example(["compliance"])
+    wishes = Wishes(fix=("joint2.compliance", "link3.a"))
+    found = select(irb120, data, nominal, Noise(None, SIGMA), wishes)
+    free = [found.identification.model.names[i] for i in found.identification.fit.free]
+    assert "joint2.compliance" not in free and "link3.a" not in free and row(found, "compliance").parameters == 1
+    with pytest.raises(LabError, match=r"--fix link9.a: no such parameter"):
+        select(irb120, data, nominal, Noise(None, SIGMA), Wishes(fix=("link9.a",)))
+
+
+def test_a_group_that_does_not_converge_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stubborn(model: Model, *rest) -> Identification:
+        found = identify(model, *rest)
+        stuck = isinstance(model, AffectedArm) and any(e.name == "compliance" for e in model.effects)
+        return replace(found, fit=replace(found.fit, status="not converged")) if stuck else found
+
+    monkeypatch.setattr(trials, "identify", stubborn)
+    found = select(irb120, example(["compliance"]), nominal, Noise(None, SIGMA))
+    assert "compliance" not in found.chosen and found.identification.status == "converged"
+    assert row(found, "compliance").why_not == "Gauss-Newton does not converge with it"
+
+
+def test_a_thousand_poses_with_three_targets() -> None:
+    rng = np.random.default_rng(4)
+    targets = ("p1", "p2", "p3")
+    arm = IRB120.arm_with(targets, ["compliance", "harmonics"])
+    data = simulated(arm, values_with(arm, rng), 1000, rng)
+    started = time.perf_counter()
+    found = select(lambda g: IRB120.arm_with(targets, g, SESSIONS), data, nominal, Noise(None, SIGMA))
+    assert time.perf_counter() - started < 10.0
+    assert sorted(found.chosen) == ["compliance", "harmonics"]
+
+
+def measured_arm(file: str, robot: Robot) -> Selection:
+    data = read_measurements(data_file(file), robot.chain.joint_names, robot.chain.prismatic).only("calibrate")
+    data = data.take(np.flatnonzero(data.seen.any(axis=1)))
+    return select(lambda g: robot.arm_with(data.targets, g), data, lambda m: m.nominal(robot.tool))
+
+
+def test_a_measured_irb120_gives_way_to_gravity() -> None:
+    """36 poses with three targets (Liao et al.): two compliances nearly halve the error at poses held out."""
+    found = measured_arm("irb120_liaowu_calib36.csv", IRB120)
+    assert found.chosen == ("compliance",)
+    geometry, compliance = found.groups[:2]
+    assert compliance.parameters == 2 and compliance.holdout_m < 0.65 * geometry.holdout_m
+    values = found.identification.values[-2:]
+    assert (values > 1e-5).all() and (values < 4e-4).all()
+
+
+@pytest.mark.parametrize("file", ["ur10_ipa_C.csv", "ur10_ipa_D.csv"])
+def test_a_measured_ur10_has_runout(file: str) -> None:
+    found = measured_arm(file, table_robot("ur10.toml"))
+    assert found.chosen and found.chosen[0].startswith("harmonics") and found.identification.status == "converged"
+    assert found.groups[1].holdout_m < found.groups[0].holdout_m < 0.5e-3
+    assert {"joint6.sin1", "joint6.cos1", "joint6.sin2", "joint6.cos2"} & set(found.held)  # the probe is near axis 6

@@ -1,0 +1,246 @@
+"""Many campaigns at once: the same as one by one, bit for bit the same in any company, and fast steps as good."""
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, perturbed, somewhere
+
+from lab.calibration.batch import BLOCK, Campaigns, Fits, aligned, fit_many, in_drawing
+from lab.calibration.identify import identify
+from lab.calibration.weights import Noise
+from lab.core import se3
+from lab.core.instruments import instrument
+from lab.core.measurements import measured
+from lab.core.se3 import Array
+from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.batch import StackedArm
+from lab.kinematics.serial.chain import Chain
+from lab.studies.campaigns import COLUMNS, METRICS, cell_poses, run_task
+from lab.studies.grid import Cell, Study, Task, study_from
+
+ARM = IRB120.arm(("p1",))
+NOMINAL = ARM.nominal(IRB120.tool)
+FREE = base_set(ARM, NOMINAL).kept
+STACKED = StackedArm(ARM)
+
+
+def campaigns(count: int, noise_m: float, seed: int = 0, poses: int = 30) -> tuple[Array, Array, Array]:
+    """Parameters ``(b, p)``, readings and measured points ``(b, n, 1, 3)``: other arms, bases anywhere."""
+    rng = np.random.default_rng(seed)
+    joints = IRB120.chain.random_joints(poses, rng)
+    values = np.array([perturbed(ARM, NOMINAL, rng, 0.5e-3, 1.5e-3) for _ in range(count)])
+    values[:, :6] = [somewhere(ARM, rng)[:6] for _ in range(count)]
+    points = np.array([ARM.points(joints, each) for each in values])
+    return values, joints, points + rng.uniform(-noise_m, noise_m, points.shape)
+
+
+@pytest.mark.parametrize("chain", [IRB120.chain, RX130, SCARA, VERSATRAN], ids=lambda chain: chain.name)
+def test_stacked_arms_are_where_each_is_alone(chain: Chain) -> None:
+    rng, arm = np.random.default_rng(1), SerialArm(chain, ("p1", "p2"))
+    values = np.array([perturbed(arm, somewhere(arm, rng), rng, 1e-3, 3e-3) for _ in range(5)])
+    joints, some = chain.random_joints(7, rng), list(range(len(arm.names)))[::2]
+    points, jacobian = StackedArm(arm).observe(joints, values, some)
+    np.testing.assert_array_equal(StackedArm(arm).points(joints, values), points)
+    for b, each in enumerate(values):
+        expected, derivative = arm.observe(joints, each)
+        np.testing.assert_allclose(points[b].transpose(2, 0, 1), expected, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(
+            jacobian[:, :, :, b].transpose(3, 2, 1, 0), derivative[..., some], rtol=0, atol=1e-14
+        )
+
+
+def solved(count: int, noise_m: float, frozen: bool = False) -> tuple[Array, Campaigns, Fits]:
+    values, joints, points = campaigns(count, noise_m)
+    turned = aligned(STACKED, joints, points, NOMINAL)
+    return values, turned, fit_many(STACKED, turned, NOMINAL, FREE, frozen=frozen)
+
+
+def fresh_errors(values: Array, turned: Campaigns, found: Fits) -> Array:
+    """Lengths ``(b, m)`` of the errors at poses that were not fitted."""
+    fresh = IRB120.chain.random_joints(200, np.random.default_rng(2))
+    exact = np.array([ARM.points(fresh, each) for each in values])
+    off = STACKED.points(fresh, found.values) - in_drawing(exact, turned.Ts_instrument_drawing)
+    return np.linalg.norm(off, axis=2)[:, 0]
+
+
+def test_without_noise_the_arms_come_out() -> None:
+    values, turned, found = solved(7, 0.0)
+    assert found.converged.all() and found.steps.max() <= 5
+    assert fresh_errors(values, turned, found).max() < 1e-12
+
+
+def test_it_is_the_identifier() -> None:
+    """Base and links one by one, from no guess, by an orthogonal factorization."""
+    _, joints, points = campaigns(4, 8e-6)
+    turned = aligned(STACKED, joints, points, NOMINAL)
+    found = fit_many(STACKED, turned, NOMINAL, FREE)
+    for b, seen in enumerate(points):
+        data = measured(IRB120.chain.joint_names, joints, ("p1",), seen)
+        alone = identify(ARM, data, NOMINAL, Noise(instrument("uniform-8um")))
+        np.testing.assert_allclose(found.values[b, 6:], alone.values[6:], rtol=0, atol=1e-10)
+        base = found.values[b, :6]
+        T = turned.Ts_instrument_drawing[b] @ se3.pose(se3.exp(base[3:]), base[:3])
+        np.testing.assert_allclose(T[:3, 3], alone.values[:3], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(T[:3, :3], se3.exp(alone.values[3:6]), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_a_campaign_is_the_same_in_any_company(frozen: bool) -> None:
+    """To the bit: alone, among others, in another place of its block, with a block of its own."""
+    _, joints, points = campaigns(2 * BLOCK + 7, 8e-6, seed=3)
+    turned = aligned(STACKED, joints, points, NOMINAL)
+
+    def solve(rows: Array) -> Array:
+        return fit_many(STACKED, turned.block(rows), NOMINAL, FREE, frozen=frozen).values
+
+    everything = solve(np.arange(len(points)))
+    for rows in (np.array([3]), np.arange(60, 71), np.random.default_rng(0).permutation(len(points))):
+        np.testing.assert_array_equal(solve(rows), everything[rows])
+    alone = aligned(STACKED, joints, points[5:6], NOMINAL)
+    np.testing.assert_array_equal(alone.points, turned.points[5:6])
+
+
+def test_a_frozen_jacobian_has_the_same_statistics() -> None:
+    values, turned, full = solved(1000, 8e-6)
+    _, _, chord = solved(1000, 8e-6, frozen=True)
+    assert chord.converged.all()
+    errors = [fresh_errors(values, turned, found).mean(axis=1) for found in (full, chord)]
+    assert errors[1].mean() == pytest.approx(errors[0].mean(), rel=2e-3)
+    assert np.quantile(errors[1], 0.95) == pytest.approx(np.quantile(errors[0], 0.95), rel=1e-2)
+    apart = np.abs(errors[1] - errors[0]) / errors[0]
+    assert np.median(apart) < 0.01
+    spread = [np.std((found.values - full.values.mean(axis=0))[:, list(FREE)], axis=0) for found in (full, chord)]
+    np.testing.assert_allclose(spread[1], spread[0], rtol=0.01)
+
+
+def test_what_cannot_converge_is_told_and_does_not_touch_the_others() -> None:
+    _, joints, points = campaigns(6, 8e-6, seed=4)
+    good = fit_many(STACKED, aligned(STACKED, joints, points, NOMINAL), NOMINAL, FREE)
+    points[2] = np.random.default_rng(5).normal(size=points[2].shape)
+    found = fit_many(STACKED, aligned(STACKED, joints, points, NOMINAL), NOMINAL, FREE)
+    others = [0, 1, 3, 4, 5]
+    assert not found.converged[2] and found.converged[others].all()
+    np.testing.assert_array_equal(found.values[others], good.values[others])
+
+
+# A study's tasks
+
+SMALL = Study(robots=4, draws=6, fresh=50, factors={"criterion": ("random", "O1"), "poses": (12,)})
+
+
+def test_the_grid_has_every_combination_once() -> None:
+    study = Study(
+        robots=30,
+        draws=100,
+        factors={"criterion": ("random", "O1", "O3"), "scaling": ("raw", "unit"), "poses": (10, 20)},
+    )
+    assert len(study.cells) == 2 * (1 + 1 + 2)  # scaling is nothing to random poses and to O1
+    assert study.cells[0] == Cell(criterion="random", scaling="any", poses=10)
+    assert study.campaigns == 8 * 3000 and len(study.tasks) == 8 * 2
+    robots = sorted((task.first, task.last) for task in study.tasks if task.cell == 3)
+    assert robots == [(0, 20), (20, 30)] and len({task.name for task in study.tasks}) == 16
+
+
+def test_rows_do_not_depend_on_how_the_study_is_cut() -> None:
+    joints = cell_poses(SMALL, SMALL.cells[1])
+    whole = run_task(SMALL, Task(1, 0, 4), joints)
+    assert set(whole) == set(COLUMNS) and len(whole["robot"]) == 24
+    assert whole["converged"].all() and (whole["cell"] == 1).all()
+    for first, last in ((0, 1), (1, 3), (3, 4)):
+        part = run_task(SMALL, Task(1, first, last), joints)
+        rows = (whole["robot"] >= first) & (whole["robot"] < last)
+        for name in COLUMNS:
+            np.testing.assert_array_equal(part[name], whole[name][rows], err_msg=name)
+
+
+def test_robots_and_noise_are_the_same_in_every_cell() -> None:
+    """Twelve of twenty random poses are the same poses, with the same readings: nothing else may differ."""
+    study = Study(robots=2, draws=3, fresh=20, factors={"criterion": ("random",), "poses": (12, 20)})
+    few, many = (cell_poses(study, cell) for cell in study.cells)
+    np.testing.assert_array_equal(many[:12], few)
+    again = Study(robots=2, draws=3, fresh=20, factors={"criterion": ("random",), "poses": (20, 12)})
+    first = run_task(study, Task(0, 0, 2), few)
+    second = run_task(again, Task(1, 0, 2), few)
+    for name in METRICS:
+        np.testing.assert_array_equal(first[name], second[name])
+    other = run_task(Study(seed=1, robots=2, draws=3, fresh=20, factors=study.factors), Task(0, 0, 2), few)
+    assert (other["fresh_mean_mm"] != first["fresh_mean_mm"]).all()
+    assert len(set(first["fresh_mean_mm"])) == 6 and len(set(first["before_mm"])) == 2
+
+
+@pytest.mark.parametrize("name", ["uniform-8um", "leica-at960", "optical-cmm", "exact"])
+def test_every_instrument_reaches_its_floor(name: str) -> None:
+    study = Study(
+        robots=4, draws=10, fresh=50, factors={"criterion": ("random",), "poses": (40,), "instrument": (name,)}
+    )
+    rows = run_task(study, Task(0, 0, 4), cell_poses(study, study.cells[0]))
+    assert rows["converged"].all()
+    if name == "exact":
+        assert rows["fresh_worst_mm"].max() < 1e-9 and np.isnan(rows["nees"]).all()
+        return
+    assert rows["nees"].mean() == pytest.approx(1.0, abs=0.15)  # 40 means of 27: sigma 0.04, more among draws of one
+    sizes = {"uniform-8um": 0.0046, "leica-at960": 0.005, "optical-cmm": 0.03}
+    assert rows["fresh_mean_mm"].mean() == pytest.approx(sizes[name] * np.sqrt(27 / 40), rel=0.35)
+    assert (rows["before_mm"] > 20 * rows["fresh_mean_mm"]).all()
+
+
+def test_what_is_not_fitted_and_what_is_not_geometry_costs() -> None:
+    content = {
+        "robots": 3,
+        "draws": 4,
+        "fresh": 50,
+        "factors": {
+            "criterion": "random",
+            "poses": 30,
+            "parameters": ["usual", "no_beta"],
+            "effects": ["none", "soft", "shaky"],
+        },
+        "parameters": {"no_beta": {"fix": ["link2.beta"]}},
+        "effects": {
+            "soft": {"stiffness_nm_per_rad": 1e5, "payload_kg": [0.0, 3.0]},
+            "shaky": {"repeatability_mrad": 0.05},
+        },
+    }
+    study = study_from(content)
+    assert len(study.cells) == 6
+    joints = cell_poses(study, study.cells[0])
+    error = {}
+    for i, cell in enumerate(study.cells):
+        error[cell.parameters, cell.effects] = run_task(study, Task(i, 0, 3), joints)["fresh_mean_mm"].mean()
+    assert error["no_beta", "none"] > 3 * error["usual", "none"]
+    assert error["usual", "soft"] > 5 * error["usual", "none"]
+    assert error["usual", "shaky"] > 1.5 * error["usual", "none"]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"robot": "irb120", "speed": 3}, "'speed' is unknown"),
+        ({"factors": {"colour": ["red"]}}, "factor 'colour' is unknown"),
+        ({"factors": {"poses": []}}, "give at least one value"),
+        ({"factors": {"poses": [20, 20]}}, "each once"),
+        ({"factors": {"poses": [0]}}, "give a whole number of 1 or more"),
+        ({"factors": {"scaling": ["big"]}}, "'big' is no value of option 'scaling'"),
+        ({"factors": {"effects": ["soft"]}}, r"add \[effects.soft\]"),
+        ({"factors": {"parameters": ["few"]}}, r"add \[parameters.few\]"),
+        ({"effects": {"soft": {"stiffness": 3}}}, "effects.soft: 'stiffness' is no option"),
+        ({"factors": {"poses": ["many"]}}, "'many' is no value of option 'poses'"),
+        ({"effects": {"soft": {"lag": 2.0}}}, "effects.soft: --lag is to be below 1"),
+        ({"robots": 0}, "robots 0"),
+    ],
+)
+def test_a_study_that_is_none_is_told(content: dict, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        study_from(content)
+
+
+def test_one_jacobian_cannot_serve_a_tracker() -> None:
+    study = Study(frozen=True, factors={"poses": (30,), "instrument": ("leica-at960",)})
+    with pytest.raises(ValueError, match="frozen: leica-at960 weighs every arm otherwise"):
+        cell_poses(study, study.cells[0])
+
+
+def test_too_few_poses_are_refused() -> None:
+    study = Study(factors={"poses": (8,)})
+    with pytest.raises(ValueError, match="8 poses cannot show the parameters: give 9 or more"):
+        cell_poses(study, study.cells[0])

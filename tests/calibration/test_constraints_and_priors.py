@@ -1,0 +1,274 @@
+"""What can be asked of an identification: parameters fixed and freed, tolerances as a prior, the most likely arm."""
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, perturbed, somewhere
+from test_identify import truth_of
+
+from lab.calibration import most_likely_parameters as lift_module
+from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
+from lab.calibration.identify import Wishes, identify
+from lab.calibration.most_likely_parameters import lift
+from lab.calibration.prior import Tolerance, gather, prior_of, standard_deviations
+from lab.calibration.weights import Noise
+from lab.commands.inspect.run import Question, inspection, print_inspection
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
+
+ARM = SerialArm(IRB120.chain)
+NOMINAL = ARM.nominal(IRB120.tool)
+PLACED = ("base", "tool")
+SWAPPED = Wishes(fix=("link3.d",), free=("link2.d",))
+SIGMA = 5e-6
+
+
+def campaign(seed: int, poses: int = 50, noise: float = SIGMA) -> Measurements:
+    rng = np.random.default_rng(seed)
+    true = truth_of(ARM, rng).values
+    joints = IRB120.chain.random_joints(poses, rng)
+    points = ARM.points(joints, true) + noise * rng.normal(size=(poses, 1, 3))
+    return measured(IRB120.chain.joint_names, joints, ("p1",), points)
+
+
+def identified(data: Measurements, wishes: Wishes | None = None, nominal: np.ndarray = NOMINAL):
+    return identify(ARM, data, nominal, Noise(sigma_m=SIGMA), wishes)
+
+
+FRESH = IRB120.chain.random_joints(300, np.random.default_rng(99))
+
+
+def test_another_representative_predicts_the_same() -> None:
+    data = campaign(0)
+    usual, swapped = identified(data), identified(data, SWAPPED)
+    assert usual.fit.rank == swapped.fit.rank == 27
+    np.testing.assert_allclose(ARM.points(FRESH, usual.values), ARM.points(FRESH, swapped.values), rtol=0, atol=1e-9)
+    at = ARM.names.index("link2.d"), ARM.names.index("link3.d")
+    assert swapped.values[at[1]] == NOMINAL[at[1]] and usual.values[at[0]] == NOMINAL[at[0]]
+    moved = swapped.values[at[0]] - NOMINAL[at[0]]
+    assert moved == pytest.approx(usual.values[at[1]] - NOMINAL[at[1]], rel=1e-2)  # one to one
+
+
+def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
+    found = identified(campaign(1), Wishes(fix=("link4.d", "link2.a")))
+    assert found.fit.rank == 25 and not found.unseen
+    held = [ARM.names[i] for i in found.base_set.held]
+    assert held == ["link2.a", "link4.d"]
+    columns = [found.base_set.fixed.index(i) for i in found.base_set.held]
+    assert not found.base_set.alias[:, columns].any()
+    assert found.values[ARM.names.index("link4.d")] == NOMINAL[ARM.names.index("link4.d")]
+    assert np.abs(found.residuals).max() > 20 * SIGMA  # it was off, and nothing else can take it over
+
+
+def test_patterns_name_parameters() -> None:
+    found = identified(campaign(2), Wishes(fix=("tool.*",)))
+    assert [ARM.names[i] for i in found.base_set.fixed if ARM.names[i].startswith("tool.")] == list(ARM.names[-3:])
+
+
+@pytest.mark.parametrize(
+    ("wishes", "says"),
+    [
+        (Wishes(free=("link2.d",)), ("link2.d cannot be told apart", "hidden in link3.d", "fix")),
+        (Wishes(free=("link1.theta",)), ("hidden in base.rx, base.ry, base.rz",)),
+        (
+            Wishes(free=("joint2.compliance",)),
+            ("--free joint2.compliance", "no such parameter; the groups are base.*, link1.*", "tool.p1.*"),
+        ),
+        (
+            Wishes(fix=("link7.d",)),
+            ("--fix link7.d: no such parameter; the nearest are link6.d,", "the groups are base.*"),
+        ),
+        (Wishes(fix=("*",)), ("--fix", "no parameter")),
+        (Wishes(fix=("link3.d",), free=("link3.*",)), ("both name link3.d",)),
+    ],
+)
+def test_wishes_that_cannot_be_met(wishes: Wishes, says: tuple[str, ...]) -> None:
+    with pytest.raises(LabError) as error:
+        identified(campaign(3), wishes)
+    assert all(part in str(error.value) for part in says)
+
+
+def test_what_inspection_says_is_held() -> None:
+    """With the tool held, the last link can be told apart: nobody asked for it to be held."""
+    seen = inspection(Question(IRB120, ("p1",), fix=("tool.*", "link4.d")))
+    assert seen["held"] == ["link4.d", "tool.p1.x", "tool.p1.y", "tool.p1.z"]
+    assert seen["told_apart"] == ["link6.theta", "link6.d", "link6.a", "link6.alpha"]
+    assert not {*seen["held"], *seen["told_apart"]} & set(seen["aliases"])
+    for name in seen["told_apart"]:
+        freed = inspection(Question(IRB120, ("p1",), fix=("tool.*", "link4.d"), free=(name,)))
+        assert name in freed["identifiable"] and freed["rank"] == seen["rank"] + 1
+    plain = inspection(Question(IRB120, ("p1",)))
+    assert plain["held"] == plain["told_apart"] == []
+
+
+def test_what_is_held_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    print_inspection(Question(IRB120, ("p1",), fix=("tool.*",)))
+    said = capsys.readouterr().out
+    assert "held at nominal by --fix, though they show: tool.p1.x, tool.p1.y, tool.p1.z\n" in said
+    assert "told apart only because others are held; --free would identify any one of them: link6.theta, " in said
+    print_inspection(Question(IRB120, ("p1",), fix=("link4.d",)))
+    said = capsys.readouterr().out
+    assert "though they show: link4.d\n" in said and "told apart only" not in said
+
+
+def test_the_condition_of_columns_of_any_size() -> None:
+    straight = np.diag([1e-3, 1.0, 1e6])
+    assert scaled_condition(straight) == pytest.approx(1.0)
+    leaning = np.array([[1.0, 1.0], [0.0, 0.1]])
+    assert scaled_condition(leaning) == pytest.approx(scaled_condition(leaning * [1.0, 1e5]))
+    assert scaled_condition(leaning) == pytest.approx(20, rel=0.01)  # 2 / angle between two unit columns
+    for short in (straight[:2], straight * [1.0, 0.0, 1.0], np.ones((4, 2))):
+        assert np.isinf(scaled_condition(short))
+
+
+def test_freeing_what_moves_nothing_is_refused() -> None:
+    flange = ARM.assemble(np.zeros(6), IRB120.chain.table, np.zeros((1, 3)))
+    with pytest.raises(LabError, match=r"link6\.alpha cannot be told apart; nothing shows it"):
+        base_set(ARM, flange, free=("link6.alpha",))
+
+
+def test_the_thesis_case() -> None:
+    """Position of the flange's origin, links alone: 19 parameters; what the dropped ones are hidden in."""
+    flange = ARM.assemble(np.zeros(6), IRB120.chain.table, np.zeros((1, 3)))
+    fix = ("base.*", "tool.*", "link2.beta", "link5.d", "link5.a")
+    found = base_set(ARM, flange, fix=fix, free=("link1.*", "link5.alpha", "link6.d", "link6.a"))
+    assert len(found.kept) == 19
+
+    def coefficient(fixed: str, kept: str) -> float:
+        return float(found.alias[found.kept.index(ARM.names.index(kept)), found.fixed.index(ARM.names.index(fixed))])
+
+    assert coefficient("link2.d", "link3.d") == pytest.approx(1.0, abs=1e-9)
+    assert coefficient("link5.a", "link5.theta") == pytest.approx(-1 / 0.072, rel=1e-9)
+    assert coefficient("link5.d", "link5.alpha") == pytest.approx(1 / 0.072, rel=1e-9)
+    for nothing in ("link6.theta", "link6.alpha"):
+        assert not found.alias[:, found.fixed.index(ARM.names.index(nothing))].any()
+
+
+def test_what_is_exported_does_not_depend_on_the_representative() -> None:
+    """And predicts the same; the aliased error is shared by the tolerances' squares."""
+    data = campaign(4)
+    usual, swapped = identified(data), identified(data, SWAPPED)
+    arms = [lift(found, NOMINAL, Tolerance()) for found in (usual, swapped)]
+    np.testing.assert_allclose(arms[0], arms[1], rtol=0, atol=2e-9)
+    for found, arm in zip((usual, swapped), arms, strict=True):
+        np.testing.assert_allclose(ARM.points(FRESH, arm), ARM.points(FRESH, found.values), rtol=0, atol=1e-13)
+    a, b = ARM.names.index("link2.d"), ARM.names.index("link3.d")
+    assert arms[0][a] - NOMINAL[a] == pytest.approx(arms[0][b] - NOMINAL[b], rel=1e-2)
+    assert usual.values[a] == NOMINAL[a]  # what is not lifted depends on it
+
+
+def test_a_lift_leaves_an_arm_as_it_was_asked_for() -> None:
+    found = identified(campaign(5), Wishes(fix=("link4.d",)))
+    np.testing.assert_array_equal(lift(found, NOMINAL, Tolerance()), found.values)
+
+
+def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
+    """Draw all parameters by their tolerances and gather them: the covariance is the prior's."""
+    values = somewhere(ARM, np.random.default_rng(0))
+    structure = base_set(ARM, values)
+    prior = prior_of(ARM, structure, values, Tolerance())
+    covariance = np.linalg.inv(prior.whiten.T @ prior.whiten)
+    sigma, wide = standard_deviations(ARM, Tolerance()), gather(structure, len(ARM.names))
+    drawn = np.isfinite(sigma)
+    rows = wide[[structure.kept.index(i) for i in prior.of]][:, drawn]
+    expected = (rows * sigma[drawn] ** 2) @ rows.T
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(covariance / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
+    assert not any(ARM.names[i].startswith(PLACED) for i in prior.of)
+    d3 = prior.of.index(ARM.names.index("link3.d"))
+    assert size[d3] == pytest.approx(np.sqrt(2) * 0.5e-3)  # link2.d goes into it
+
+
+def test_the_posterior_does_not_depend_on_the_representative() -> None:
+    data = campaign(6, 12)
+    both = [identified(data, Wishes(s.fix, s.free, Tolerance())) for s in (Wishes(), SWAPPED)]
+    points = [ARM.points(FRESH, found.values) for found in both]
+    np.testing.assert_allclose(points[0], points[1], rtol=0, atol=1e-9)
+
+
+def test_tolerances_help_where_measurements_do_not() -> None:
+    """Few noisy poses of a true arm drawn by the tolerances: MAP is nearer at fresh poses, and its NEES is one."""
+    plain, helped, nees = [], [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        true = perturbed(ARM, somewhere(ARM, rng), rng, 0.5e-3, 1.5e-3)
+        joints = IRB120.chain.random_joints(14, rng)
+        points = ARM.points(joints, true) + 2e-4 * rng.normal(size=(14, 1, 3))
+        data = measured(IRB120.chain.joint_names, joints, ("p1",), points)
+        noise = Noise(sigma_m=2e-4)
+        for wishes, out in ((Wishes(), plain), (Wishes(tolerance=Tolerance()), helped)):
+            found = identify(ARM, data, NOMINAL, noise, wishes)
+            error = ARM.points(FRESH, found.values) - ARM.points(FRESH, true)
+            out.append(np.linalg.norm(error, axis=2).mean())
+            if wishes.tolerance:
+                _, jacobian = ARM.observe(FRESH, found.values)
+                rows = jacobian[:, 0][..., list(found.fit.free)]
+                predicted = np.trace(rows @ found.covariance @ rows.swapaxes(1, 2), axis1=1, axis2=2).mean()
+                nees.append((error**2).sum(axis=(1, 2)).mean() / predicted)
+    assert np.mean(helped) < 0.8 * np.mean(plain)
+    assert np.mean(nees) == pytest.approx(1.0, abs=0.5)
+
+
+def test_a_target_on_the_last_axis_leaves_two_directions() -> None:
+    """1 mm off it: theta5 goes with a5, and alpha5 with d5; with 50 mm more neither is weak."""
+    values = ARM.assemble(np.zeros(6), IRB120.chain.table, np.array([[1e-3, 0.0, 0.1]]))
+    settings = IRB120.chain.random_joints(200, np.random.default_rng(0))
+    structure = base_set(ARM, values)
+    names = [ARM.names[i] for i in structure.kept]
+    jacobian = ARM.observe(settings, values)[1].reshape(-1, len(values))[:, list(structure.kept)]
+    found = weak_directions(names, jacobian)
+    assert len(found) == 2
+    for direction in found:
+        assert {name for name, _ in direction.parts} == {"link5.theta", "link5.d", "link5.a", "link5.alpha"}
+        change = np.zeros(len(names))
+        for name, value in direction.parts:
+            change[names.index(name)] = value
+        moved = np.sqrt(np.mean((jacobian @ change) ** 2))
+        assert moved == pytest.approx(direction.moved, rel=0.05) and moved < 5e-6
+    away = values.copy()
+    away[-3] += 0.05
+    assert condition_of(ARM, values, settings) > 600 and condition_of(ARM, away, settings) < 30
+
+
+def test_a_posterior_is_where_measurements_and_prior_balance() -> None:
+    """The gradient of both sums of squares is zero, with the prior's residual pulling towards the drawing."""
+    data = campaign(8, 14, 2e-4)
+    noise = Noise(sigma_m=2e-4)
+    found = identify(ARM, data, NOMINAL, noise, Wishes(tolerance=Tolerance()))
+    assert found.status == "converged"
+    _, jacobian = ARM.observe(data.joints, found.values)
+    by_points = np.einsum("nkdp,nkd->p", jacobian, found.residuals) / 2e-4**2
+    prior = prior_of(ARM, found.base_set, NOMINAL, Tolerance())
+    off = (NOMINAL - found.values)[list(prior.of)]
+    by_prior = np.zeros(len(ARM.names))
+    by_prior[list(prior.of)] = prior.whiten.T @ prior.whiten @ off
+    kept = list(found.base_set.kept)
+    size = np.linalg.norm(jacobian.reshape(-1, len(ARM.names)), axis=0)[kept] / 2e-4
+    np.testing.assert_allclose((by_points + by_prior)[kept] / size, 0, atol=1e-6)
+    assert np.abs(by_prior[kept] / size).max() > 0.1  # and the prior does pull
+
+
+def test_a_prior_serves_where_poses_are_too_few() -> None:
+    """9 poses leave no residual, 6 not even that many equations: with a known noise both work, without neither."""
+    for poses in (9, 6):
+        data = campaign(9, poses)
+        with pytest.raises(LabError, match="--prior: the measurements leave no residuals"):
+            identify(ARM, data, NOMINAL, None, Wishes(tolerance=Tolerance()))
+        found = identified(data, Wishes(tolerance=Tolerance()))
+        assert found.status == "converged" and len(found.fit.free) == 27 and np.isfinite(found.std).all()
+
+
+def test_an_aliased_error_is_shared_by_variances(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A link with three times the tolerance of its neighbour takes nine tenths of what both may have."""
+    found = identified(campaign(10))
+    a, b = ARM.names.index("link2.d"), ARM.names.index("link3.d")
+
+    def uneven(*_) -> np.ndarray:
+        sigma = standard_deviations(ARM, Tolerance())
+        sigma[a] *= 3
+        return sigma
+
+    monkeypatch.setattr(lift_module, "standard_deviations", uneven)
+    values = lift(found, NOMINAL, Tolerance())
+    assert (values - NOMINAL)[a] == pytest.approx(9 * (values - NOMINAL)[b], rel=1e-2)

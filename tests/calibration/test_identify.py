@@ -1,0 +1,301 @@
+"""The identifier: recovery, rank, start from anywhere, weights, and what it says when it cannot."""
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, SCARA, VERSATRAN, chain_of, perturbed, somewhere, table_robot
+from scipy import stats
+
+from lab.calibration.gauss_newton import Observations, fit
+from lab.calibration.identify import _canonical, identify
+from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
+from lab.calibration.validation import Judgement, compare_with_truth, errors_at
+from lab.calibration.verdict import verdict
+from lab.calibration.weights import Noise
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import INSTRUMENTS
+from lab.core.measurements import measured
+from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import Truth
+
+ARM = SerialArm(IRB120.chain)
+NAMES = IRB120.chain.joint_names
+
+
+def truth_of(arm: SerialArm, rng: np.random.Generator, base: bool = True):
+    """A true vector in the gauge of the arm, with the base anywhere."""
+    start = somewhere(arm, rng)
+    if base:
+        start[:3] = 3 * rng.normal(size=3)
+        start[3:6] = se3.log(se3.exp(3 * rng.normal(size=3)))
+    structure = base_set(arm, arm.nominal())
+    true = start.copy()
+    kept = list(structure.kept)
+    true[kept] = perturbed(arm, start, rng, 0.5e-3, 1.5e-3)[kept]
+    return Truth(arm, true, structure)
+
+
+# Arms whose last joint slides: the tool then is fixed in part, at the drawing's place.
+RRP = chain_of("rrp", "distal", "RRP", [-90, 90, 0], [0, 0, 0], [0, 0, 0], [0.3, 0.1, 0.2])
+RRRP = chain_of("rrrp", "craig", "RRRP", [0, -90, 0, 90], [0, 0, 0.4, 0.1], [0, 0, 0, 0], [0, 0.1, 0, 0])
+
+
+@pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN, RRP, RRRP], ids=lambda chain: chain.name)
+def test_exact_measurements_give_the_truth(chain) -> None:
+    """Every canonical parameter to 1e-11 m or rad, from a base turned and moved anyhow, in few steps."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        arm = SerialArm(chain)
+        truth = truth_of(arm, rng)
+        joints = chain.random_joints(50, rng)
+        data = measured(chain.joint_names, joints, ("p1",), arm.points(joints, truth.values))
+        found = identify(arm, data, arm.nominal())
+        assert found.status == "converged" and found.fit.iterations <= 8
+        assert found.base_set.kept == truth.base_set.kept
+        assert np.abs(compare_with_truth(found, truth).error).max() < 1e-11
+        fresh = chain.random_joints(500, rng)
+        np.testing.assert_allclose(arm.points(fresh, found.values), arm.points(fresh, truth.values), atol=1e-12)
+
+
+def test_near_half_a_turn_the_covariance_belongs_to_the_values() -> None:
+    """The base's rotation vector wraps there: NEES must not see it."""
+    nees = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        truth = truth_of(ARM, rng)
+        direction = rng.normal(size=3)
+        values = truth.values.copy()
+        values[3:6] = (np.pi - 1e-6) * direction / np.linalg.norm(direction)
+        joints = IRB120.chain.random_joints(50, rng)
+        points = ARM.points(joints, values) + 5e-6 * rng.normal(size=(50, 1, 3))
+        found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal(), Noise(sigma_m=5e-6))
+        assert np.linalg.norm(found.values[3:6]) <= np.pi
+        nees.append(compare_with_truth(found, Truth(ARM, values, truth.base_set)).nees_per_parameter)
+    assert np.mean(nees) == pytest.approx(1.0, abs=0.15)  # 30 means of 27: 3 sigma is 0.15
+
+
+def test_the_base_is_found_from_anywhere() -> None:
+    """Targets 0.2 m from where the drawing has them and poses in a plane change nothing."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        truth = truth_of(ARM, rng)
+        true = truth.values.copy()
+        true[-3:] = 0.2 * rng.normal(size=3)
+        joints = IRB120.chain.random_joints(12, rng)
+        data = measured(NAMES, joints, ("p1",), ARM.points(joints, true))
+        found = identify(ARM, data, ARM.nominal())
+        assert found.status == "converged"
+        assert np.nanmax(np.abs(found.residuals)) < 1e-10
+
+
+def test_at_the_statistical_floor() -> None:
+    """50 poses, 8 microns uniform: fresh-pose errors at sqrt(27/50) sigma, and intervals that hold."""
+    means, held, nees = [], [], []
+    device = INSTRUMENTS["uniform-8um"]
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        truth = truth_of(ARM, rng)
+        joints = IRB120.chain.random_joints(50, rng)
+        points = device.sample(ARM.points(joints, truth.values), rng)
+        found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal(), Noise(device))
+        fresh = IRB120.chain.random_joints(300, rng)
+        errors = errors_at(found, fresh, ARM.points(fresh, truth.values))
+        comparison = compare_with_truth(found, truth)
+        means.append(errors.after.mean())
+        held.append(comparison.coverage_95)
+        nees.append(comparison.nees_per_parameter)
+        predicted = np.sqrt(np.trace(position_covariance(found, fresh), axis1=1, axis2=2).mean())
+        assert predicted == pytest.approx(1.1 * np.sqrt(27 / 50) * 8e-6 / np.sqrt(3), rel=0.15)
+    assert 3.3e-6 < np.mean(means) < 4.1e-6
+    assert np.mean(held) == pytest.approx(0.95, abs=0.02)  # 1,080 intervals: 3 sigma is 0.02
+    assert np.mean(nees) == pytest.approx(1.0, abs=0.13)  # 40 means of 27: 3 sigma is 0.13
+
+
+def test_an_estimated_sigma_takes_students_t() -> None:
+    """12 poses leave 9 degrees of freedom: normal intervals would hold too rarely."""
+    held, narrow = [], []
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        truth = truth_of(ARM, rng)
+        joints = IRB120.chain.random_joints(12, rng)
+        points = ARM.points(joints, truth.values) + 5e-6 * rng.normal(size=(12, 1, 3))
+        found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal())
+        assert not found.sigma_known and found.freedom == 9
+        assert found.half_width_95 == pytest.approx(stats.t.ppf(0.975, 9))
+        comparison = compare_with_truth(found, truth)
+        held.append(comparison.coverage_95)
+        narrow.append(np.mean(np.abs(comparison.z) < 1.96))
+    assert np.mean(held) == pytest.approx(0.95, abs=0.025)
+    assert np.mean(narrow) < 0.93
+
+
+def test_spherical_weights_beat_equal_ones() -> None:
+    """leica-at960 has ranges 30 times better than directions: its weights use that."""
+    weighed, plain = [], []
+    device = INSTRUMENTS["leica-at960"]
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        truth = truth_of(ARM, rng)
+        joints = IRB120.chain.random_joints(30, rng)
+        data = measured(NAMES, joints, ("p1",), device.sample(ARM.points(joints, truth.values), rng))
+        fresh = IRB120.chain.random_joints(200, rng)
+        exact = ARM.points(fresh, truth.values)
+        weighed.append(errors_at(identify(ARM, data, ARM.nominal(), Noise(device)), fresh, exact).after.mean())
+        plain.append(errors_at(identify(ARM, data, ARM.nominal()), fresh, exact).after.mean())
+    assert np.mean(weighed) < 0.8 * np.mean(plain)
+
+
+def test_a_rows_own_sigma_counts() -> None:
+    """Ten rows off by a millimetre, and said to be: the result is that of the other forty."""
+    rng = np.random.default_rng(0)
+    truth = truth_of(ARM, rng)
+    joints = IRB120.chain.random_joints(50, rng)
+    points = ARM.points(joints, truth.values) + 5e-6 * rng.normal(size=(50, 1, 3))
+    points[:10] += 1e-3 * rng.normal(size=(10, 1, 3))
+    sigma = np.where(np.arange(50) < 10, 1e-3, 5e-6)
+    data = measured(NAMES, joints, ("p1",), points)
+    data = type(data)(**{**data.__dict__, "sigma_m": sigma})
+    good = data.take(range(10, 50))
+    all_rows, forty = identify(ARM, data, ARM.nominal()), identify(ARM, good, ARM.nominal())
+    assert np.abs((all_rows.values - forty.values)[list(forty.fit.free)] / forty.std).max() < 0.05
+    blind = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal())
+    assert np.abs((blind.values - forty.values)[list(forty.fit.free)] / forty.std).max() > 5
+
+
+def test_three_targets_where_some_are_unseen() -> None:
+    arm = SerialArm(IRB120.chain, ("p1", "p2", "p3"))
+    rng = np.random.default_rng(1)
+    truth = truth_of(arm, rng)
+    joints = IRB120.chain.random_joints(40, rng)
+    points = arm.points(joints, truth.values)
+    points[rng.random((40, 3)) < 0.4] = np.nan
+    found = identify(arm, measured(NAMES, joints, arm.targets, points), arm.nominal())
+    assert len(found.fit.free) == 33 and found.status == "converged"
+    assert np.abs(compare_with_truth(found, truth).error).max() < 1e-11
+
+
+def test_noise_is_that_of_the_seen_points() -> None:
+    """leica-at960: sigma over the points that were seen, whatever stands for those that were not."""
+    arm = SerialArm(IRB120.chain, ("p1", "p2"))
+    rng = np.random.default_rng(11)
+    truth = truth_of(arm, rng)
+    joints = IRB120.chain.random_joints(40, rng)
+    points = arm.points(joints, truth.values)
+    points[5:, 1] = np.nan
+    device = INSTRUMENTS["leica-at960"]
+    found = identify(arm, measured(NAMES, joints, arm.targets, points), arm.nominal(), Noise(device))
+    seen = points[np.isfinite(points).all(axis=2)]
+    stated = np.sqrt(np.trace(device.covariance(seen), axis1=1, axis2=2).mean() / 3)
+    assert found.sigma_m == pytest.approx(stated, rel=1e-9)
+
+
+def test_an_unidentifiable_parameter_left_in_is_reported() -> None:
+    """Freeing link2.d beside link3.d leaves the rank one short, the condition without bound, the step finite."""
+    rng = np.random.default_rng(2)
+    truth = truth_of(ARM, rng)
+    joints = IRB120.chain.random_joints(50, rng)
+    data = measured(NAMES, joints, ("p1",), ARM.points(joints, truth.values))
+    start = truth.values.copy()
+    start[list(truth.base_set.fixed)] = ARM.nominal()[list(truth.base_set.fixed)]
+    structural = ARM.structural(somewhere(ARM, rng))
+    seen = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, structural)))
+    free = sorted([*truth.base_set.kept, ARM.names.index("link2.d")])
+    solution = fit(ARM, seen, free, structural)
+    assert solution.rank == 27 < len(free)
+    assert solution.condition > 1e9
+    assert np.isfinite(solution.values).all()
+    whole = fit(ARM, Observations.unweighted(data), truth.base_set.kept, start)
+    assert whole.rank == 27 and whole.condition < 1e3
+
+
+def test_poses_that_never_move_a_joint_are_a_bad_result() -> None:
+    rng = np.random.default_rng(3)
+    truth = truth_of(ARM, rng)
+    joints = IRB120.chain.random_joints(50, rng)
+    joints[:, 2] = 0.3
+    found = identify(ARM, measured(NAMES, joints, ("p1",), ARM.points(joints, truth.values)), ARM.nominal())
+    assert found.unseen and found.fit.rank < 27
+    named = [ARM.names[i] for i in found.unseen]
+    assert any(named[0] in warning for warning in found.warnings)
+    word = verdict(found, Judgement(None, None), 1e-3)
+    assert word.word == "bad" and named[0] in word.reason
+
+
+def test_too_few_poses_say_how_many_are_needed() -> None:
+    rng = np.random.default_rng(4)
+    joints = IRB120.chain.random_joints(8, rng)
+    with pytest.raises(LabError, match=r"8 poses, but the 27 .* at least 9"):
+        identify(ARM, measured(NAMES, joints, ("p1",), ARM.points(joints, ARM.nominal())), ARM.nominal())
+    joints = IRB120.chain.random_joints(9, rng)
+    found = identify(ARM, measured(NAMES, joints, ("p1",), ARM.points(joints, somewhere(ARM, rng))), ARM.nominal())
+    assert found.freedom == 0 and np.isnan(found.sigma_m) and np.isnan(found.half_width_95).all()
+
+
+def test_another_arms_measurements_do_not_fit() -> None:
+    """A UR10's points taken for an IRB 120's: bad, and said so."""
+    ur10 = table_robot("ur10.toml").arm(("p1",))
+    rng = np.random.default_rng(5)
+    joints = IRB120.chain.random_joints(60, rng)
+    points = ur10.points(joints, somewhere(ur10, rng)) + 5e-6 * rng.normal(size=(60, 1, 3))
+    found = identify(ARM, measured(NAMES, joints[:40], ("p1",), points[:40]), ARM.nominal())
+    judgement = Judgement("fresh", errors_at(found, joints[40:], points[40:]))
+    assert verdict(found, judgement, 1e-3).word == "bad"
+
+
+def test_ellipsoids_are_the_images_of_the_unit_ball() -> None:
+    rng = np.random.default_rng(7)
+    truth = truth_of(ARM, rng)
+    joints = IRB120.chain.random_joints(30, rng)
+    points = ARM.points(joints, truth.values) + 5e-6 * rng.normal(size=(30, 1, 3))
+    found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal())
+    shape = mapping_ellipsoids(found, joints)
+    _, jacobian = ARM.observe(joints, found.values)
+    scaled = jacobian[:, 0][..., list(found.fit.free)] / found.fit.scale
+    np.testing.assert_allclose(np.linalg.det(shape.axes), 1, atol=1e-12)
+    np.testing.assert_allclose(shape.half_lengths, np.linalg.svd(scaled, compute_uv=False), rtol=1e-9)
+    ball = rng.normal(size=(27, 2000))
+    ball /= np.linalg.norm(ball, axis=0)
+    for pose in range(30):
+        image = shape.axes[pose].T @ scaled[pose] @ ball
+        inside = ((image / shape.half_lengths[pose][:, None]) ** 2).sum(axis=0)
+        assert inside.max() <= 1 + 1e-9
+    flat = ellipsoids(np.diag([4.0, 0.0, 1.0])[None])
+    np.testing.assert_allclose(flat.half_lengths, [[2, 1, 0]], atol=1e-15)
+
+
+def test_the_covariance_is_that_of_the_errors() -> None:
+    """Monte Carlo: spread of the estimates over 300 noise draws against the stated standard deviations."""
+    rng = np.random.default_rng(8)
+    truth = truth_of(ARM, rng, base=False)
+    joints = IRB120.chain.random_joints(30, rng)
+    exact = ARM.points(joints, truth.values)
+    found = []
+    for _ in range(300):
+        data = measured(NAMES, joints, ("p1",), exact + 5e-6 * rng.normal(size=exact.shape))
+        found.append(identify(ARM, data, ARM.nominal(), Noise(sigma_m=5e-6)))
+    free = list(found[0].fit.free)
+    spread = np.std([f.values[free] for f in found], axis=0)
+    np.testing.assert_allclose(spread / found[0].std, 1, atol=0.15)  # 300 draws: sd 0.04 each
+    assert np.mean(spread / found[0].std) == pytest.approx(1, abs=0.03)
+
+
+def test_another_rotation_vector_has_the_covariance_of_a_fit_from_there() -> None:
+    """The long way round, by more than half a turn, and the short one are one rotation."""
+    rng = np.random.default_rng(11)
+    truth = truth_of(ARM, rng)
+    short, long = truth.values.copy(), truth.values.copy()
+    short[3:6] = -(np.pi - 0.4) * np.array([0.6, 0.0, 0.8])
+    long[3:6] = (np.pi + 0.4) * np.array([0.6, 0.0, 0.8])
+    joints = IRB120.chain.random_joints(40, rng)
+    np.testing.assert_allclose(ARM.points(joints, short), ARM.points(joints, long), atol=1e-13)
+    seen = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, short)))
+    there, here = (fit(ARM, seen, truth.base_set.kept, values) for values in (long, short))
+    assert np.linalg.norm(there.values[3:6]) > np.pi
+    canonical = _canonical(ARM, there)
+    np.testing.assert_allclose(canonical.values, here.values, atol=1e-9)
+    expected = here.unit_covariance()
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        canonical.unit_covariance() / np.outer(size, size), expected / np.outer(size, size), atol=1e-8
+    )

@@ -1,0 +1,196 @@
+"""The assessment: splits, folds, sessions, and the verdict."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, perturbed, somewhere
+
+from lab.calibration.identify import identify
+from lab.calibration.validation import (
+    Errors,
+    Judgement,
+    configurations,
+    folds,
+    hold_out,
+    judge_file,
+    judge_folds,
+    judge_rows,
+    split_by_label,
+)
+from lab.calibration.verdict import verdict
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.kinematics.effects.arm import affected
+from lab.kinematics.effects.groups import backlash
+from lab.kinematics.serial.arm import SerialArm
+
+ARM = SerialArm(IRB120.chain)
+NAMES = IRB120.chain.joint_names
+
+
+def campaign(poses: int, seed: int, noise: float = 5e-6) -> tuple[Measurements, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    true = perturbed(ARM, somewhere(ARM, rng), rng, 0.5e-3, 1.5e-3)
+    joints = IRB120.chain.random_joints(poses, rng)
+    points = ARM.points(joints, true) + noise * rng.normal(size=(poses, 1, 3))
+    return measured(NAMES, joints, ("p1",), points), true
+
+
+def fitted(data: Measurements):
+    return identify(ARM, data, ARM.nominal())
+
+
+def test_configurations_are_grouped_transitively() -> None:
+    """0, 8 and 16 mrad are one configuration through the middle one; 27 mrad is another."""
+    joints = np.zeros((5, 6))
+    joints[:, 1] = [0, 0.008, 0.016, 0.027, 1.0]
+    assert configurations(joints).tolist() == [0, 0, 0, 1, 2]
+
+
+def test_repeats_are_never_split() -> None:
+    rng = np.random.default_rng(0)
+    joints = np.repeat(rng.normal(size=(40, 6)), rng.integers(1, 6, 40), axis=0)
+    joints += 1e-4 * rng.normal(size=joints.shape)
+    for seed in range(20):
+        labels = configurations(joints)
+        fit_rows, test_rows = split_by_label(labels, 0.3, seed)
+        assert sorted([*fit_rows, *test_rows]) == list(range(len(joints)))
+        assert not set(labels[fit_rows]) & set(labels[test_rows])
+        assert len(test_rows) / len(joints) == pytest.approx(0.3, abs=0.06)
+
+
+def test_held_out_poses_are_not_fitted() -> None:
+    data, _ = campaign(60, 1)
+    rows, test = hold_out(ARM, data, 0.3, 0)
+    assert len(rows) == 42 and not set(rows.ids) & set(test.ids)
+    judgement = judge_rows(fitted(rows), test)
+    assert judgement.judged_by == "holdout" and judgement.errors is not None
+    assert judgement.errors.after.shape == (18, 1)
+    other = judge_rows(fitted(rows), hold_out(ARM, data, 0.3, 1)[1]).errors
+    assert other is not None and not np.array_equal(other.after, judgement.errors.after)
+
+
+def test_cross_validation_judges_every_row_once_and_delivers_from_all() -> None:
+    data, _ = campaign(60, 2)
+    whole = fitted(data)
+    judgement = judge_folds(fitted, whole, data, 0)
+    assert judgement.judged_by == "cross-validation" and judgement.errors is not None
+    assert np.isfinite(judgement.errors.after).all()
+    residual = np.linalg.norm(whole.residuals, axis=2).mean()
+    assert judgement.errors.after.mean() > residual  # what was fitted looks better than what was not
+
+
+@pytest.mark.parametrize(("poses", "judged"), [(16, False), (17, False), (18, True), (20, True)])
+def test_folds_need_one_and_a_half_times_the_base_set(poses: int, judged: bool) -> None:
+    """27 parameters: 40.5 coordinates, 14 poses, must stay in each fold; of 17, two folds hold out 4."""
+    data, _ = campaign(poses, 3)
+    judgement = judge_folds(fitted, fitted(data), data, 0)
+    assert (judgement.errors is not None) == judged
+    if not judged:
+        assert judgement.judged_by is None and judgement.warnings
+        assert verdict(fitted(data), judgement, 1e-3).word == "not judged"
+
+
+@pytest.mark.parametrize(("labels", "count"), [(60, 5), (5, 5), (3, 3), (1, 1)])
+def test_folds_keep_labels_whole_and_even(labels: int, count: int) -> None:
+    rows = np.resize(np.arange(labels), 3 * labels)
+    found = folds(rows, 0)
+    assert sorted(set(found.tolist())) == list(range(count)) and found.shape == rows.shape
+    sizes = [len(set(rows[found == fold].tolist())) for fold in range(count)]
+    assert sum(sizes) == labels and max(sizes) - min(sizes) <= 1
+    assert np.array_equal(found, folds(rows, 0)) and (labels < 5 or not np.array_equal(found, folds(rows, 1)))
+
+
+def sessions(seed: int) -> tuple[Measurements, Measurements]:
+    """A calibration, and two sessions of it in which base and target stand elsewhere."""
+    data, true = campaign(60, seed)
+    rng = np.random.default_rng(seed + 100)
+    parts = []
+    for _ in range(2):
+        moved = true.copy()
+        moved[:6] = somewhere(ARM, rng)[:6]
+        moved[-3:] = 0.1 * rng.normal(size=3)
+        joints = IRB120.chain.random_joints(30, rng)
+        parts.append((joints, ARM.points(joints, moved) + 5e-6 * rng.normal(size=(30, 1, 3))))
+    joints, points = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    other = measured(NAMES, joints, ("p1",), points)
+    use = tuple("reference" if i % 30 < 10 else "test" for i in range(60))
+    fields = {**other.__dict__, "sessions": ("a",) * 30 + ("b",) * 30, "use": use, "marked": True}
+    return data, Measurements(**fields)
+
+
+def test_sessions_are_placed_on_their_reference_rows_alone() -> None:
+    data, other = sessions(4)
+    found = fitted(data)
+    judgement = judge_file(found, ARM, other, ["base", "tool"])
+    assert judgement.judged_by == "file" and judgement.errors is not None
+    assert judgement.errors.after.shape == (40, 1)
+    assert judgement.errors.after.mean() < 20e-6 < judgement.errors.before.mean()
+    unplaced = judge_file(found, ARM, other, [])
+    assert unplaced.errors is not None and unplaced.errors.after.mean() > 0.1
+
+
+def test_unmarked_files_give_every_third_row() -> None:
+    data, other = sessions(5)
+    plain = Measurements(**{**other.__dict__, "use": ("calibrate",) * 60, "marked": False})
+    judgement = judge_file(fitted(data), ARM, plain, ["base", "tool"])
+    assert judgement.errors is not None and judgement.errors.after.shape == (40, 1)
+    assert judgement.errors.after.mean() < 20e-6
+
+
+def test_too_few_reference_rows_are_refused() -> None:
+    data, other = sessions(6)
+    use = tuple("reference" if i % 30 == 0 else "test" for i in range(60))
+    one_each = Measurements(**{**other.__dict__, "use": use})
+    with pytest.raises(LabError, match=r"session 'a'.*mark more rows"):
+        judge_file(fitted(data), ARM, one_each, ["base", "tool"])
+
+
+def test_just_enough_equations_do_not_place_a_base() -> None:
+    """Three reference rows are nine equations for nine unknowns, and often the wrong root: refused."""
+    data, other = sessions(8)
+    use = tuple("reference" if i % 30 < 3 else "test" for i in range(60))
+    with pytest.raises(LabError, match="mark more rows"):
+        judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": use}), ["base", "tool"])
+    one = tuple("reference" if i % 30 < 1 else "test" for i in range(60))
+    judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": one}), ["tool"])  # linear: one row does
+
+
+def test_a_condition_that_the_file_lacks_is_named() -> None:
+    arm = affected(ARM, [backlash(IRB120.chain)])
+    rng = np.random.default_rng(13)
+    data, _ = campaign(80, 13)
+    sides = {f"approach_{name}": rng.choice([-1.0, 1.0], 80) for name in NAMES}
+    found = identify(arm, replace(data, conditions=sides), arm.nominal())
+    assert judge_file(found, arm, replace(data, conditions=sides), []).errors is not None
+    with pytest.raises(LabError, match=r"^column approach_q1 is missing: the model needs it in every row"):
+        judge_file(found, arm, data, [])
+    sides["approach_q3"][7] = np.nan
+    with pytest.raises(LabError, match=r"^row 7, column approach_q3: empty"):
+        judge_file(found, arm, replace(data, conditions=sides), [])
+
+
+def test_a_target_that_only_one_fold_saw_is_not_judged() -> None:
+    arm = SerialArm(IRB120.chain, ("p1", "p2"))
+    rng = np.random.default_rng(9)
+    true = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1.5e-3)
+    joints = IRB120.chain.random_joints(60, rng)
+    points = arm.points(joints, true) + 5e-6 * rng.normal(size=(60, 2, 3))
+    points[1:, 1] = np.nan
+    data = measured(NAMES, joints, arm.targets, points)
+
+    def both(part: Measurements):
+        return identify(arm, part, arm.nominal())
+
+    judgement = judge_folds(both, both(data), data, 0)
+    assert judgement.errors is not None
+    assert np.isfinite(judgement.errors.after[:, 0]).all() and np.isnan(judgement.errors.after[:, 1]).all()
+
+
+def test_the_gate() -> None:
+    data, _ = campaign(60, 7)
+    found = fitted(data)
+    judgement = Judgement("fresh", Errors(np.full((3, 1), 2e-3), np.full((3, 1), 1e-3)))
+    assert verdict(found, judgement, 0.9e-3).word == "bad"
+    assert verdict(found, judgement, 1.1e-3).word == "good"

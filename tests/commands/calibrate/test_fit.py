@@ -1,0 +1,126 @@
+"""How a file is fitted as a whole: repeats, robust fits, selection and hold-outs together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, somewhere
+
+from lab.calibration.observations.select import Observing
+from lab.calibration.weights import Noise
+from lab.commands.calibrate.fit import Fitter
+from lab.commands.shared_options import Fitting
+from lab.core.measurements import Measurements, measured
+from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.groups import Course
+from lab.kinematics.gauge import base_set
+
+SIGMA = 5e-6
+NAMES = IRB120.chain.joint_names
+
+
+def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Measurements:
+    """A virtual arm by its equations: geometry off by 0.5 mm and mrad, effects of the given sizes by name."""
+    rng = np.random.default_rng(seed)
+    course = Course(tuple(dict.fromkeys(sessions or ())))
+    arm = IRB120.arm_with(("p1",), groups, course)
+    rigid = arm.arm if isinstance(arm, AffectedArm) else arm
+    values = arm.nominal(IRB120.tool)
+    values[: len(rigid.names)] = somewhere(rigid, rng)
+    kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    values[kept] += 5e-4 * rng.normal(size=len(kept))
+    for i in range(len(rigid.names), len(arm.names)):
+        values[i] = sizes.get(arm.names[i], sizes.get(arm.names[i].rpartition(".")[2], 0.0))
+    data = measured(NAMES, joints, ("p1",), np.zeros((len(joints), 1, 3)))
+    data = replace(data, conditions=conditions, sessions=tuple(sessions or data.sessions))
+    points = arm.points(data.settings(arm.conditions), values) + SIGMA * rng.normal(size=(len(joints), 1, 3))
+    return replace(data, points=points)
+
+
+def fitter(data: Measurements, noise: Noise | None = None, **options) -> Fitter:
+    return Fitter(IRB120, ("p1",), data, Observing(), noise or Noise(), Fitting(**options), False, 0)
+
+
+def random_joints(count: int, seed: int) -> np.ndarray:
+    return IRB120.chain.random_joints(count, np.random.default_rng(seed))
+
+
+def test_repeats_from_the_other_side_or_session_are_no_repeats() -> None:
+    """Twice the same joints, approached from both sides or before and after a bump, are not the noise of one pose."""
+    joints = np.repeat(random_joints(40, 0), 2, axis=0)
+    sides = np.tile([1.0, -1.0], 40)
+    approach = {f"approach_{name}": sides for name in NAMES}
+    data = simulated(("backlash",), {"backlash": 2e-4}, joints, approach, 1)
+    assert fitter(data)(data).adequacy.adequate is not True
+    plain = replace(data, conditions={})  # who does not say from which side cannot be helped
+    assert fitter(plain)(plain).adequacy.by == "repeats"
+    bumped = simulated(("sessions",), {"x": 5e-4}, joints, {}, 1, sessions=["1", "2"] * 40)
+    assert fitter(bumped)(bumped).adequacy.adequate is not True
+    honest = simulated((), {}, joints, {}, 1)
+    assert fitter(honest)(honest).adequacy.by == "repeats" and fitter(honest)(honest).adequacy.adequate
+
+
+@pytest.mark.parametrize("prior", [False, True])
+def test_what_is_named_is_what_is_left_out(prior: bool) -> None:
+    """A prior weighs by a sigma that outliers inflate: they are found again with the clean one."""
+    for seed in range(3):
+        data = simulated((), {}, random_joints(50, seed), {}, seed)
+        points = data.points.copy()
+        points[[3, 20, 41], 0, 0] += np.array([50e-3, 5e-3, 0.3e-3])
+        spoilt = replace(data, points=points)
+        fit = fitter(spoilt, robust=True, prior=prior)(spoilt)
+        named = {pose.id for pose in fit.outliers}
+        assert {"3", "20", "41"} <= named and set(fit.rows.ids) == set(spoilt.ids) - named
+        assert fit.identification.sigma_m < 1.5 * SIGMA
+
+
+def test_a_few_poses_that_alone_show_an_effect_are_no_outliers() -> None:
+    """5 of 60 poses from the other side: without backlash they look bad, with it they are not."""
+    joints = random_joints(60, 3)
+    sides = np.where(np.arange(60) % 12 == 5, -1.0, 1.0)
+    data = simulated(("backlash",), {"backlash": 4e-4}, joints, {f"approach_{name}": sides for name in NAMES}, 3)
+    fit = fitter(data, Noise(sigma_m=SIGMA), model="auto", robust=True)(data)
+    assert "backlash" in fit.groups and not fit.outliers and len(fit.rows) == 60
+
+
+def test_held_out_poses_that_are_off_are_named() -> None:
+    data = simulated((), {}, random_joints(80, 4), {}, 4)
+    points = data.points.copy()
+    points[70, 0, 1] += 2e-3
+    spoilt = replace(data, points=points)
+    rows, held = spoilt.take(list(range(60))), spoilt.take(list(range(60, 80)))
+    for robust in (False, True):
+        fit = fitter(spoilt, robust=robust)(rows, held)
+        assert [(pose.id, pose.held_out) for pose in fit.outliers] == [("70", True)]
+        assert fit.outliers[0].size_m == pytest.approx(2e-3, rel=0.05)
+        assert any(("without" if robust else "with") + " them" in warning for warning in fit.warnings)
+    assert fit.adequacy.by == "holdout" and fit.adequacy.p > 0.001
+
+
+def test_a_clock_that_started_long_ago_does_not_matter() -> None:
+    joints, time_s = random_joints(60, 5), np.linspace(0, 3600, 60)
+    found = []
+    for start in (0.0, 1.7e9):
+        data = simulated(("drift",), {"drift.x": 1e-3, "drift.rz": 2e-4}, joints, {"time_s": time_s}, 5)
+        late = replace(data, conditions={"time_s": time_s + start})
+        fit = fitter(late, Noise(sigma_m=SIGMA), model="drift")(late)
+        assert fit.identification.status == "converged" and fit.identification.fit.condition < 100
+        found.append(fit.identification.values)
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-8)  # 1.7e9 s hold 0.2 µs
+
+
+def test_a_wish_is_of_whichever_model_has_it() -> None:
+    data = simulated(("harmonics",), {"sin1": 2e-4}, random_joints(60, 6), {}, 6)
+    fit = fitter(data, Noise(sigma_m=SIGMA), model="auto", fix=("joint6.sin1", "link4.d"))(data)
+    free = [fit.identification.model.names[i] for i in fit.identification.fit.free]
+    assert fit.groups == ("harmonics",) and "joint6.sin1" not in free and "link4.d" not in free
+
+
+def test_a_prior_that_holds_back_is_told() -> None:
+    data = simulated((), {}, random_joints(40, 7), {}, 7)
+    joints = data.joints.copy()
+    joints[:, 3] += np.deg2rad(2.0)  # an offset of 23 tolerances
+    late = replace(data, joints=joints)
+    said = fitter(late, prior=True)(late).warnings
+    assert any("link4.theta is 2" in warning and "tolerances from the drawing" in warning for warning in said)
+    assert not any("tolerances from the drawing" in w for w in fitter(data, prior=True)(data).warnings)

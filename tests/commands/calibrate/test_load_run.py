@@ -1,0 +1,95 @@
+"""A run's folder, read back as a calibrated arm."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.no_rendering import nothing_drawn  # noqa: F401
+
+from lab.cli import main
+from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.run import run_virtual
+from lab.commands.options import VirtualCampaign
+from lab.commands.shared_options import ArmEffects, Fitting
+from lab.core.errors import LabError
+
+SOFT = ("--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3", "--model", "compliance+drift", "--hours", "1")
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "soft"
+    assert main(["calibrate", "--seed", "3", *SOFT, "--out", str(out), "--json"]) == 0
+    return out
+
+
+def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path) -> None:
+    calibrated = read_calibrated(soft)
+    assert calibrated.groups == ("compliance",) and calibrated.arm.conditions == ("payload_kg",)
+    options = VirtualCampaign(
+        seed=3,
+        effects=ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0), hours=1.0),
+        fitting=Fitting("compliance+drift"),
+    )
+    outcome = run_virtual(options)
+    joints = calibrated.robot.chain.random_joints(100, np.random.default_rng(0))
+    at_start = np.concatenate([joints, np.full((100, 1), 3.0), np.zeros((100, 1))], axis=1)
+    whole = outcome.identification.model.points(at_start, outcome.identification.values)
+    np.testing.assert_allclose(calibrated.arm.points(at_start[:, :-1], calibrated.values), whole, rtol=0, atol=1e-12)
+    names = [outcome.identification.model.names[i] for i in outcome.identification.fit.free]
+    kept = [i for i, name in enumerate(names) if not name.startswith("drift.")]
+    assert calibrated.identified == tuple(names[i] for i in kept) and len(kept) == len(names) - 7
+    assert (calibrated.covariance == outcome.identification.covariance[np.ix_(kept, kept)]).all()
+    assert calibrated.left_out == ("drift",)
+    assert calibrated.warnings == ("of the run: drift was of its own day, and is left out",)
+    assert calibrated.result["residual_mm"] == pytest.approx(calibrated.result["noise_mm"], rel=0.3)
+
+
+def broken(soft: Path, tmp_path: Path, name: str, change) -> Path:
+    folder = tmp_path / "run"
+    shutil.copytree(soft, folder)
+    path = folder / name
+    if change is None:
+        path.unlink()
+    else:
+        path.write_text(change(path.read_text()))
+    return folder
+
+
+def edited(**values: object):
+    return lambda text: json.dumps({**json.loads(text), **values})
+
+
+def without_tool(text: str) -> str:
+    return json.dumps([row for row in json.loads(text) if not row["name"].startswith("tool.")])
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("config.json", None, "cannot be read"),
+        ("config.json", edited(command="design"), "no run of lab calibrate"),
+        ("config.json", edited(model_sha256="0"), "another robot"),
+        ("result.json", lambda text: text[:-9], "not JSON"),
+        ("result.json", lambda text: "[]", "does not hold"),
+        ("parameters.json", without_tool, "has no tool"),
+        ("parameters.json", lambda text: text.replace("link3.d", "link3.e"), "has no link3.d"),
+        ("parameters.json", lambda text: text.replace("exported", "export"), "lacks name"),
+        ("covariance.csv", lambda text: text.replace("parameter", "name"), "not those of its columns"),
+        ("covariance.csv", lambda text: text.replace("e-1", "f-1"), "identify again"),
+    ],
+)
+def test_a_run_that_is_none_is_told_in_one_line(soft: Path, tmp_path, name: str, change, words: str) -> None:
+    with pytest.raises(LabError, match=words) as told:
+        read_calibrated(broken(soft, tmp_path, name, change))
+    assert str(tmp_path) in str(told.value) and "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("word", ["bad", "not judged"])
+def test_only_a_good_run_is_fit_to_build_on(soft: Path, tmp_path, word: str) -> None:
+    read_calibrated(soft).refuse_unfit("an export")
+    run = read_calibrated(broken(soft, tmp_path, "result.json", edited(verdict=word, reason="why")))
+    with pytest.raises(LabError, match=rf"'{word}' \(why\).*refused.*--force"):
+        run.refuse_unfit("an export")

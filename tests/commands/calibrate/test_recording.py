@@ -1,0 +1,382 @@
+import os
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+import rerun_cli
+from helpers.robots import ROOT
+from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
+
+from lab.calibration.identify import identify
+from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
+from lab.commands.calibrate.recording import record
+from lab.commands.calibrate.recording_text import parameter_table, times, wording
+from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, run_measured, run_virtual
+from lab.commands.calibrate.scene import MOST_POSES, drawn_rows, magnification, scene
+from lab.commands.shared_options import ArmEffects, Fitting
+from lab.core import se3
+from lab.kinematics.serial.arm import SerialArm
+from lab.render.skeleton import chain_corners
+from lab.simulation.load_mjcf_urdf import load_model
+from lab.simulation.meshes import body_poses, shells
+from lab.simulation.model import FLANGE
+
+DATA = ROOT.parent / "shared" / "data"
+DRIVERS = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
+FLOAT32 = 2.0**-23  # relative spacing of float32
+
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data (shared/data) are not here")
+needs_vulkan = pytest.mark.skipif(
+    sys.platform != "linux" or not any(folder.glob("*.json") for folder in DRIVERS if folder.is_dir()),
+    reason="no Vulkan driver: the viewer cannot draw here",
+)
+
+
+@pytest.fixture(autouse=True)
+def strict():
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    return run_virtual(VirtualCampaign(seed=7, poses=30))
+
+
+@pytest.fixture(scope="module")
+def recording(outcome, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "recording.rrd"
+    record(path, outcome)
+    return path
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """A home of their own for rerun's programs: they keep settings there."""
+    folder = tmp_path_factory.mktemp("home")
+    return os.environ | {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_DATA_HOME": str(folder)}
+
+
+def program():
+    """Rerun's program itself: as a Python module it loses the exit code, and leaves a viewer running when ended."""
+    return str(Path(rerun_cli.__file__).parent / "rerun")
+
+
+def rrd(home, *arguments):
+    command = [program(), "rrd", *map(str, arguments)]
+    return subprocess.run(command, env=home, capture_output=True, text=True, timeout=60)
+
+
+def column(path, entity, name, timeline="pose"):
+    """Indices and values of a component over a timeline, one list of values a row."""
+    reader = RrdReader(path)
+    rows = {}
+    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
+        batch = chunk.to_record_batch()
+        if timeline in batch.schema.names and name in batch.schema.names:
+            rows.update(zip(batch.column(timeline).to_pylist(), batch.column(name).to_pylist(), strict=True))
+    index = sorted(rows)
+    return index, [rows[i] for i in index]
+
+
+def statics(path, entity, name):
+    reader = RrdReader(path)
+    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
+        batch = chunk.to_record_batch()
+        if "pose" not in batch.schema.names and name in batch.schema.names:
+            return batch.column(name).to_pylist()[0]
+    raise AssertionError(f"{entity} has no static {name}")
+
+
+def in_world(outcome, points):
+    """Points (n, 3) of the tracker's frame in the world, by the identified base."""
+    base = outcome.identification.values[:6]
+    T_tracker_frame0 = se3.pose(se3.exp(base[3:]), base[:3])
+    return se3.transform(outcome.robot.model.T_world_frame0 @ se3.inverse(T_tracker_frame0), points)
+
+
+def test_rerun_verifies_it(recording, home):
+    done = rrd(home, "verify", recording)
+    assert done.returncode == 0, done.stderr
+    assert recording.stat().st_size < 4e6
+
+
+def test_every_pose_is_there(recording, outcome):
+    n = len(outcome.fitted)
+    for entity, name in [
+        ("/world/arm/link3", "Transform3D:translation"),
+        ("/world/targets/measured", "Points3D:positions"),
+        ("/world/errors/before", "Arrows3D:vectors"),
+        ("/world/ellipsoid/mapping/axes", "Arrows3D:vectors"),
+        ("/world/ellipsoid/uncertainty/shape", "Ellipsoids3D:half_sizes"),
+        ("/error_mm/after", "Scalars:scalars"),
+    ]:
+        assert column(recording, entity, name)[0] == list(range(n)), entity
+
+
+def test_points_are_where_they_were_measured_and_predicted(recording, outcome):
+    fitted, identification = outcome.fitted, outcome.identification
+    expected = {
+        "measured": fitted.points,
+        "predicted_before": identification.model.points(fitted.joints, identification.before),
+        "predicted_after": identification.model.points(fitted.joints, identification.values),
+    }
+    for name, points in expected.items():
+        read = np.array(column(recording, f"/world/targets/{name}", "Points3D:positions")[1])
+        world = in_world(outcome, points.reshape(-1, 3)).reshape(points.shape)
+        np.testing.assert_allclose(read, world, rtol=0, atol=2 * FLOAT32)  # m, of about 1 m
+
+
+@pytest.mark.parametrize("name", ["mapping", "uncertainty"])
+def test_ellipsoids_are_those_computed(recording, outcome, name):
+    fitted, identification = outcome.fitted, outcome.identification
+    shapes = (
+        mapping_ellipsoids(identification, fitted.joints)
+        if name == "mapping"
+        else ellipsoids(position_covariance(identification, fitted.joints))
+    )
+    factor = getattr(scene(outcome), name).factor
+    label = statics(recording, f"/world/ellipsoid/{name}/factor", "Points3D:labels")
+    assert label == [times(factor)]
+    entity = f"/world/ellipsoid/{name}"
+    halves = np.array(column(recording, f"{entity}/shape", "Ellipsoids3D:half_sizes")[1])[:, 0]
+    np.testing.assert_allclose(halves, factor * shapes.half_lengths, rtol=FLOAT32, atol=0)
+    axes = np.array(column(recording, f"{entity}/axes", "Arrows3D:vectors")[1])  # (n, 3 axes, 3)
+    rotation = in_world(outcome, np.eye(3)) - in_world(outcome, np.zeros((1, 3)))  # rows: the tracker's axes
+    expected = factor * np.swapaxes(shapes.axes * shapes.half_lengths[:, None, :], 1, 2) @ rotation
+    np.testing.assert_allclose(axes, expected, rtol=0, atol=FLOAT32)  # m, of about 0.1 m
+    quaternions = np.array(column(recording, f"{entity}/shape", "Ellipsoids3D:quaternions")[1])[:, 0]  # xyzw
+    turned = se3.rotation_from_quaternion(quaternions[:, [3, 0, 1, 2]])
+    np.testing.assert_allclose(turned * halves[:, None, :], np.swapaxes(axes, 1, 2), rtol=0, atol=4 * FLOAT32)
+    centers = np.array(column(recording, f"{entity}/shape", "Ellipsoids3D:centers")[1])[:, 0]
+    targets = identification.model.points(fitted.joints, identification.values)[:, 0]
+    np.testing.assert_allclose(centers, in_world(outcome, targets), rtol=0, atol=2 * FLOAT32)
+
+
+def test_the_arrows_are_the_errors_times_the_factor_shown(recording, outcome):
+    shown, fitted, identification = scene(outcome), outcome.fitted, outcome.identification
+    for name, values, factor in (
+        ("before", identification.before, shown.factor_before),
+        ("after", identification.values, shown.factor_after),
+    ):
+        vectors = np.array(column(recording, f"/world/errors/{name}", "Arrows3D:vectors")[1])[:, 0]
+        predicted = identification.model.points(fitted.joints, values)[:, 0]
+        errors = in_world(outcome, fitted.points[:, 0]) - in_world(outcome, predicted)  # measured less predicted
+        np.testing.assert_allclose(vectors, factor * errors, rtol=1e-6, atol=factor * 1e-14)
+        lengths = np.linalg.norm(fitted.points[:, 0] - predicted, axis=1)
+        assert statics(recording, f"/world/errors/{name}/factor", "Points3D:labels") == [f"{name} {times(factor)}"]
+        mm = np.array(column(recording, f"/error_mm/{name}", "Scalars:scalars")[1])[:, 0]
+        np.testing.assert_allclose(mm, 1e3 * lengths, rtol=1e-12)  # scalars are float64
+
+
+def test_singular_values_and_convergence_are_the_fits(recording, outcome):
+    fit = outcome.identification.fit
+    bars = statics(recording, "/singular_values", "BarChart:values")
+    assert fit.singular_values.tolist() in list(_nested(bars))
+    reader = RrdReader(recording)
+    (chunk,) = reader.stream(store=reader.recordings()[0]).filter(content="/convergence/rms")
+    batch = chunk.to_record_batch()
+    assert batch.column("iteration").to_pylist() == list(range(fit.iterations + 1))
+    rms = np.array(batch.column("Scalars:scalars").to_pylist())[:, 0]
+    np.testing.assert_allclose(3 * len(outcome.fitted) * rms**2 / 2, fit.cost_trace, rtol=1e-12)
+
+
+def _nested(value):
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        yield value
+        for part in value:
+            yield from _nested(part)
+
+
+def test_the_drawn_hand_carries_the_predicted_targets(outcome):
+    """The shells stand as the identified arm does, to rounding: the flange and the tool give the points."""
+    identification, robot = outcome.identification, outcome.robot.model
+    arm, joints = identification.model, outcome.fitted.joints
+    carrier = robot.model.body(int(robot.model.site(FLANGE).bodyid[0])).name
+    Ts_world_flange = body_poses(robot, arm, identification.values, joints)[carrier]
+    drawn = se3.transform(Ts_world_flange, arm.split(identification.values)[2])[:, 0]
+    np.testing.assert_allclose(drawn, in_world(outcome, arm.points(joints, identification.values)[:, 0]), atol=1e-12)
+
+
+def test_the_same_seed_gives_an_equal_recording_and_another_does_not(recording, tmp_path, home):
+    for name, seed in (("same", 7), ("other", 8)):
+        record(tmp_path / f"{name}.rrd", run_virtual(VirtualCampaign(seed=seed, poses=30)))
+    done = rrd(home, "compare", "--unordered", recording, tmp_path / "same.rrd")
+    assert done.returncode == 0, done.stderr
+    assert rrd(home, "compare", "--unordered", recording, tmp_path / "other.rrd").returncode != 0
+
+
+def test_unseen_targets_are_left_out(tmp_path, home):
+    outcome = run_virtual(VirtualCampaign(seed=3, targets=("p1", "p2")))
+    points = outcome.fitted.points.copy()
+    points[4], points[5, 0], points[6, 1] = np.nan, np.nan, np.nan
+    fitted = replace(outcome.fitted, points=points)
+    arm = outcome.robot.arm(fitted.targets)
+    identification = identify(arm, fitted, arm.nominal(outcome.robot.tool))
+    path = tmp_path / "unseen.rrd"
+    fit = replace(outcome.fit, rows=fitted, identification=identification)
+    record(path, replace(outcome, fit=fit, measurements=fitted, comparison=None))
+    assert rrd(home, "verify", path).returncode == 0
+    for entity, name in (
+        ("/world/targets/measured", "Points3D:positions"),
+        ("/world/errors/after", "Arrows3D:vectors"),
+    ):
+        index, rows = column(path, entity, name)
+        assert index == list(range(50))
+        assert [len(row or []) for row in rows] == [2, 2, 2, 2, 0, 1, 1, *[2] * 43]
+        assert np.isfinite(np.concatenate([row for row in rows if row])).all()
+    assert 4 not in column(path, "/error_mm/after", "Scalars:scalars")[0]
+
+
+@pytest.mark.parametrize("poses", [9, 50])
+def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home, poses):
+    """Nine poses of one target give as many equations as parameters: sigma stays unknown; with 50 it is zero."""
+    outcome = run_virtual(VirtualCampaign(seed=1, poses=poses, instrument="exact"))
+    sigma = outcome.identification.sigma_m
+    assert np.isnan(sigma) if poses == 9 else sigma < 1e-12
+    path = tmp_path / "unknown.rrd"
+    record(path, outcome)
+    assert rrd(home, "verify", path).returncode == 0
+    assert column(path, "/world/ellipsoid/uncertainty/axes", "Arrows3D:vectors") == ([], [])
+    assert len(column(path, "/world/ellipsoid/mapping/axes", "Arrows3D:vectors")[0]) == poses
+
+
+@needs_data
+def test_a_table_is_drawn_with_rods_and_many_poses_are_thinned_out(tmp_path, home):
+    outcome = run_measured(MeasuredCampaign(DATA / "ur10_ipa_D.csv", robot=str(DATA / "ur10.toml")))
+    path = tmp_path / "table.rrd"
+    record(path, outcome)
+    assert rrd(home, "verify", path).returncode == 0
+    index, places = column(path, "/world/arm/flange", "Transform3D:translation")
+    assert len(index) == MOST_POSES and (index[0], index[-1]) == (0, len(outcome.fitted) - 1)
+    hands = np.array(places)[:, 0]
+    Ts = outcome.identification.model.flange(outcome.fitted.joints[index], outcome.identification.values)
+    np.testing.assert_allclose(hands, in_world(outcome, Ts[:, :3, 3]), rtol=0, atol=4 * FLOAT32)  # m, of about 2 m
+    assert len(column(path, "/error_mm/before", "Scalars:scalars")[0]) == len(outcome.fitted)
+    assert f"{MOST_POSES} of {len(outcome.fitted)} poses" in statics(path, "/summary", "TextDocument:text")[0]
+
+
+@needs_vulkan
+def test_no_view_complains(recording, home):
+    """Opened headless, every view of the blueprint shows its content without a warning."""
+    views = views_of(recording, home)
+    assert len(views) == 9
+    assert [(view.name, view.reports) for view in views if view.reports] == []
+
+
+def views_of(recording, home, timeline="pose"):
+    """The views of a recording that is open in a viewer of its own, which no other machine reaches."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = ["--headless", "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
+    viewer = subprocess.Popen([program(), *server], env=home, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        return opened(port, recording, timeline).views
+    finally:
+        viewer.terminate()
+        viewer.wait(10)
+
+
+def opened(port, path, timeline):
+    deadline = time.monotonic() + 20
+    while True:
+        try:
+            with ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy") as client:
+                client.open(str(path))
+                client.set_time(timeline, sequence=3)
+                time.sleep(1)
+                return client.get_state()
+        except Exception:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.2)
+
+
+@pytest.mark.parametrize("convention", ["distal", "craig"])
+def test_a_chain_is_drawn_along_its_offsets(convention):
+    """Every stretch of the strip is as long as its d or a, a slide's with its reading."""
+    chain = load_model(ROOT / "models" / "irb120" / "scene.xml").chain
+    rng = np.random.default_rng(5)
+    table = rng.uniform(-1, 1, (6, 5))
+    slides = (False, True, False, False, True, False)
+    chain = replace(chain, convention=convention, table=table, prismatic=slides, parallel=(True,) * 6)
+    joints = chain.random_joints(20, rng)
+    strip = chain_corners(SerialArm(chain), SerialArm(chain).nominal(), joints)
+    assert strip.shape == (20, 13, 3)
+    along = np.abs(table[:, 1] + np.where(chain.prismatic, joints * chain.sign, 0.0))
+    common = np.broadcast_to(np.abs(table[:, 2]), along.shape)
+    lengths = np.linalg.norm(np.diff(strip, axis=1), axis=2)
+    first, second = (along, common) if convention == "distal" else (common, along)
+    np.testing.assert_allclose(lengths[:, ::2], first, atol=1e-12)
+    np.testing.assert_allclose(lengths[:, 1::2], second, atol=1e-12)
+
+
+def test_magnifications_are_round_and_near():
+    for length in np.geomspace(1e-9, 10, 200):
+        factor = magnification(length, 0.1)
+        assert f"{factor:.0e}"[0] in "125"
+        assert abs(np.log10(factor * length / 0.1)) <= np.log10(5 / 2) / 2 + 1e-9
+    assert magnification(0.0, 0.1) == magnification(float("nan"), 0.1) == 1.0
+
+
+def test_drawn_rows_span_all_poses():
+    assert drawn_rows(7).tolist() == list(range(7))
+    rows = drawn_rows(2773)
+    assert len(rows) == MOST_POSES == len(set(rows.tolist())) and (rows[0], rows[-1]) == (0, 2772)
+
+
+def test_the_parameter_table_names_every_parameter(outcome):
+    text = parameter_table(outcome)
+    for name in outcome.identification.model.names:
+        assert text.count(f"| {name} |") == 1
+
+
+SHAPES = """<mujoco><worldbody><body name="a"><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<geom type="box" size="1 2 3" pos="9 0 0" quat="1 1 0 0"/></body>
+<body name="b"><geom type="cylinder" size="1 2"/></body>
+<body name="c"><geom type="capsule" size="1 2"/></body><body name="d"><geom type="sphere" size="2"/></body>
+<body name="e"><geom type="ellipsoid" size="1 2 3"/></body><geom type="plane" size="1 1 1"/></worldbody></mujoco>"""
+
+
+def test_shells_enclose_their_geoms(tmp_path):
+    """The volume within the triangles, which are turned outward, is the primitive's, less what the facets cut off."""
+    (tmp_path / "shapes.xml").write_text(SHAPES, encoding="utf-8")
+    found = {shell.body: shell for shell in shells(load_model(tmp_path / "shapes.xml"))}
+    ball = 4 / 3 * np.pi
+    for body, volume in {"a": 48, "b": 4 * np.pi, "c": 4 * np.pi + ball, "d": 8 * ball, "e": 6 * ball}.items():
+        shell = found.pop(body)
+        corners = shell.vertices.astype(np.float64)[shell.faces]
+        inside = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+        assert 0.98 * volume < inside < (1 + 1e-6) * volume, body
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert (np.einsum("fi,fi->f", normal, shell.normals[shell.faces].mean(axis=1)) > -1e-6).all(), body
+        np.testing.assert_allclose(np.linalg.norm(shell.normals, axis=1), 1, atol=1e-6)
+    assert not found
+
+
+def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
+    """What is left out is drawn where it was measured; the others stand at their rows of the file."""
+    effects = ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))
+    outcome = run_virtual(VirtualCampaign(seed=2, effects=effects, fitting=Fitting(robust=True)))
+    assert len(outcome.fit.outliers) >= 2 and {pose.id for pose in outcome.fit.outliers} == set(outcome.bad)
+    path = tmp_path / "off.rrd"
+    record(path, outcome)
+    assert rrd(home, "verify", path).returncode == 0
+    index, _ = column(path, "/world/targets/measured", "Points3D:positions")
+    assert index == [int(name) for name in outcome.fitted.ids] and len(index) == 50 - len(outcome.bad)
+    shown = scene(outcome)
+    for pose, named in zip(shown.off, outcome.fit.outliers, strict=True):
+        assert np.linalg.norm(pose.measured - pose.expected) == pytest.approx(named.size_m, rel=1e-3)
+        assert pose.words.startswith(f"{named.id}: ")
+    assert "magenta" in wording(outcome, shown) and "left out: " in wording(outcome, shown)

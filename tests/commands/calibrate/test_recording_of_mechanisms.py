@@ -1,0 +1,132 @@
+"""Rods and legs of a mechanism, which no body is, in its recordings: read back from the files."""
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+from test_recording import column, home, rrd, statics  # noqa: F401
+
+from lab.commands.calibrate import virtual_robot as virtual_arm
+from lab.commands.calibrate.recording import record
+from lab.commands.calibrate.recording_text import wording
+from lab.commands.calibrate.run import VirtualCampaign, run_virtual
+from lab.commands.calibrate.scene import scene
+from lab.commands.design.recording import record_plan
+from lab.commands.design.run import plan_campaign
+from lab.commands.design.scene import plan_scene
+from lab.commands.options import PlannedCampaign
+from lab.render.rerun_primitives import LEGS
+
+POSES = 20
+ROUNDED = 4e-7  # m: float32 of about 2 m
+STRIPS = "LineStrips3D:strips"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick():
+    """Strict recordings, of campaigns that are judged by few poses."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(virtual_arm, "FRESH_POSES", 20)
+        rr.set_strict_mode(True)
+        yield
+        rr.set_strict_mode(False)
+
+
+@pytest.fixture(scope="module", params=["delta", "rpr2", "rpr3"])
+def recorded(request, tmp_path_factory):
+    outcome = run_virtual(VirtualCampaign(robot=request.param, seed=4, poses=POSES))
+    path = tmp_path_factory.mktemp("recording") / f"{request.param}.rrd"
+    record(path, outcome)
+    return path, outcome
+
+
+def lines(path, timeline="pose"):
+    """Index (of seconds, in ns), and lines (n, legs, 2, 3) in the world."""
+    reader, rows = RrdReader(path), {}
+    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=f"/{LEGS}"):
+        batch = chunk.to_record_batch()
+        if timeline in batch.schema.names and STRIPS in batch.schema.names:
+            index = batch.column(timeline).cast("int64").to_pylist()
+            rows.update(zip(index, batch.column(STRIPS).to_pylist(), strict=True))
+    return sorted(rows), np.array([rows[i] for i in sorted(rows)])
+
+
+def entities(path):
+    reader = RrdReader(path)
+    return {str(chunk.entity_path) for chunk in reader.stream(store=reader.recordings()[0])}
+
+
+def body_places(path, body):
+    """Where a body's shell stands (n, 3), or (1, 3) where it never moves: by MuJoCo."""
+    name = "Transform3D:translation"
+    index, places = column(path, f"/world/arm/{body}", name)
+    return np.array(places)[:, 0] if index else np.array(statics(path, f"/world/arm/{body}", name))
+
+
+def test_every_leg_joins_the_bodies_that_it_is_between(recorded, home):  # noqa: F811
+    """The lines are of our kinematics, the bodies stand where MuJoCo has the identified mechanism."""
+    path, outcome = recorded
+    assert rrd(home, "verify", path).returncode == 0
+    index, drawn = lines(path)
+    assert index == list(range(POSES))
+    tree = outcome.robot.chain.tree
+    assert drawn.shape == (POSES, len(tree.rods), 2, 3)
+    for i, rod in enumerate(tree.rods):
+        base_side = min(rod.ends, key=lambda end: tree.loose[end])
+        far = next(end for end in rod.ends if end != base_side)
+        for side, end in enumerate((base_side, far)):
+            np.testing.assert_allclose(drawn[:, i, side] - body_places(path, tree.frames[end].name), 0, atol=ROUNDED)
+    assert np.ptp(drawn[:, :, 1], axis=0).max() > 0.1  # m: it moves
+
+
+def test_legs_are_as_long_as_identified(recorded):
+    """Of a rod its length at every pose, of a leg its reading and the offset: not the drawing's."""
+    path, outcome = recorded
+    model, values = outcome.identification.model, outcome.identification.values
+    lengths, off = np.linalg.norm(np.diff(lines(path)[1], axis=2)[:, :, 0], axis=2), []
+    for i, rod in enumerate(outcome.robot.chain.tree.rods):
+        constant = values[model.names.index(f"{rod.name}.length")]
+        reading = 0.0 if rod.joint is None else outcome.fitted.joints[:, rod.joint]
+        np.testing.assert_allclose(lengths[:, i], constant + reading, rtol=0, atol=2 * ROUNDED)
+        off.append(abs(constant - rod.length_m))
+    assert max(off) > 1e-4  # m: the drawing's would be seen
+
+
+def test_measured_legs_are_told_from_rods(recorded):
+    path, outcome = recorded
+    shown = scene(outcome)
+    measured = [rod.joint is not None for rod in outcome.robot.chain.tree.rods]
+    assert list(shown.legs.measured) == measured
+    colours = statics(path, f"/{LEGS}", "LineStrips3D:colors")
+    assert len(colours) == len(measured) and len(set(colours)) == len(set(measured))
+    radii = np.array(statics(path, f"/{LEGS}", "LineStrips3D:radii"))
+    assert ((radii > 0.002 * shown.reach_m) & (radii < 0.02 * shown.reach_m)).all()
+    said = wording(outcome, shown)
+    assert ("legs whose length is a reading" in said, "grey**: rods" in said) == (any(measured), not all(measured))
+    assert shown.reach_m >= np.linalg.norm(shown.legs.ends - shown.origins[0, 0], axis=-1).max() - 1e-12
+
+
+def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
+    outcome = run_virtual(VirtualCampaign(poses=12))
+    shown = scene(outcome)
+    assert shown.legs.ends.shape == (12, 0, 2, 3) and shown.legs.measured == ()
+    record(tmp_path / "serial.rrd", outcome)
+    found = entities(tmp_path / "serial.rrd")
+    assert "/world/arm/link3" in found and f"/{LEGS}" not in found
+    assert "lines of the robot" not in wording(outcome, shown)
+
+
+def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):  # noqa: F811
+    plan = plan_campaign(PlannedCampaign(robot="delta", poses=9, candidates=60, starts=1))
+    path = tmp_path / "plan.rrd"
+    record_plan(path, plan)
+    assert rrd(home, "verify", path).returncode == 0
+    shown = plan_scene(plan)
+    stops, at_stops = lines(path, "stop")
+    assert stops == list(range(len(plan.tour.stops)))
+    _, by_time = lines(path, "time")
+    assert len(by_time) == len(shown.times) + len(stops)
+    assert len(shown.home) == 3 and all(line.shape == (4, 3) for line in shown.home)  # arm, elbow, wrist, platform
+    for drawn in (at_stops, by_time):
+        lengths = np.linalg.norm(np.diff(drawn, axis=2)[:, :, 0], axis=2)
+        np.testing.assert_allclose(lengths, 1.244, rtol=0, atol=2 * ROUNDED)  # m, of the drawing

@@ -1,0 +1,163 @@
+"""What `lab inspect` says of mechanisms with loops: freedoms, modes, places, singularities, what can be identified."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.robots import ROOT
+from scipy.integrate import dblquad
+
+from lab.cli import main
+from lab.commands.inspect.closed_shape import SINGULAR, ClosedShape, closed_shape_of
+from lab.formats.mechanism_toml import read_mechanism
+from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.joints import Joints
+
+MODELS = ROOT / "models"
+NAMES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")
+
+
+@pytest.fixture(scope="module")
+def shapes() -> dict[str, tuple[Mechanism, ClosedShape]]:
+    found = {name: read_mechanism(MODELS / f"{name}.toml").mechanism for name in NAMES}
+    return {name: (mechanism, closed_shape_of(mechanism)) for name, mechanism in found.items()}
+
+
+Shapes = dict[str, tuple[Mechanism, ClosedShape]]
+
+
+def test_freedoms_and_modes(shapes: Shapes) -> None:
+    counted = {name: (s.mobility, s.freedoms, s.modes, s.working) for name, (_, s) in shapes.items()}
+    assert counted == {
+        "rpr2/mechanism": (2, 2, 2, 1),
+        "rpr3/mechanism": (3, 3, 2, 1),
+        "delta/mechanism": (3, 3, 2, 8),
+        "delta/small": (3, 3, 2, 8),
+        "delta/six_rods": (3, 3, None, None),
+    }
+
+
+def test_an_area_is_the_integral_over_the_readings(shapes: Shapes) -> None:
+    """Of the 2-RPR dx dy = rho1 rho2 / (L y) d rho1 d rho2, once each way of assembling."""
+    mechanism, shape = shapes["rpr2/mechanism"]
+    span, (low, high) = 0.6, (mechanism.lower[0], mechanism.upper[0])
+
+    def density(b: float, a: float) -> float:
+        x = (a**2 - b**2 + span**2) / (2 * span)
+        return a * b / (span * float(np.sqrt(a**2 - x**2)))
+
+    assert shape.reachable == pytest.approx(dblquad(density, low, high, low, high)[0], rel=0.01)
+
+
+@pytest.mark.parametrize("name", NAMES[:4])
+def test_a_nearest_pose_is_as_near_as_any_at_random(name: str, shapes: Shapes) -> None:
+    mechanism, shape = shapes[name]
+    course = shape.course
+    assert course is not None
+    joints = Joints.random_joints(mechanism, 5000, np.random.default_rng(7))
+    closed = mechanism.assembled(joints, mechanism.drawn)
+    at_random = course.distances(joints[closed.fits], closed.posture.passive.T[closed.fits])
+    for each in shape.singularities:
+        assert not mechanism.beyond_limits(each.joints[None], 0.0).any()
+        assert each.distance < SINGULAR or each.distance <= getattr(at_random, each.kind).min()
+        there = mechanism.assembled(each.joints[None], mechanism.drawn)
+        if not there.fits.all():  # on the brink
+            assert each.kind == "parallel" and each.distance < SINGULAR
+            continue
+        place = there.posture.frames[mechanism.tree.platform][1][:3, 0]
+        np.testing.assert_allclose(place, each.place, atol=1e-9)
+        distances = course.distances(each.joints[None], there.posture.passive.T)
+        assert getattr(distances, each.kind)[0] == pytest.approx(each.distance, abs=1e-9)
+
+
+def test_two_legs_are_nearest_to_one_line_where_one_is_long_and_one_short(shapes: Shapes) -> None:
+    """The smallest singular value of two unit rows at an angle is sqrt(1 - |cos|)."""
+    mechanism, shape = shapes["rpr2/mechanism"]
+    long, short = mechanism.upper[0], mechanism.lower[0]
+    cos = (long**2 + short**2 - 0.6**2) / (2 * long * short)
+    assert shape.singularities[0].kind == "parallel"
+    assert shape.singularities[0].distance == pytest.approx(np.sqrt(1 - cos), abs=1e-6)
+
+
+def test_extents_hold_the_places_of_other_poses(shapes: Shapes) -> None:
+    for mechanism, shape in shapes.values():
+        joints = mechanism.random_joints(500, np.random.default_rng(8))
+        places = mechanism.assembled(joints, mechanism.drawn).posture.frames[mechanism.tree.platform][1][:3].T
+        slack = 0.05 * np.ptp(shape.extents, axis=1)
+        assert (places >= shape.extents[:, 0] - slack).all() and (places <= shape.extents[:, 1] + slack).all()
+        assert 0 < shape.share <= 1 and 1 <= shape.conditions[0] <= shape.conditions[1] <= shape.conditions[2] < 1e3
+
+
+# the command
+
+
+def seen(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert main(["inspect", *arguments, "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+FRAMED = ("--fix", "base.z,base.rx,base.ry,tool.*")
+GROUNDED = ("--fix", "base.*,tool.*", "--free", "A2.y,A3.x,A3.y")
+RANKS = {  # facts-robots, section 5, beside what a target in space adds
+    "2-RPR in space": (("rpr2", "--model", "gear"), 11, 17, 17),
+    "2-RPR, offsets, gains, frame": (("rpr2", "--model", "gear", *FRAMED), 8, 11, 17),
+    "3-RPR, pose": (("rpr3", "--targets", "p1,p2,p3", *GROUNDED), 15, 15, 30),
+    "3-RPR, one platform point": (("rpr3", *GROUNDED), 14, 15, 24),
+    "Delta": (("delta",), 24, 42, 42),
+    "Delta, 11 a leg + frame": (("delta", "--fix", "tool.*"), 24, 39, 42),
+}
+
+
+@pytest.mark.parametrize("what", RANKS)
+def test_what_can_be_identified(what: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, rank, left, parameters = RANKS[what]
+    found = seen(capsys, *arguments)
+    assert (found["rank"], found["not_fixed"], found["parameters"]) == (rank, left, parameters)
+    assert len(found["identifiable"]) == rank
+
+
+def test_the_drawing_of_a_delta_of_six_rods_hides_what_its_copies_show(capsys: pytest.CaptureFixture[str]) -> None:
+    assert seen(capsys, str(MODELS / "delta/six_rods.toml"))["rank"] == 38
+
+
+def test_what_a_delta_s_platform_hides(capsys: pytest.CaptureFixture[str]) -> None:
+    hidden = seen(capsys, "delta")["aliases"]
+    for axis in "xyz":  # it does not turn
+        assert hidden[f"tool.p1.{axis}"] == {f"base.{axis}": pytest.approx(1.0)}
+        assert hidden[f"wrist1.{axis}"] == {f"arm1.{axis}": pytest.approx(-1.0)}
+
+
+def test_it_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", "delta", *FRAMED]) == 0
+    said = capsys.readouterr().out
+    for words in (
+        "delta: a mechanism with loops: 3 measured joints, 3 passive values, 3 rods; mobility 3; mm and °\n",
+        "ry theta1",
+        "x passive (0), y passive (0), z passive (−1000)",
+        "rz −90 exact, x 43.8786",
+        "wrist1 – elbow1 │   1244",
+        "mobility 3 = 3 joints + 3 passive values − 3 closures; by rank, as drawn, 3\n",
+        "it is a Delta: arms of 524 mm at −90, 30, 150°, rods of 1244 mm; hips 163.679 mm from the centre",
+        "assembled in 2 ways; its legs reach the drawn pose in 8 ways\n",
+        "a volume of ",
+        "  parallel, where all rods are along one plane: ",
+        "  constraint, where the parallelograms let the platform tilt: no nearer than 0.",
+        " that --fix leaves) can be identified",
+        "  rod1: length\n",
+    ):
+        assert words in said, words
+
+
+def test_without_a_closed_form_and_with_a_pin(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from test_mechanism_file import CRANK
+
+    (tmp_path / "crank.toml").write_text(CRANK)
+    assert main(["inspect", str(tmp_path / "crank.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "1 measured joint, 2 passive values, 1 pin; mobility 1;" in said
+    assert "no closed form of it is known" in said and "singularities" not in said and "meet in x y" in said
+    found = seen(capsys, str(tmp_path / "crank.toml"))
+    assert found["closed_form"] is None and found["pins"][0]["along"] == "xy" and found["assembly_modes"] is None

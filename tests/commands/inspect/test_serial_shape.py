@@ -1,0 +1,56 @@
+"""What `lab inspect` says of a shape: reach, ways to a pose, the determinant, examples of singularities."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lab.cli import main
+from lab.commands.inspect.serial_shape import shape_of
+from lab.commands.robot import load_robot
+from lab.kinematics.serial.arm import SerialArm
+
+# facts-robots, section 1: the flange's reach (mm), the ways to a pose, the determinant
+ARMS = {
+    "irb120": (652.006, 8, "-0.27 (0.302 cos q3 + 0.07 sin q3) sin q5 "),
+    "rx130": (1360.0, 8, "-0.625 * 0.625 sin q3 sin q5 (0.625 sin q2 + 0.625 sin(q2+q3))"),
+    "tx40": (516.36, 8, "-0.225 * 0.225 sin q3 sin q5 (0.225 sin q2 + 0.225 sin(q2+q3))"),
+    "versatran": (1200.0, 4, "-q3 sin q5"),
+    "scemi": (1100.0, 8, "0.5 * 0.5 cos q3 sin q5 (0.5 cos q2 - 0.5 sin(q2+q3))"),
+    "scara": (650.0, 2, "0.4 * 0.25 sin q2"),
+    "course2r": (1000.0, None, ""),
+}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_reach_ways_and_determinant(name: str) -> None:
+    reach_mm, ways, determinant = ARMS[name]
+    shape = shape_of(load_robot(name).chain)
+    assert 1e3 * shape.reach_m == pytest.approx(reach_mm, abs=0.01)
+    assert shape.ways == ways and shape.determinant.startswith(determinant)
+
+
+@pytest.mark.parametrize("name", [name for name in ARMS if ARMS[name][1]])
+def test_at_each_example_a_combination_of_joints_moves_nothing(name: str) -> None:
+    chain = load_robot(name).chain
+    arm = SerialArm(chain)
+    for each in shape_of(chain).singularities:
+        if each.joints is None:
+            assert (name, each.factor.text) == ("versatran", "q3")  # which the limits keep away from zero
+            continue
+        assert not chain.beyond_limits(each.joints, 0.0).any() and len(each.free)
+        jacobian = arm.tool(each.joints[None], arm.nominal())[1][0]
+        np.testing.assert_allclose(jacobian @ each.free.T, 0.0, atol=1e-9)
+        if each.factor.name == "wrist":
+            np.testing.assert_allclose(np.abs(each.free), [[0, 0, 0, 1, 0, 1]], atol=1e-9)
+
+
+def test_inspect_prints_it(capsys) -> None:
+    assert main(["inspect", "rx130"]) == 0
+    said = capsys.readouterr().out
+    assert "reach 1360 mm from axis 1 to the last frame; 8 ways to a pose" in said
+    assert "det J = −0.625 · 0.625 sin q3 sin q5 (0.625 sin q2 + 0.625 sin(q2+q3))" in said
+    assert "wrist, sin q5 = 0: e.g. at (" in said and "+1 q4 −1 q6 moves nothing" in said
+    assert main(["inspect", "course2r", "--json"]) == 0
+    seen = json.loads(capsys.readouterr().out)
+    assert seen["determinant"] is None and seen["ways"] is None and seen["singularities"] == []

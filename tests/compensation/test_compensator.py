@@ -1,0 +1,328 @@
+"""Corrected targets: the schemes agree, every failure has its reason, and the file of targets is read strictly."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, perturbed, somewhere, table_robot
+
+from lab.commands.robot import Robot, load_robot
+from lab.compensation.compensator import Compensation, Compensator
+from lab.compensation.ik_results import AGREED_M
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.target_csv import read_targets
+from lab.kinematics.effects.arm import rigid_part
+from lab.kinematics.inverse.branches import Drawing
+from lab.kinematics.inverse.newton import Wanted
+from lab.kinematics.serial.arm import SerialArm
+
+GROUPS = [(), ("compliance", "harmonics", "backlash")]
+
+
+def compensator(groups: tuple[str, ...], seed: int, robot: Robot = IRB120) -> Compensator:
+    """A drawing with its base somewhere, and an arm that is off in every parameter."""
+    rng = np.random.default_rng(seed)
+    arm = robot.arm_with(("p1",), groups)
+    rigid = rigid_part(arm)
+    before = somewhere(rigid, rng)
+    values = np.zeros(len(arm.names))
+    values[: len(rigid.names)] = perturbed(rigid, before, rng, 0.5e-3, 1.5e-3)
+    size = {"compliance": 1e-5, "sin1": 2e-4, "cos1": 2e-4, "backlash": 1e-4}
+    for i, name in enumerate(arm.names[len(rigid.names) :], start=len(rigid.names)):
+        values[i] = size[name.split(".")[1]]
+    return Compensator(Drawing(rigid, before), arm, values)
+
+
+def settings(of: Compensator, joints: Array) -> Array:
+    conditions = [np.full((len(joints), 1), 3.0 if name == "payload_kg" else 1.0) for name in of.arm.conditions]
+    return np.concatenate([joints, *conditions], axis=1)
+
+
+def reachable(of: Compensator, count: int, seed: int) -> Wanted:
+    """Poses that the identified arm takes at random joints within limits."""
+    joints = of.drawing.arm.chain.random_joints(count, np.random.default_rng(seed))
+    Ts, _ = of.arm.tool(settings(of, joints), of.values)
+    return Wanted(Ts[:, :3, 3], Ts[:, :3, :3])
+
+
+def corrected(of: Compensator, wanted: Wanted, reference: Array | None = None) -> Compensation:
+    size = of.drawing.arm.chain.size
+    anywhere = np.full((len(wanted), size), np.nan)
+    conditions = settings(of, np.zeros((len(wanted), size)))[:, size:]
+    return of(wanted, conditions, anywhere if reference is None else reference)
+
+
+@pytest.mark.parametrize("groups", GROUPS, ids=["rigid", "affected"])
+def test_targets_from_random_joints_are_hit(groups: tuple[str, ...]) -> None:
+    """>= 99.5 % to 1e-9 m within 8 iterations; the others say why."""
+    for seed in range(2):
+        of = compensator(groups, seed)
+        wanted = reachable(of, 2000, seed)
+        found = corrected(of, wanted)
+        missing = wanted.errors(of.arm.tool(settings(of, found.joints), of.values)[0])
+        hit = (np.linalg.norm(missing[:, :3], axis=1) < 1e-9) & (found.steps <= 8)
+        assert hit.mean() >= 0.995
+        assert found.converged.mean() >= 0.99
+        assert all(reason for reason, done in zip(found.reasons, found.converged, strict=True) if not done)
+        words = ("joint limit: ", "within 1° of a singularity", "out of reach by ", "° from a singularity")
+        assert all(any(word in reason for word in words) for reason in found.reasons if reason)
+        within = ~of.drawing.arm.chain.beyond_limits(found.joints, 1e-9).any(axis=1)
+        assert within[found.converged].all()
+
+
+@pytest.mark.parametrize("turned", [True, False], ids=["poses", "positions"])
+@pytest.mark.parametrize("groups", GROUPS, ids=["rigid", "affected"])
+def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned: bool) -> None:
+    of = compensator(groups, 3)
+    wanted = reachable(of, 500, 4)
+    if not turned:
+        wanted = Wanted(wanted.places, np.full((500, 3, 3), np.nan))
+    found = corrected(of, wanted)
+    done = np.flatnonzero(found.converged)
+    assert len(done) >= 490
+    for joints in (found.joints, found.differential, found.cartesian):
+        missing = wanted.take(done).errors(of.arm.tool(settings(of, joints)[done], of.values)[0])
+        assert np.abs(missing).max() <= 1e-6
+    assert found.apart_m[done].max() <= AGREED_M
+    closed = of.drawing.closed_form  # the controller itself, by another inverse than Newton's
+    assert closed is not None
+    aimed = Wanted(found.places[done], found.turns[done])
+    ways = closed.solve(of.drawing.last_frames(aimed)).joints
+    apart = np.abs((ways - found.cartesian[done][:, None] + np.pi) % (2 * np.pi) - np.pi).max(axis=2).min(axis=1)
+    assert np.quantile(apart, 0.99) < 1e-6
+    moved = np.linalg.norm(found.places - wanted.places, axis=1)[done]
+    assert 0.3e-3 < moved.mean() < 10e-3
+
+
+def test_without_an_error_nothing_is_corrected() -> None:
+    of = compensator((), 5)
+    of = Compensator(of.drawing, of.drawing.arm, of.drawing.values)
+    wanted = reachable(of, 200, 6)
+    found = corrected(of, wanted)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.joints, found.uncorrected, atol=1e-9)
+    np.testing.assert_allclose(found.places, wanted.places, atol=1e-9)
+
+
+def test_the_branch_that_is_given_is_kept_and_otherwise_the_nearest_is_taken() -> None:
+    of = compensator((), 7)
+    chain = of.drawing.arm.chain
+    joints = 0.9 * chain.random_joints(300, np.random.default_rng(8))
+    Ts, jacobian = of.arm.tool(joints, of.values)
+    wanted = Wanted(Ts[:, :3, 3], Ts[:, :3, :3])
+    clear = np.linalg.svd(jacobian, compute_uv=False)[:, -1] > 0.02
+    kept = corrected(of, wanted, joints)
+    assert np.abs(kept.joints - joints)[clear & kept.converged].max() < 1e-6
+    free = corrected(of, wanted)
+    steps = [np.abs(np.diff(found.joints[clear], axis=0)).max(axis=1).mean() for found in (free, kept)]
+    assert steps[0] < 0.8 * steps[1]  # one after the other, the nearest way is shorter
+
+
+def test_a_path_stays_in_the_branch_that_its_first_target_names() -> None:
+    """Far from the readings zero, where another way would be nearer to them."""
+    of = compensator((), 14)
+    ends = np.deg2rad([[100.0, -60, -20, 150, -60, 250], [140.0, -30, 10, 120, -80, 300]])
+    path = ends[0] + np.linspace(0, 1, 40)[:, None] * (ends[1] - ends[0])
+    Ts, _ = of.arm.tool(path, of.values)
+    reference = np.full(path.shape, np.nan)
+    reference[0] = path[0]
+    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), reference)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.joints, path, atol=1e-8)
+
+
+def test_what_cannot_be_reached_says_why() -> None:
+    of = compensator((), 9)
+    chain = of.drawing.arm.chain
+    inside = np.deg2rad([[10.0, 20, -20, 30, 40, 50]] * 4)
+    far, limited, singular, fine = inside
+    limited[2] = chain.upper[2] + 0.05
+    singular[4] = 2e-4
+    Ts, _ = of.arm.tool(np.array([far, limited, singular, fine]), of.values)
+    Ts[0, :3, 3] += 3 * (Ts[0, :3, 3] - of.values[:3])
+    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), np.array([far, limited, singular, fine]))
+    assert found.reasons[0].startswith("out of reach by ") and found.reasons[0].endswith("mm")
+    assert found.reasons[1].startswith("joint limit: q3 would be at 72.86") and found.reasons[1].endswith("beyond 70°")
+    assert found.reasons[3] == ""
+    assert not np.isfinite(found.places[:2]).any() and np.isfinite(found.joints).all()
+    near = found.singular_rad[2]
+    assert near < np.deg2rad(1) and chain.joint_names[found.singular_joint[2]] == "q5"
+    assert found.reasons[2].startswith("within 1° of a singularity: 0.")
+
+
+def test_order_of_what_is_given_does_not_change_what_fails() -> None:
+    """A target out of reach loses nothing of the others."""
+    of = compensator((), 10)
+    wanted = reachable(of, 20, 11)
+    far = Wanted(wanted.places.copy(), wanted.turns)
+    far.places[7] += 5.0
+    found = corrected(of, far)
+    assert [i for i, reason in enumerate(found.reasons) if reason] == [7]
+
+
+def other_compensator(name: str, seed: int) -> tuple[Compensator, Array]:
+    """An arm off by 0.5 mm and 1 mrad in every parameter, and readings of its."""
+    rng, chain = np.random.default_rng(seed), load_robot(name).chain
+    arm = SerialArm(chain)
+    before = somewhere(arm, rng)
+    return Compensator(Drawing(arm, before), arm, perturbed(arm, before, rng, 0.5e-3, 1e-3)), chain.random_joints(
+        1000, rng
+    )
+
+
+@pytest.mark.parametrize("name", ["scara", "versatran"])
+@pytest.mark.parametrize("drawn", [False, True], ids=["its own poses", "the drawing's poses"])
+def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool) -> None:
+    """The SCARA's axes are tilted: it cannot take the drawing's rotations, but their places and their turn about z."""
+    of, joints = other_compensator(name, 1)
+    joints = np.clip(joints, of.drawing.arm.chain.lower + 0.02, of.drawing.arm.chain.upper - 0.02)
+    if name == "scara":
+        joints[:, 1] = np.where(np.abs(joints[:, 1]) < 0.25, 0.25, joints[:, 1])  # short of the outstretched arm
+    Ts, _ = of.drawing.tool(joints) if drawn else of.arm.tool(joints, of.values)
+    wanted = Wanted(Ts[:, :3, 3], Ts[:, :3, :3])
+    found = corrected(of, wanted)
+    assert found.converged.mean() >= 0.995
+    assert all("singularity" in reason or "joint limit" in reason for reason in found.reasons if reason)
+    done = np.flatnonzero(found.converged)
+    axis_z = of.drawing.arm.T_tracker_frame0(of.drawing.values)[:3, 2]
+    for readings in (found.joints, found.differential, found.cartesian):
+        missing = wanted.take(done).errors(of.arm.tool(readings[done], of.values)[0])
+        assert np.linalg.norm(missing[:, :3], axis=1).max() < 1.5e-9
+        if name == "versatran":
+            assert np.linalg.norm(missing[:, 3:], axis=1).max() < 1.5e-9
+        else:
+            assert np.abs(missing[:, 3:] @ axis_z).max() < 5e-5  # of a tilt of some mrad, about axes that are askew
+            apart = np.linalg.norm(missing[:, 3:], axis=1) - found.unturned_rad[done]
+            assert np.abs(apart).max() < 1e-8
+    assert found.apart_m[done].max() < 1e-8
+    if name == "versatran":
+        assert not found.unturned_rad.any()
+    else:
+        assert 1e-4 < found.unturned_rad[done].mean() < 10e-3
+    drawn_there = of.drawing.tool(found.cartesian[done])[0]  # what the controller computes for the corrected targets
+    np.testing.assert_allclose(drawn_there[:, :3, 3], found.places[done], atol=1e-8)
+
+
+def test_places_alone_need_no_rotation() -> None:
+    of, joints = other_compensator("scara", 2)
+    Ts, _ = of.drawing.tool(joints[:50])
+    found = corrected(of, Wanted(Ts[:, :3, 3], np.full((50, 3, 3), np.nan)))
+    assert found.converged.mean() >= 0.9 and not found.unturned_rad.any()
+    assert not any("°" in reason and "out of reach" in reason for reason in found.reasons)
+
+
+def test_a_scara_s_turn_that_is_out_of_reach_is_told() -> None:
+    """At the edge the tool's place can still be met, but not turned as well."""
+    of, joints = other_compensator("scara", 3)
+    joints[:, 1] = 1e-3
+    Ts, _ = of.drawing.tool(joints[:30])
+    Ts[:, :3, :3] = se3.exp(np.array([0, 0, 0.2])) @ Ts[:, :3, :3]
+    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]))
+    assert not found.converged.all() and np.isfinite(found.joints).all()
+    assert any(reason.startswith("out of reach by ") and reason.split(",")[0].endswith("°") for reason in found.reasons)
+
+
+def test_two_joints_cannot_be_compensated_and_say_so_in_one_line() -> None:
+    arm = load_robot("course2r").arm(("p1",))
+    with pytest.raises(
+        LabError, match=r"robot 'course2r': its joints \(q1, q2\) move p1 in 2 of three directions"
+    ) as told:
+        Compensator(Drawing(arm, arm.nominal()), arm, arm.nominal())
+    assert "\n" not in str(told.value)
+
+
+def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:
+    of = compensator((), 16)
+    wanted = reachable(of, 300, 17)
+    found = corrected(of, Wanted(wanted.places, np.full((300, 3, 3), np.nan)))
+    assert found.converged.mean() >= 0.99
+    assert np.quantile(found.singular_rad, 0.05) > np.deg2rad(4)
+
+
+@pytest.mark.parametrize("name", ["ur10.toml", "panda.toml"])
+def test_arms_without_a_closed_form_are_compensated_too(name: str) -> None:
+    robot = table_robot(name)
+    of = compensator((), 12, robot)
+    wanted = reachable(of, 100, 13)
+    found = corrected(of, wanted)
+    assert found.converged.mean() >= 0.9
+    missing = wanted.errors(of.arm.tool(found.joints, of.values)[0])[found.converged]
+    assert np.abs(missing).max() < 1e-9
+
+
+# The file of targets
+
+HEADER = "id,x_mm,y_mm,z_mm"
+
+
+def read(tmp_path: Path, text: str, meaning=None):
+    path = tmp_path / "targets.csv"
+    path.write_text(text, encoding="utf-8")
+    return read_targets(path, IRB120.chain.joint_names, IRB120.chain.prismatic, meaning)
+
+
+def test_positions_and_orientations_are_read(tmp_path) -> None:
+    text = f"{HEADER},qw,qx,qy,qz,payload_kg\na,1,2,3,1,0,0,0,3\nb,4,5,6,,,,,0\n"
+    found = read(tmp_path, text)
+    assert found.ids == ("a", "b") and found.tool == "p1" and found.lines == (2, 3)
+    np.testing.assert_array_equal(found.places, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
+    np.testing.assert_array_equal(found.turns[0], np.eye(3))
+    assert np.isnan(found.turns[1]).all() and np.isnan(found.joints).all()
+    np.testing.assert_array_equal(found.conditions["payload_kg"], [3.0, 0.0])
+    named = read(tmp_path, "p2_x_m,p2_y_m,p2_z_m\n1,2,3\n")
+    assert named.tool == "p2" and named.ids == ("0",) and named.places[0].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_rows_to_skip_are_skipped_and_what_means_nothing_is_passed_over(tmp_path) -> None:
+    found = read(tmp_path, f"{HEADER},use,comment\na,1,2,3,skip,no\nb,4,5,6,calibrate,yes\n")
+    assert found.ids == ("b",) and found.lines == (3,) and len(found.places) == 1
+    assert "columns comment have no meaning here and are passed over" in found.warnings[0]
+
+
+def test_angles_need_a_meaning(tmp_path) -> None:
+    text = f"{HEADER},rx_deg,ry_deg,rz_deg\na,0,0,0,10,20,30\n"
+    with pytest.raises(LabError, match=r"targets\.csv: columns rx_deg, ry_deg, rz_deg are angles: say --orientation"):
+        read(tmp_path, text)
+    x, y, z = (se3.exp(np.deg2rad(angle) * np.eye(3)[i]) for i, angle in enumerate((10, 20, 30)))
+    np.testing.assert_allclose(read(tmp_path, text, "fixed-xyz").turns[0], z @ y @ x, atol=1e-15)
+    np.testing.assert_allclose(read(tmp_path, text, "intrinsic-xyz").turns[0], x @ y @ z, atol=1e-15)
+
+
+def test_joints_say_which_way(tmp_path) -> None:
+    names = ",".join(f"q{i}_deg" for i in range(1, 7))
+    found = read(tmp_path, f"{HEADER},{names}\na,1,2,3,10,20,30,40,50,60\nb,1,2,3,,,,,,\n")
+    np.testing.assert_allclose(found.joints[0], np.deg2rad([10, 20, 30, 40, 50, 60]))
+    assert np.isnan(found.joints[1]).all() and not found.warnings
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("id,x,y,z\na,1,2,3\n", "column x: unknown unit or axis"),
+        ("id,x_in,y_in,z_in\na,1,2,3\n", "column x_in: unknown unit"),
+        ("id,x_mm,y_mm\na,1,2\n", "target p1 has no z"),
+        (f"{HEADER}\na,1,2,\n", "line 2, column z_mm: empty"),
+        (f"{HEADER}\na,1,2,3\nb,,,\n", "line 3, column x_mm: empty; give every target a position"),
+        (f"{HEADER}\na,1,2,3\na,1,2,3\n", "line 3, column id: 'a' is also the id of line 2"),
+        (f"{HEADER},qw,qx,qy,qz\na,1,2,3,1,0.1,0,0\n", "line 2, columns qw to qz: the quaternion's norm is 1.00499"),
+        (f"{HEADER},qw,qx,qy,qz\na,1,2,3,1,0,0,\n", "line 2, column qz: empty while others are there"),
+        (f"{HEADER},qw,qx,qy\na,1,2,3,1,0,0\n", "column p1_qz is missing beside qw"),
+        ("p1_x_mm,p1_y_mm,p1_z_mm,p2_x_mm,p2_y_mm,p2_z_mm\n1,2,3,4,5,6\n", "targets of p1, p2: give those of one"),
+        ("id,payload_kg\na,3\n", "no target, in columns like x_mm"),
+        (f"{HEADER},payload_kg\na,1,2,3,-1\n", "payload_kg: not from 0"),
+        (f"{HEADER},q1_deg\na,1,2,3,4\n", "joint q2 is missing"),
+        (f"{HEADER},q1\na,1,2,3,4\n", "unknown unit"),
+        (f"{HEADER},q7_deg\na,1,2,3,4\n", "q7_deg is no joint of the robot"),
+        (
+            f"{HEADER},{','.join(f'q{i}_deg' for i in range(1, 7))}\na,1,2,3,1,2,,4,5,6\n",
+            "line 2, column q3: empty, but other joints are there",
+        ),
+        ("", "the file is empty"),
+    ],
+)
+def test_a_file_that_is_none_is_told_in_one_line(tmp_path, text: str, words: str) -> None:
+    with pytest.raises(LabError) as told:
+        read(tmp_path, text)
+    assert words in str(told.value) and str(told.value).startswith(str(tmp_path)) and "\n" not in str(told.value)

@@ -1,0 +1,322 @@
+"""Designs: exchange against brute force, the ascent, the certificate, the promise."""
+
+import json
+import subprocess
+import sys
+from itertools import combinations
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, ROOT
+from helpers.run_script import answer_of, script
+
+from lab.calibration.identify import identify
+from lab.calibration.weights import Noise
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.design.run import plan_campaign
+from lab.commands.options import PlannedCampaign, VirtualCampaign
+from lab.core.errors import LabError
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements, measured
+from lab.core.random import stream
+from lab.design.certificate import certify
+from lab.design.criteria import CRITERIA, Scaling, criterion
+from lab.design.exchange import ascend, exchange, information
+from lab.design.predicted_accuracy import predict, smallest_count
+from lab.formats.measurement_csv import write_measurements
+from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.candidate_poses import feasibility, path_check
+from lab.simulation.collisions import random_poses
+from lab.simulation.true_robot import track
+
+ARM = SerialArm(IRB120.chain)
+KEPT = list(base_set(ARM, ARM.nominal()).kept)
+SCALE = Scaling("length").columns([ARM.names[i] for i in KEPT], np.empty((0, 3, 27)))
+CHAIN = IRB120.chain
+MODEL = IRB120.model
+
+
+def sensitivity(joints: np.ndarray) -> np.ndarray:
+    return ARM.observe(joints, ARM.nominal())[1][:, 0][..., KEPT] * SCALE
+
+
+def pool(size: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    joints = CHAIN.random_joints(size, np.random.default_rng(seed))
+    return joints, sensitivity(joints)
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+def test_exchange_finds_the_best_of_a_small_pool(name: str) -> None:
+    """Eleven candidates, four columns: all 330 choices of four are tried."""
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        jacobian = rng.normal(size=(11, 2, 4))
+        goal = criterion(name, 4, rng.normal(size=(20, 3, 4)))
+        best = max(float(goal.score(information(jacobian[list(c)]))) for c in combinations(range(11), 4))
+        found = exchange(rng.normal(size=(11, 6)), jacobian, 4, goal, rng, starts=12)
+        assert found.score == pytest.approx(best)
+        assert len(set(found.rows.tolist())) == 4
+
+
+@pytest.mark.parametrize("name", CRITERIA)
+def test_the_ascent_never_falls_and_stays_feasible(name: str) -> None:
+    joints, jacobian = pool(300)
+    goal = criterion(name, 27, sensitivity(pool(40, 5)[0]))
+
+    def half(q: np.ndarray) -> np.ndarray:
+        return q[:, 0] > 0  # half of the workspace is forbidden
+
+    allowed = half(joints)
+    rng = np.random.default_rng(2)
+    start = exchange(joints[allowed], jacobian[allowed], 12, goal, rng, starts=1)
+    end = ascend(start, sensitivity, goal, half, CHAIN.lower, CHAIN.upper, rounds=2)
+    assert end.score > start.score
+    assert half(end.joints).all()
+    assert ((end.joints >= CHAIN.lower - 1e-12) & (end.joints <= CHAIN.upper + 1e-12)).all()
+    assert end.score == pytest.approx(float(goal.score(information(sensitivity(end.joints)))), rel=1e-9)
+    still = end.rows >= 0
+    np.testing.assert_array_equal(end.joints[still], start.joints[still])
+
+
+def test_designs_reach_the_figures_of_the_prototype() -> None:
+    """facts, section 3: certified efficiencies from a pool of 2,000, before the ascent, and a better one after it."""
+    joints, jacobian = pool(2000)
+    certificate = certify(jacobian)
+    assert certificate.gap <= 1e-3 and certificate.weights.sum() == pytest.approx(1)
+    goal, rng = criterion("O1", 27), np.random.default_rng(0)
+    for count, efficiency in ((20, 0.935), (30, 0.97), (50, 0.985)):
+        design = exchange(joints, jacobian, count, goal, rng, starts=2)
+        assert efficiency <= certificate.efficiency(design.jacobian) <= 1
+    moved = ascend(design, sensitivity, goal, lambda q: np.ones(len(q), bool), CHAIN.lower, CHAIN.upper)
+    assert moved.score > design.score
+
+
+def test_the_bound_is_never_below_a_design_from_its_pool() -> None:
+    """Random, exchanged and weighted designs; and it is tight: its own weights reach it but for the gap."""
+    joints, jacobian = pool(1000, 3)
+    certificate = certify(jacobian, gap=1e-4)
+    rng = np.random.default_rng(3)
+    for count in (9, 12, 20, 60, 1000):
+        for _ in range(20):
+            assert certificate.efficiency(jacobian[rng.choice(1000, count, replace=False)]) <= 1
+    best = exchange(joints, jacobian, 100, criterion("O1", 27), rng, starts=1)
+    assert 0.99 < certificate.efficiency(best.jacobian) <= 1
+    weighted = np.einsum("mrp,m,mrq->pq", jacobian, certificate.weights, jacobian)
+    assert certificate.bound - np.linalg.slogdet(weighted)[1] == pytest.approx(certificate.bound - certificate.log_det)
+    assert 0 <= certificate.gap <= 1e-4
+
+
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_the_bound_holds_however_early_the_search_stops(share: float) -> None:
+    """A loose bound stays above what a patient search reaches."""
+    _, jacobian = pool(400, 13)
+    measured = None if share == 1.0 else information(jacobian[:12]) / 12
+    patient = certify(jacobian, gap=1e-5, measured=measured, share=share)
+    for gap in (0.9, 0.3, 0.1, 0.03, 0.01):
+        early = certify(jacobian, gap=gap, measured=measured, share=share)
+        assert early.bound >= patient.log_det and early.gap <= gap
+    first = certify(jacobian, gap=0.99, measured=measured, share=share)  # at equal weights: the tangent there
+    total = share * information(jacobian) / 400 + (0 if measured is None else (1 - share) * measured)
+    gains = np.trace(jacobian @ np.linalg.inv(total) @ np.swapaxes(jacobian, 1, 2), axis1=1, axis2=2)
+    rise = 27 * np.log(gains.max() / 27) if measured is None else share * (gains.max() - gains.mean())
+    assert first.bound == pytest.approx(np.linalg.slogdet(total)[1] + rise)
+
+
+def test_the_bound_with_poses_measured_already() -> None:
+    _, jacobian = pool(150, 4)
+    rng = np.random.default_rng(4)
+    before = information(jacobian[:10]) / 10
+    certificate = certify(jacobian, measured=before, share=0.5)
+    assert certificate.gap <= 1e-3
+    for _ in range(30):
+        added = jacobian[rng.choice(150, 10, replace=False)]
+        assert certificate.efficiency(np.concatenate([jacobian[:10], added])) <= 1
+
+
+def test_extending_chooses_what_the_measured_poses_lack() -> None:
+    """Twenty poses that never move joint 5 are mended by ten; the extension beats ten chosen without them in mind."""
+    joints, jacobian = pool(600, 6)
+    stiff = CHAIN.random_joints(20, np.random.default_rng(7))
+    stiff[:, 4] = 0.3
+    measured = information(sensitivity(stiff))
+    goal, rng = criterion("O1", 27), np.random.default_rng(8)
+    alone = exchange(joints, jacobian, 10, goal, rng)
+    extension = exchange(joints, jacobian, 10, goal, rng, measured=measured)
+    assert extension.score > float(goal.score(measured + information(alone.jacobian)))
+    assert exchange(joints, jacobian, 3, goal, rng, measured=measured).joints.shape == (3, 6)
+
+
+def test_a_small_measured_set_is_extended(tmp_path) -> None:
+    """Three measured poses leave six to add at the least; rows that are skipped or were not seen do not count."""
+    joints, _ = pool(6, 12)
+    seen = measured(CHAIN.joint_names, joints, ("p1",), np.full((6, 1, 3), np.nan))
+    points = seen.points.copy()
+    points[:4] = 1.0
+    use = ("calibrate", "calibrate", "calibrate", "skip", "calibrate", "calibrate")
+    data = Measurements(**{**seen.__dict__, "points": points, "use": use, "marked": True})
+    path = tmp_path / "measured.csv"
+    write_measurements(path, data, CHAIN.prismatic)
+    plan = plan_campaign(PlannedCampaign(poses=12, candidates=300, starts=1, extend=path))
+    np.testing.assert_array_equal(plan.problem.already, joints[:3])
+    assert plan.curve[0].poses == 6 and np.isfinite(plan.curve[0].prediction.reached)
+    with pytest.raises(LabError, match="6 poses or more"):
+        plan_campaign(PlannedCampaign(poses=5, candidates=300, starts=1, extend=path))
+
+
+def test_requests_that_cannot_be_met_say_why() -> None:
+    joints, jacobian = pool(50)
+    goal, rng = criterion("O1", 27), np.random.default_rng(9)
+    for count, words in ((60, "more candidates"), (8, "ask for 9 or more"), (0, "1 to 50")):
+        with pytest.raises(LabError, match=words):
+            exchange(joints, jacobian, count, goal, rng)
+    still = np.repeat(jacobian[:1], 50, axis=0)
+    with pytest.raises(LabError, match="all 27 parameters"):
+        exchange(joints, still, 20, goal, rng, starts=1)
+
+
+def test_the_strict_promise_asks_for_more_than_the_marginal_one() -> None:
+    """P(Q95 <= x) = 95 % by brute force: draws of the parameter error, no shortcut."""
+    _, jacobian = pool(20, 10)
+    test = sensitivity(pool(100, 11)[0])
+    matrix = information(jacobian)
+    found = predict(matrix, test, np.random.default_rng(0))
+    errors = np.random.default_rng(1).multivariate_normal(np.zeros(27), np.linalg.inv(matrix), 4000)
+    lengths = np.linalg.norm(np.einsum("trp,dp->dtr", test, errors), axis=2)
+    assert found.reached == pytest.approx(np.quantile(np.quantile(lengths, 0.95, axis=1), 0.95), rel=0.03)
+    assert found.reached > np.quantile(lengths, 0.95)
+    np.testing.assert_allclose(found.rms, np.sqrt((lengths**2).mean(axis=0)), rtol=0.05)
+
+
+def test_the_smallest_count_is_found_by_halving() -> None:
+    asked = []
+
+    def reached(count: int) -> float:
+        asked.append(count)
+        return 1 / count
+
+    assert smallest_count(reached, 1 / 37, 9, 200) == 37
+    assert len(asked) < 15
+    assert smallest_count(reached, 1.0, 9, 200) == 9
+    with pytest.raises(LabError, match="out of reach: 200 poses"):
+        smallest_count(reached, 1e-3, 9, 200)
+
+
+def campaign_errors(plans: list[np.ndarray], campaigns: int) -> list[np.ndarray]:
+    """Fresh-pose errors of virtual campaigns with each plan; an empty plan means random poses, drawn anew."""
+    tracker = instrument("uniform-8um")
+    fresh = random_poses(MODEL, 300, stream(0, "fresh"))
+    errors: list[list[np.ndarray]] = [[] for _ in plans]
+    for seed in range(campaigns):
+        real = perturbed_arm(IRB120, VirtualCampaign(seed=seed))
+        exact = real.points(fresh, ("p1",))
+        for i, plan in enumerate(plans):
+            joints = plan if len(plan) else random_poses(MODEL, 20, stream(seed, "poses"))
+            data = track(real, joints, ("p1",), tracker, stream(seed, "noise"))
+            found = identify(ARM, data, ARM.nominal(), Noise(tracker))
+            errors[i].append(np.linalg.norm(ARM.points(fresh, found.values) - exact, axis=2)[:, 0])
+    return [np.array(e) for e in errors]
+
+
+def check_campaigns(campaigns: int, within: float, kept_least: float, candidates: int) -> None:
+    twenty = plan_campaign(PlannedCampaign(poses=20, starts=1, candidates=candidates))
+    promised = plan_campaign(PlannedCampaign(accuracy_mm=0.010, starts=1, candidates=candidates))
+    designed, random, kept = campaign_errors([twenty.joints, np.empty((0, 6)), promised.joints], campaigns)
+    rms = [float(np.sqrt((e**2).mean())) for e in (designed, random)]
+    predicted = float(np.sqrt((twenty.prediction.rms**2).mean()))
+    assert rms[0] == pytest.approx(predicted, rel=within)
+    assert rms[0] <= 0.8 * rms[1]
+    share = np.mean(np.quantile(kept, 0.95, axis=1) <= 10e-6)
+    assert share >= kept_least
+    print(f"RMS in um: designed {1e6 * rms[0]:.3f}, predicted {1e6 * predicted:.3f}, random {1e6 * rms[1]:.3f}")
+    print(f"10 um kept in {share:.1%} of the campaigns")
+
+
+def test_the_prediction_is_true_in_a_few_campaigns() -> None:
+    """40 campaigns: their RMS varies by about 2.5 %, so 8 % is three standard deviations."""
+    check_campaigns(40, within=0.08, kept_least=0.85, candidates=300)
+
+
+@pytest.mark.slow
+def test_the_prediction_is_true_in_300_campaigns() -> None:
+    check_campaigns(300, within=0.05, kept_least=0.93, candidates=2000)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param(
+            PlannedCampaign(criterion="O4", accuracy_mm=0.012, candidates=200, starts=1), marks=pytest.mark.slow
+        ),
+        PlannedCampaign(instrument="faro-vantage", poses=20, candidates=200, starts=1, scaling="length"),
+        PlannedCampaign(
+            criterion="I", instrument="leica-at960", targets=("p1", "p2", "p3"), poses=14, candidates=200, starts=1
+        ),
+    ],
+    ids=["O4 to an accuracy", "faro, lengths", "I, leica, three targets"],
+)
+def test_plans_of_any_kind_keep_what_they_predict(options: PlannedCampaign) -> None:
+    """25 campaigns with the plan: the observed RMS is the predicted one (sd about 3 %)."""
+    plan = plan_campaign(options)
+    if options.accuracy_mm is not None:
+        assert plan.prediction.reached <= options.accuracy_mm / 1e3
+    tracker, arm = instrument(options.instrument), plan.problem.arm
+    fresh = random_poses(MODEL, 150, stream(0, "fresh"))
+    squares = []
+    for seed in range(25):
+        real = perturbed_arm(IRB120, VirtualCampaign(seed=seed))
+        data = track(real, plan.joints, options.targets, tracker, stream(seed, "noise"))
+        found = identify(arm, data, arm.nominal(), Noise(tracker))
+        error = arm.points(fresh, found.values) - real.points(fresh, options.targets)
+        squares.append((error**2).sum(axis=2).mean())
+    predicted = np.sqrt((plan.prediction.rms**2).mean())
+    assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.12)
+
+
+def test_the_best_o1_of_the_thesis_case_from_four_starts() -> None:
+    few = script("best_o1.py")
+    few.STARTS = 4  # of twelve: fewer chances to find it
+    assert answer_of(few, "--ignore-limits")["o1"] >= 12.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("limits", "least"), [(False, 12.25), (True, 12.03)])
+def test_the_best_o1_of_the_thesis_case(limits: bool, least: float) -> None:
+    flags = [] if limits else ["--ignore-limits"]
+    found = best_o1(*flags)
+    assert found["o1"] >= least and found["seconds"] < 60
+    joints = np.array(found["joints_deg"])
+    if limits:
+        assert (np.abs(joints) <= [165, 110, 110, 160, 120, 400]).all() and (joints[:, 2] <= 70).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(8))
+def test_the_best_o1_over_seeds(seed: int) -> None:
+    assert best_o1("--seed", str(seed))["o1"] >= 12.03
+    assert best_o1("--seed", str(seed), "--ignore-limits")["o1"] >= 12.25
+
+
+def best_o1(*flags: str) -> dict:
+    script = [sys.executable, str(ROOT / "scripts" / "best_o1.py"), "--json", *flags]
+    return json.loads(subprocess.run(script, capture_output=True, text=True, check=True).stdout)
+
+
+def test_a_plan_is_feasible_path_and_all() -> None:
+    plan = plan_campaign(PlannedCampaign(poses=15, candidates=400, starts=1))
+    assert feasibility(MODEL, ("p1",), instrument("uniform-8um"), margin=0.0)(plan.joints).all()
+    free = path_check(MODEL)
+    assert all(free(a, b) for a, b in zip(plan.tour.stops[:-1], plan.tour.stops[1:], strict=True))
+    np.testing.assert_array_equal(plan.tour.stops[[0, -1]], np.zeros((2, 6)))
+    visited = plan.tour.stops[plan.tour.measured >= 0]
+    np.testing.assert_array_equal(visited, plan.joints)
+    assert 0.5 < plan.d_efficiency <= 1 and plan.certificate.gap <= 1e-3
+
+
+def test_the_same_seed_plans_the_same() -> None:
+    options = PlannedCampaign(poses=12, candidates=100, starts=1, seed=4)
+    first, second = plan_campaign(options), plan_campaign(options)
+    np.testing.assert_array_equal(first.joints, second.joints)
+    assert first.prediction.reached == second.prediction.reached
+    other = plan_campaign(PlannedCampaign(poses=12, candidates=100, starts=1, seed=5))
+    assert not np.array_equal(first.joints, other.joints)

@@ -1,0 +1,108 @@
+"""Measurement files: nothing is lost, units come from names."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, VERSATRAN, data_file
+
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.formats.measurement_csv import read_measurements, write_measurements
+
+NAMES, SLIDES = IRB120.chain.joint_names, IRB120.chain.prismatic
+
+
+def random_measurements(rng: np.random.Generator, slides) -> Measurements:
+    n, k, j = 200, 2, len(slides)
+    points = rng.normal(size=(n, k, 3)) * 10.0 ** rng.integers(-12, 3, (n, k, 3))
+    points[rng.random((n, k)) < 0.2] = np.nan
+    joints = rng.normal(size=(n, j)) * 10.0 ** rng.integers(-12, 1, (n, j))
+    sigma = np.where(rng.random(n) < 0.5, np.nan, rng.random(n))
+    use = tuple(rng.choice(["calibrate", "reference", "test", "skip"], n))
+    names = tuple(f"q{i + 1}" for i in range(j))
+    other = {"note": tuple('a,"b"' for _ in range(n))}
+    conditions = {"temp_C": np.where(rng.random(n) < 0.5, np.nan, 20 + rng.random(n)), "approach_q2": np.ones(n)}
+    ids, days = tuple(f"row{i}" for i in range(n)), tuple(rng.choice(["mon", "tue"], n))
+    return Measurements(
+        names, joints, ("ball", "p2"), points, ids, use, days, sigma, other, True, conditions=conditions
+    )
+
+
+def test_what_is_written_reads_back_to_the_bit(tmp_path) -> None:
+    for slides in (SLIDES, VERSATRAN.prismatic):
+        data = random_measurements(np.random.default_rng(0), slides)
+        path = tmp_path / "data.csv"
+        write_measurements(path, data, slides)
+        back = read_measurements(path, data.joint_names, slides)
+        for name in ("joints", "points", "sigma_m"):
+            np.testing.assert_array_equal(getattr(back, name), getattr(data, name))
+        for name in ("joint_names", "targets", "ids", "use", "sessions", "other", "marked"):
+            assert getattr(back, name) == getattr(data, name)
+        assert list(back.conditions) == list(data.conditions)
+        for name, column in data.conditions.items():
+            np.testing.assert_array_equal(back.conditions[name], column)
+
+
+def test_units_come_from_names(tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("q1_deg,q2_rad,q3_deg,q4_deg,q5_deg,q6_deg,x_m,y_mm,z_mm\n180,1.5,0,0,0,-90,1.5,2.5,-3\n")
+    data = read_measurements(path, NAMES, SLIDES)
+    np.testing.assert_allclose(data.joints, [[np.pi, 1.5, 0, 0, 0, -np.pi / 2]])
+    np.testing.assert_array_equal(data.points, [[[1.5, 0.0025, -0.003]]])
+    assert data.targets == ("p1",) and data.ids == ("0",) and not data.warnings
+
+
+def test_decimal_commas_read_like_points(tmp_path) -> None:
+    header = [f"q{i}_deg" for i in range(1, 7)] + ["p1_x_mm", "p1_y_mm", "p1_z_mm", "id"]
+    row = ["1.5", "-2.25", "3", "4", "5", "6", "100.125", "-7.5", "8", "first"]
+    comma, point = tmp_path / "comma.csv", tmp_path / "point.csv"
+    point.write_text(",".join(header) + "\n" + ",".join(row) + "\n")
+    comma.write_text(";".join(header) + "\n" + ";".join(cell.replace(".", ",") for cell in row) + "\n")
+    a, b = (read_measurements(path, NAMES, SLIDES) for path in (comma, point))
+    np.testing.assert_array_equal(a.joints, b.joints)
+    np.testing.assert_array_equal(a.points, b.points)
+    assert a.ids == ("first",)
+
+
+def test_where_a_row_stands(tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    head = ",".join(f"q{i}_deg" for i in range(1, 7))
+    path.write_text(f"id,{head},x_mm,y_mm,z_mm\na,0,0,0,0,0,0,1,2,3\n\nb,0,0,0,0,0,0,1,2,3\n")
+    data = read_measurements(path, NAMES, SLIDES)
+    assert [data.where(i) for i in range(2)] == ["line 2", "line 4"]
+    assert data.take([1]).where(0) == "line 4"
+    assert replace(data, lines=()).where(1) == "row b"
+
+
+@pytest.mark.parametrize(("kg", "right"), [("0", True), ("1000", True), ("", True), ("-0.1", False), ("1001", False)])
+def test_a_payload_is_what_an_arm_may_carry(kg: str, right: bool, tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    head = ",".join(f"q{i}_deg" for i in range(1, 7))
+    path.write_text(f"{head},x_mm,y_mm,z_mm,payload_kg\n0,0,0,0,0,0,1,2,3,2\n0,0,0,0,0,0,1,2,3,{kg}\n")
+    if right:
+        payloads = read_measurements(path, NAMES, SLIDES).conditions["payload_kg"]
+        np.testing.assert_array_equal(payloads, [2.0, float(kg or "nan")])
+    else:
+        with pytest.raises(LabError, match=r"line 3, column payload_kg: not from 0 to 1,000 kg"):
+            read_measurements(path, NAMES, SLIDES)
+
+
+def test_ids_sessions_and_uses_are_kept_with_their_rows(tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    head = ",".join(f"q{i}_deg" for i in range(1, 7))
+    path.write_text(f"id,use,session,{head},x_mm,y_mm,z_mm\n,skip,s1,0,0,0,0,0,0,1,2,3\nb,test,s2,0,0,0,0,0,0,,,\n")
+    data = read_measurements(path, NAMES, SLIDES)
+    assert data.ids == ("0", "b") and data.use == ("skip", "test") and data.sessions == ("s1", "s2")
+    assert data.seen.tolist() == [[True], [False]]
+    picked = data.only("test")
+    assert picked.ids == ("b",) and picked.sessions == ("s2",) and len(picked) == 1
+
+
+def test_real_files_are_understood() -> None:
+    three = read_measurements(data_file("irb120_liaowu_calib36.csv"), NAMES, SLIDES)
+    assert three.targets == ("p1", "p2", "p3") and three.points.shape == (36, 3, 3) and not three.warnings
+    probe = read_measurements(data_file("ur10_ipa_D.csv"), NAMES, SLIDES)
+    assert len(probe) == 632 and len(probe.warnings) == 1
+    assert all(name in probe.warnings[0] for name in ("rx_deg", "ry_deg", "rz_deg"))
+    assert set(probe.other) == {"rx_deg", "ry_deg", "rz_deg"} and set(probe.conditions) == {"temp_C"}

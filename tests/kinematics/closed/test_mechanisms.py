@@ -1,0 +1,271 @@
+"""Mechanisms with loops: derivatives, other formulations of the same thing, what can be told apart, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.robots import ROOT, RX130
+
+from lab.calibration.identify import Wishes, identify
+from lab.calibration.prior import Tolerance
+from lab.calibration.weights import Noise
+from lab.core.errors import LabError
+from lab.core.measurements import measured
+from lab.core.se3 import Array
+from lab.formats.mechanism_toml import read_mechanism
+from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.closed.structure import BASE, Frame, Pin, Rod, Step, Tree
+from lab.kinematics.effects.arm import affected
+from lab.kinematics.effects.groups import gear
+from lab.kinematics.gauge import base_set, base_set_of
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.batch import stacked
+from lab.kinematics.serial.chain import Chain
+
+FILES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")
+SIGMA_M = 5e-6
+
+
+def described(name: str, targets: tuple[str, ...] = ("p1",)) -> tuple[ClosedArm, Array]:
+    """An arm as drawn, and its parameters before a tracker."""
+    file = read_mechanism(ROOT / "models" / f"{name}.toml")
+    arm = ClosedArm(file.mechanism, targets)
+    values = arm.nominal(file.tool)
+    values[:6] = 0.4, -1.2, 0.9, 0.3, -0.2, 2.0
+    return arm, values
+
+
+def off(arm: ClosedArm, values: Array, rng: np.random.Generator, milli: float) -> Array:
+    """An imperfect copy, off by so many mm and mrad."""
+    return values + 1e-3 * milli * rng.standard_normal(len(values)) * (np.arange(len(values)) >= 6)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_derivatives_are_those_of_the_points(name: str) -> None:
+    rng = np.random.default_rng(1)
+    arm, values = described(name, ("p1", "p2"))
+    values = off(arm, values, rng, 0.1)
+    joints = arm.structure_joints(40, rng)
+    points, jacobian = arm.observe(joints, values)
+    np.testing.assert_array_equal(points, arm.points(joints, values))
+    step = 1e-6
+    for column, move in enumerate(step * np.eye(len(values))):
+        slope = (arm.points(joints, values + move) - arm.points(joints, values - move)) / (2 * step)
+        np.testing.assert_allclose(jacobian[..., column], slope, rtol=1e-6, atol=3e-8, err_msg=arm.names[column])
+    Ts, twist = arm.tool(joints, values, 1)
+    np.testing.assert_allclose(Ts[:, :3, 3], points[:, 1], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(twist[:, :3], arm.by_joints(jacobian)[:, 1], rtol=0, atol=1e-12)
+    for joint, move in enumerate(step * np.eye(arm.chain.size)):
+        after, before = (arm.tool(joints + sign * move, values, 1)[0] for sign in (1, -1))
+        turned = (after[:, :3, :3] - before[:, :3, :3]) / (2 * step) @ Ts[:, :3, :3].swapaxes(1, 2)
+        found = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1)
+        np.testing.assert_allclose(twist[:, 3:, joint], found, rtol=1e-5, atol=1e-6)
+
+
+def as_tree(chain: Chain) -> Mechanism:
+    """A Craig chain as a mechanism without loops."""
+    frames = []
+    for i, (theta, d, a, alpha, beta) in enumerate(chain.table.tolist()):
+        hayati = (Step("ry", beta),) if chain.parallel[i] else ()
+        path = (Step("rx", alpha), Step("x", a), *hayati, Step("rz", theta, joint=i), Step("z", d))
+        frames.append(Frame(f"body{i + 1}", i - 1, path))
+    joints = {name: getattr(chain, name) for name in ("name", "joint_names", "prismatic", "sign", "lower", "upper")}
+    unknown = np.full(chain.size, np.nan)
+    tree = Tree(tuple(frames), (), (), chain.size - 1)
+    return Mechanism(**joints, speed=unknown, acceleration=unknown, tree=tree)
+
+
+def test_a_chain_is_a_mechanism_without_loops() -> None:
+    """The same points and derivatives as the serial kernel's, column by column, and the same rank."""
+    rng = np.random.default_rng(2)
+    serial, tree = SerialArm(RX130, ("p1", "p2")), ClosedArm(as_tree(RX130), ("p1", "p2"))
+    joints, values = RX130.random_joints(50, rng), serial.nominal()
+    values[:6] = rng.standard_normal(6)
+    words = {"rx": "alpha", "x": "a", "ry": "beta", "rz": "theta", "z": "d"}
+    same = {
+        name: serial.names.index(name if name in serial.names else f"link{name[4]}.{words[name.split('.')[1]]}")
+        for name in tree.names
+    }
+    order = list(same.values())
+    points, jacobian = serial.observe(joints, values)
+    ours, slopes = tree.observe(joints, values[order])
+    np.testing.assert_allclose(ours, points, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(slopes, jacobian[..., order], rtol=0, atol=1e-14)
+    assert len(base_set(tree, values[order]).kept) == len(base_set(serial, values).kept) == 30  # of two targets
+
+
+def pinned() -> ClosedArm:
+    """The 2-RPR with legs that turn and slide, pinned to each other in the plane."""
+    legs = [
+        Frame(f"A{i + 1}", BASE, (Step("x", x), Step("y", 0.0), Step("rz", turn, passive=True))) for i, (x, turn) in
+        enumerate(((0.0, 1.0), (0.6, 2.1)))
+    ]  # fmt: skip
+    tips = [Frame(f"P{i + 1}", i, (Step("x", 0.0, joint=i),)) for i in range(2)]
+    still = Frame("P", 2, (Step("y", 0.0, exact=True),))
+    drawn = described("rpr2/mechanism")[0].chain
+    return ClosedArm(replace(drawn, tree=Tree((*legs, *tips, still), (), (Pin("P", (2, 3), (0, 1)),), 4)))
+
+
+def test_pins_close_what_rods_close() -> None:
+    """Two legs that turn and slide, pinned, and two distances: the same points; anchors and offsets show alike."""
+    rods, values = described("rpr2/mechanism")
+    pins = pinned()
+    values[-3:] = 0.0
+    same = {
+        "A1.x": "A1.x",
+        "A1.y": "A1.y",
+        "A2.x": "A2.x",
+        "A2.y": "A2.y",
+        "P1.x": "leg1.length",
+        "P2.x": "leg2.length",
+    }
+    other = pins.nominal({"p1": np.zeros(3)})
+    other[:6] = values[:6]
+    rng = np.random.default_rng(3)
+    for name, twin in same.items():
+        change = 1e-3 * rng.standard_normal()
+        other[pins.names.index(name)] += change
+        values[rods.names.index(twin)] += change
+    joints = rods.structure_joints(200, rng)
+    points, jacobian = pins.observe(joints, other)
+    expected, slopes = rods.observe(joints, values)
+    np.testing.assert_allclose(points, expected, rtol=0, atol=1e-13)
+    columns = [[arm.names.index(name) for name in names] for arm, names in ((pins, same), (rods, same.values()))]
+    np.testing.assert_allclose(jacobian[..., columns[0]], slopes[..., columns[1]], rtol=0, atol=1e-12)
+
+
+RANKS = [  # facts, section 5: of the parameters that are not held
+    ("rpr2/mechanism", ("p1",), ("base.z", "base.rx", "base.ry", "tool.*"), True, 8, 11),
+    ("rpr3/mechanism", ("p1", "p2", "p3"), ("base.*", "tool.*"), False, 15, 15),
+    ("rpr3/mechanism", ("p1",), ("base.*", "tool.*"), False, 14, 15),
+    ("delta/mechanism", ("p1",), ("tool.*",), False, 24, 39),
+    ("delta/small", ("p1",), ("tool.*",), False, 24, 39),
+    ("delta/six_rods", ("p1",), ("tool.*",), False, 38, 60),
+]
+
+
+@pytest.mark.parametrize(("name", "targets", "held", "gains", "rank", "count"), RANKS)
+def test_the_ranks_are_found_unaided(
+    name: str, targets: tuple[str, ...], held: tuple[str, ...], gains: bool, rank: int, count: int
+) -> None:
+    arm, values = described(name, targets)
+    values[:6] = 0.0  # so that the base's x, y and rz are those of the plane
+    whole = affected(arm, [gear(arm.chain)] if gains else [])
+    asked = [i for i, n in enumerate(whole.names) if not any(n.startswith(h.rstrip("*")) for h in held)]
+    settings = whole.structure_joints(200, np.random.default_rng(0))
+    _, jacobian = whole.observe(settings, np.concatenate([values, np.zeros(len(whole.names) - len(values))]))
+    found = base_set_of(jacobian.reshape(-1, len(whole.names))[:, asked], range(count))
+    assert len(asked) == count and len(found.kept) == rank
+
+
+def test_where_a_wrist_is_is_hidden_in_where_its_arm_is() -> None:
+    """The platform never turns: a wrist that is off by a vector looks like an arm that is off by its opposite."""
+    arm, values = described("delta/mechanism")
+    found = base_set(arm, values)
+    for axis in "xyz":
+        hidden = found.alias[:, found.fixed.index(arm.names.index(f"wrist2.{axis}"))]
+        strong = {arm.names[i]: part for i, part in zip(found.kept, hidden, strict=True) if abs(part) > 1e-9}
+        assert strong[f"arm2.{axis}"] == pytest.approx(-1, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", FILES[:4])
+def test_without_noise_an_imperfect_copy_is_found_to_rounding(name: str) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        arm, nominal = described(name)
+        true = off(arm, nominal, rng, 0.5)
+        joints, fresh = arm.structure_joints(60, rng), arm.structure_joints(300, rng)
+        data = measured(arm.chain.joint_names, joints, arm.targets, arm.points(joints, true))
+        found = identify(arm, data, nominal, Noise(None, 1e-9))
+        missed = np.abs(arm.points(fresh, found.values) - arm.points(fresh, true))
+        assert found.status == "converged" and np.nanmax(missed) < 1e-12
+        assert np.isfinite(missed).all(axis=(1, 2)).mean() > 0.99
+
+
+def test_six_rods_are_found_with_a_prior_though_their_drawing_hides_them() -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        arm, nominal = described("delta/six_rods")
+        true = off(arm, nominal, rng, 0.1)
+        joints, fresh = arm.structure_joints(50, rng), arm.structure_joints(300, rng)
+        seen = arm.points(joints, true) + SIGMA_M * rng.standard_normal((50, 1, 3))
+        data = measured(arm.chain.joint_names, joints, arm.targets, seen)
+        found = identify(arm, data, nominal, Noise(None, SIGMA_M), Wishes(tolerance=Tolerance(1e-4, 1e-4)))
+        missed = np.linalg.norm(arm.points(fresh, found.values) - arm.points(fresh, true), axis=2)
+        assert found.status == "converged" and np.sqrt(np.nanmean(missed**2)) < 12e-6
+
+
+def test_many_copies_at_once_are_what_each_is_alone() -> None:
+    arm, values = described("delta/small")
+    rng = np.random.default_rng(4)
+    joints, copies = arm.structure_joints(7, rng), np.stack([off(arm, values, rng, 0.3) for _ in range(3)])
+    free = (7, 0, 33, 20)
+    points, jacobian = stacked(arm).observe(joints, copies, free)
+    np.testing.assert_array_equal(points, stacked(arm).points(joints, copies))
+    for i, copy in enumerate(copies):
+        alone, slopes = arm.observe(joints, copy)
+        np.testing.assert_array_equal(points[i], alone.transpose(1, 2, 0))
+        np.testing.assert_array_equal(jacobian[:, :, :, i], slopes[..., list(free)].transpose(3, 2, 1, 0))
+
+
+def test_readings_that_close_nothing_are_nan_and_said() -> None:
+    arm, values = described("rpr2/mechanism")
+    joints = np.array([[0.4, 0.5], [0.2, 0.3], [0.3, 0.3], [0.5, 0.4]])  # the second too short, the third in line
+    points, jacobian = arm.observe(joints, values)
+    lost = np.array([False, True, True, False])
+    np.testing.assert_array_equal(np.isnan(points).all(axis=(1, 2)), lost)
+    np.testing.assert_array_equal(np.isnan(jacobian).any(axis=(1, 2, 3)), lost)
+    np.testing.assert_array_equal(arm.chain.stands(joints), ~lost)
+    assert "cannot meet" in arm.chain.why_not(joints[1]) and "mm stay open" in arm.chain.why_not(joints[1])
+    assert "singular" in arm.chain.why_not(joints[2]) and arm.chain.why_not(joints[0]) == ""
+
+
+def test_a_pose_that_cannot_be_is_told_by_the_fit() -> None:
+    arm, values = described("rpr2/mechanism")
+    joints = np.array([*arm.structure_joints(20, np.random.default_rng(5)), [0.2, 0.3]])
+    data = measured(arm.chain.joint_names, joints, arm.targets, np.nan_to_num(arm.points(joints, values)))
+    with pytest.raises(LabError, match="1 of 21 measured poses cannot be of this robot as drawn"):
+        identify(arm, data, values)
+
+
+def four_bar() -> Mechanism:
+    """A crank that turns all around, a coupler and a rocker: modes that an absent-minded Newton swaps."""
+    frames = (
+        Frame("crank", BASE, (Step("rz", 0.0, joint=0), Step("x", 0.1))),
+        Frame("coupler", 0, (Step("rz", 0.8, passive=True), Step("x", 0.3))),
+        Frame("pivot", BASE, (Step("x", 0.25), Step("rz", 1.9, passive=True))),
+        Frame("rocker", 2, (Step("x", 0.2),)),
+    )
+    still = np.full(1, np.nan)
+    return Mechanism(
+        name="four-bar", joint_names=("q1",), prismatic=(False,), sign=np.ones(1), lower=np.full(1, -np.pi),
+        upper=np.full(1, np.pi), speed=still, acceleration=still,
+        tree=Tree(frames, (), (Pin("tip", (1, 3), (0, 1)),), 1),
+    )  # fmt: skip
+
+
+def test_no_mode_is_swapped_all_the_way_round() -> None:
+    """The side of the coupler on which the tip lies, of two circles: of a crank that turns fully it never changes."""
+    mechanism = four_bar()
+    joints = np.linspace(-np.pi, np.pi, 2001)[:, None]
+    found = mechanism.assembled(joints, mechanism.drawn)
+    assert found.fits.all()
+    crank = 0.1 * np.stack([np.cos(joints[:, 0]), np.sin(joints[:, 0])])
+    tip, pivot = found.posture.frames[1][1][:2], np.array([[0.25], [0.0]])
+    along, across = pivot - crank, tip - crank
+    side = along[0] * across[1] - along[1] * across[0]
+    assert (side > 0).all() or (side < 0).all()
+    np.testing.assert_allclose(np.linalg.norm(tip - pivot, axis=0), 0.2, rtol=0, atol=1e-13)
+    assert np.abs(found.posture.passive).max() < 2 * np.pi
+
+
+def test_closures_that_do_not_count_up_are_refused_with_the_mobility() -> None:
+    drawn = described("delta/mechanism")[0].chain
+    with pytest.raises(LabError, match="mobility is 4,"):
+        replace(drawn, tree=replace(drawn.tree, rods=drawn.tree.rods[:2]))
+    with pytest.raises(LabError, match="mobility is 2,"):
+        replace(drawn, tree=replace(drawn.tree, rods=(*drawn.tree.rods, Rod("more", (0, 6), 1.0))))
+    with pytest.raises(LabError, match=r"in the drawn position \(.*\) rod"):
+        rods = (replace(drawn.tree.rods[0], length_m=5.0), *drawn.tree.rods[1:])
+        replace(drawn, tree=replace(drawn.tree, rods=rods)).refuse_open()

@@ -1,0 +1,276 @@
+"""Groups of parameters that move joints: derivatives, gravity against MuJoCo, ranks, recovery, errors."""
+
+import copy
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from helpers.robots import IRB120, SCARA, VERSATRAN, assert_derivatives, somewhere, table_robot
+
+from lab.calibration.identify import identify
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.groups import GROUPS, HOUR_S, Course, Effect, effect
+from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+from lab.simulation.link_masses import loads_of
+
+ALONE = tuple(name for name in GROUPS if name != "payload")
+PARAMETERS = {
+    "compliance": 2,
+    "payload": 3,
+    "harmonics": 12,
+    "harmonics2": 12,
+    "gear": 6,
+    "coupling": 6,
+    "backlash": 6,
+    "drift": 7,
+    "sessions": 12,
+}
+SESSIONS = Course(("a", "b", "c"))
+SIZES = {"compliance": 1e-5, "payload": 1e-5}  # rad/Nm; of the others 0.2 mrad, per mille, ...
+
+
+def loads_on(chain: Chain, rng: np.random.Generator) -> Loads:
+    """Masses of any size anywhere on an arm that has none, and gravity in any direction."""
+    return Loads(chain, rng.uniform(1, 5, chain.size), rng.normal(0, 0.1, (chain.size, 3)), rng.normal(0, 9.81, 3))
+
+
+def true_values(arm: SerialArm | AffectedArm, rng: np.random.Generator) -> Array:
+    """An arm before a tracker: base set off by 0.5 mm and mrad, effects of the size that arms have."""
+    rigid = arm.arm if isinstance(arm, AffectedArm) else arm
+    values = arm.nominal()
+    values[: len(rigid.names)] = somewhere(rigid, rng)
+    kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    values[kept] += 5e-4 * rng.normal(size=len(kept))
+    for i in range(len(rigid.names), len(arm.names)):
+        last = arm.names[i].rpartition(".")[2]
+        size = 1e-5 if last == "compliance" else 0.5 if last == "mass" else 2e-4
+        values[i] = size * rng.uniform(0.5, 1.5)
+    return values
+
+
+def seen(arm: SerialArm | AffectedArm, values: Array, poses: int, rng: np.random.Generator) -> Measurements:
+    """What a perfect instrument sees of it, with every condition asked for."""
+    settings = arm.structure_joints(poses, rng)
+    size = IRB120.chain.size
+    data = measured(IRB120.chain.joint_names, settings[:, :size], arm.targets, arm.points(settings, values))
+    conditions = {name: settings[:, size + i] for i, name in enumerate(arm.conditions)}
+    return replace(data, conditions=conditions)
+
+
+@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN], ids=lambda chain: chain.name)
+def test_derivatives_of_effects(chain: Chain, name: str) -> None:
+    rng = np.random.default_rng(0)
+    loads = IRB120.loads if chain is IRB120.chain else loads_on(chain, rng)
+    made = effect(name, chain, loads, SESSIONS)
+    joints, values = chain.random_joints(20, rng), SIZES.get(name, 2e-4) * rng.normal(size=len(made.parameters))
+    conditions = rng.uniform(0, 3, (20, len(made.conditions)))
+    offset, derivative = made.offsets(joints, conditions, values)
+    moved = 7 if made.moves == "frame" else chain.size
+    assert offset.shape == (20, moved) and derivative.shape == (20, moved, len(made.parameters))
+    assert_derivatives(lambda v: made.offsets(joints, conditions, v)[0], derivative, values, relative=1e-7)
+    still, _ = made.offsets(joints, conditions, np.zeros(len(values)))
+    assert not still.any()  # the drawing has no effect
+
+
+@pytest.mark.parametrize("groups", [ALONE, ("payload", "gear", "drift")], ids="+".join)
+def test_derivatives_of_an_arm_with_effects(groups: tuple[str, ...]) -> None:
+    rng = np.random.default_rng(1)
+    arm = IRB120.arm_with(("p1", "p2"), groups, SESSIONS)
+    values, settings = true_values(arm, rng), arm.structure_joints(20, rng)
+    points, jacobian = arm.observe(settings, values)
+    np.testing.assert_allclose(points, arm.points(settings, values), atol=1e-14)
+    assert_derivatives(lambda v: arm.points(settings, v), jacobian, values, relative=1e-7)
+
+
+def test_torques_are_those_of_mujoco() -> None:
+    """qfrc_bias at rest is what holds the arm; a payload adds J'mg at the last frame's origin."""
+    robot, loads = IRB120.model, IRB120.loads
+    assert loads is not None
+    rng = np.random.default_rng(2)
+    joints, payload = IRB120.chain.random_joints(50, rng), rng.choice([0.0, 1.5, 3.0], 50)
+    force, _ = loads.forces(joints, payload)
+    data = mujoco.MjData(robot.model)
+    arm = IRB120.arm(("p1",))
+    flange = arm.flange(joints, arm.nominal())
+    addresses = [int(robot.model.joint(name).qposadr[0]) for name in IRB120.chain.joint_names]
+    speeds = [int(robot.model.joint(name).dofadr[0]) for name in IRB120.chain.joint_names]
+    jacobian = np.zeros((3, robot.model.nv))
+    for pose in range(50):
+        data.qpos[addresses] = joints[pose]
+        mujoco.mj_forward(robot.model, data)
+        origin = (robot.T_world_frame0 @ flange[pose])[:3, 3]
+        mujoco.mj_jac(robot.model, data, jacobian, None, origin, robot.model.body(robot.carrier).id)
+        pushed = -data.qfrc_bias + payload[pose] * jacobian.T @ robot.model.opt.gravity
+        np.testing.assert_allclose(force[pose], pushed[speeds], atol=1e-11)
+
+
+@pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN], ids=lambda chain: chain.name)
+def test_torques_are_what_the_weight_loses(chain: Chain) -> None:
+    """Of a mass on the last link alone, m g . dp/dq by the kinematics; slides too; and the Hessian."""
+    rng = np.random.default_rng(3)
+    loads = loads_on(chain, rng)
+    joints, none = chain.random_joints(30, rng), np.zeros(30)
+    last = replace(loads, mass_kg=np.where(np.arange(chain.size) == chain.size - 1, loads.mass_kg, 0.0))
+    arm = SerialArm(chain)
+    slopes = arm.joint_jacobian(joints, arm.nominal({"p1": loads.centre_m[-1]}))[:, 0]
+    np.testing.assert_allclose(last.forces(joints, none)[0], loads.mass_kg[-1] * loads.gravity @ slopes, atol=1e-12)
+    payload = rng.uniform(0, 3, 30)
+    _, rate = loads.forces(joints, payload)
+    np.testing.assert_allclose(rate, np.swapaxes(rate, 1, 2), atol=1e-13)
+    for pose in range(30):
+        mass, at = payload[pose : pose + 1], joints[pose]
+        assert_derivatives(lambda q, mass=mass: loads.forces(q[None], mass)[0][0], rate[pose], at)
+
+
+def published_loads() -> Loads:
+    """Of the links' published masses (facts.md, section 1), without the motors and covers of the lab's model."""
+    robot = IRB120.model
+    model = copy.deepcopy(robot.model)
+    for body in range(model.nbody):
+        if model.body(body).name.startswith(("motor", "covers")):
+            model.body_mass[body] = 0.0
+    assert model.body_mass.sum() == pytest.approx(18.146)
+    return loads_of(replace(robot, model=model))
+
+
+def test_sag_outstretched() -> None:
+    """Facts, section 6: 22.7 Nm about axis 2 by the links, 19.0 more by 3 kg; at 1e5 Nm/rad 0.15 and 0.27 mm."""
+    loads = published_loads()
+    joints, lever = np.deg2rad([[0.0, 90, -90, 0, 0, 0]]), 0.270 + 0.302 + 0.072
+    rigid = IRB120.arm(("p1",))
+    arm = AffectedArm(rigid, (effect("compliance", IRB120.chain, loads),))
+    values = arm.nominal({"p1": np.zeros(3)})
+    values[arm.names.index("joint2.compliance")] = 1e-5
+    torques = [loads.forces(joints, np.array([mass]))[0][0, 1] for mass in (0.0, 3.0)]
+    assert torques[0] == pytest.approx(22.7, abs=0.05) and torques[1] - torques[0] == pytest.approx(19.0, abs=0.06)
+    assert torques[1] - torques[0] == pytest.approx(3.0 * 9.81 * lever, rel=1e-12)
+    for mass, torque, sag in zip((0.0, 3.0), torques, (0.15e-3, 0.27e-3), strict=True):
+        settings = np.append(joints, mass)[None]
+        drop = rigid.points(joints, values[: len(rigid.names)])[0, 0] - arm.points(settings, values)[0, 0]
+        np.testing.assert_allclose(drop, torque * 1e-5 * np.array([-0.070, 0.0, lever]), atol=1e-7)  # a small turn
+        assert drop[2] == pytest.approx(sag, abs=0.005e-3)
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_rank_of_each_group(name: str) -> None:
+    """Every parameter of a group can be told apart, and none takes the place of the geometry's."""
+    rigid, arm = IRB120.arm(("p1",)), IRB120.arm_with(("p1",), (name,), SESSIONS)
+    kept = base_set(arm, arm.nominal(IRB120.tool)).kept
+    geometry = base_set(rigid, rigid.nominal(IRB120.tool)).kept
+    assert kept == (*geometry, *range(len(rigid.names), len(arm.names)))
+    assert len(kept) == 27 + PARAMETERS[name]
+
+
+def test_rank_of_all_together() -> None:
+    arm = IRB120.arm_with(("p1",), ALONE, SESSIONS)
+    assert len(base_set(arm, arm.nominal(IRB120.tool)).kept) == 27 + sum(PARAMETERS[name] for name in ALONE)
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_recovery_without_noise(name: str) -> None:
+    rng = np.random.default_rng(4)
+    arm = IRB120.arm_with(("p1",), (name,), SESSIONS)
+    truth = true_values(arm, rng)
+    found = identify(arm, seen(arm, truth, 60, rng), arm.nominal(IRB120.tool))
+    assert found.status == "converged" and len(found.fit.free) == 27 + PARAMETERS[name]
+    fresh = arm.structure_joints(200, rng)
+    np.testing.assert_allclose(arm.points(fresh, found.values), arm.points(fresh, truth), atol=1e-11)
+    effects = slice(len(arm.arm.names), None)
+    unsure = 1e-7 if name == "payload" else 1e-11  # a mass shows as a millionth of its size
+    np.testing.assert_allclose(found.values[effects], truth[effects], atol=unsure)
+
+
+def third_harmonic(joint: int) -> Effect:
+    """An effect of one's own: the joint stands at q + s sin 3q + c cos 3q."""
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, 2))
+        derivative[:, joint - 1, 0] = np.sin(3 * joints[:, joint - 1])
+        derivative[:, joint - 1, 1] = np.cos(3 * joints[:, joint - 1])
+        return derivative @ values, derivative
+
+    return Effect("harmonics3", (f"joint{joint}.sin3", f"joint{joint}.cos3"), offsets)
+
+
+def test_an_effect_of_ones_own() -> None:
+    rng = np.random.default_rng(5)
+    arm = AffectedArm(IRB120.arm(("p1",)), (effect("harmonics", IRB120.chain, None), third_harmonic(2)))
+    truth = true_values(arm, rng)
+    found = identify(arm, seen(arm, truth, 60, rng), arm.nominal(IRB120.tool))
+    assert len(found.fit.free) == 27 + 12 + 2
+    np.testing.assert_allclose(found.values[-2:], truth[-2:], atol=1e-11)
+
+
+def test_masses_are_needed_for_gravity() -> None:
+    with pytest.raises(LabError, match="table without masses; give it as MJCF or URDF"):
+        table_robot("ur10.toml").arm_with(("p1",), ("compliance",))
+
+
+def test_sessions_are_rows_of_a_frame_of_their_own() -> None:
+    arm = IRB120.arm_with(("p1",), ("sessions",), SESSIONS)
+    values, joints = arm.nominal(IRB120.tool), IRB120.chain.random_joints(4, np.random.default_rng(0))
+    values[arm.names.index("session.b.x")] = 1e-3
+    data = replace(measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((4, 1, 3))), sessions=tuple("abca"))
+    moved = arm.points(data.settings(arm.conditions), values) - arm.arm.points(joints, values[: len(arm.arm.names)])
+    np.testing.assert_allclose(moved[:, 0], np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 0], [0, 0, 0]]), atol=1e-15)
+    with pytest.raises(LabError, match="all rows are of one session; say in a column session"):
+        IRB120.arm_with(("p1",), ("sessions",), Course(("a",)))
+
+
+def test_unknown_and_doubled_groups() -> None:
+    with pytest.raises(LabError, match="--model sag: no such group; there are geometric, auto, compliance, payload"):
+        IRB120.arm_with(("p1",), ("sag",))
+    with pytest.raises(LabError, match=r"--model compliance\+payload: both have joint2.compliance; choose one"):
+        IRB120.arm_with(("p1",), ("compliance", "payload"))
+
+
+def test_missing_and_empty_conditions() -> None:
+    rng = np.random.default_rng(6)
+    arm = IRB120.arm_with(("p1",), ("drift", "compliance"))
+    data = seen(arm, true_values(arm, rng), 40, rng)
+    with pytest.raises(LabError, match="column time_s is missing"):
+        identify(arm, replace(data, conditions={}), arm.nominal(IRB120.tool))
+    late = np.where(np.arange(40) == 7, np.nan, data.conditions["time_s"])
+    with pytest.raises(LabError, match="row 7, column time_s: empty"):
+        identify(arm, replace(data, conditions={"time_s": late}), arm.nominal(IRB120.tool))
+
+
+def test_no_payload_column_is_no_payload() -> None:
+    rng = np.random.default_rng(7)
+    arm = IRB120.arm_with(("p1",), ("compliance",))
+    truth = true_values(arm, rng)
+    settings = np.concatenate([IRB120.chain.random_joints(60, rng), np.zeros((60, 1))], axis=1)
+    data = measured(IRB120.chain.joint_names, settings[:, :6], ("p1",), arm.points(settings, truth))
+    found = identify(arm, data, arm.nominal(IRB120.tool))
+    np.testing.assert_allclose(found.values[-2:], truth[-2:], atol=1e-11)
+
+
+def test_slides_and_hinges_bear_weight_apart() -> None:
+    """Newtons of a slide say nothing of the Newton metres of hinges."""
+    rng = np.random.default_rng(0)
+    loads = Loads(VERSATRAN, np.full(6, 2.0), np.tile([0.05, 0.0, 0.02], (6, 1)), np.array([0.0, 0.0, -9.81]))
+    bearing = loads.bearing(rng)
+    hinges = [j for j in bearing if not VERSATRAN.prismatic[j]]
+    assert 1 in bearing and hinges  # the vertical slide, and the wrist
+    assert 0 not in bearing  # the vertical axis
+
+
+def test_drift_is_of_time_alone() -> None:
+    """After an hour points are shifted, turned and stretched by the parameters themselves."""
+    arm = IRB120.arm_with(("p1",), ("drift",))
+    rng = np.random.default_rng(8)
+    values = arm.nominal()
+    values[-7:] = v = 1e-4 * rng.normal(size=7)
+    joints = np.append(IRB120.chain.random_joints(1, rng)[0], HOUR_S)[None]
+    still = arm.arm.points(joints[:, :6], values[:-7])[0, 0]
+    moved = (1 + v[6]) * se3.exp(v[3:6]) @ (still + v[:3])
+    np.testing.assert_allclose(arm.points(joints, values)[0, 0], moved, atol=1e-15)

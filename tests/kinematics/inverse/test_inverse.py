@@ -1,0 +1,227 @@
+"""From poses to joints: Newton's method, whatever the arm, and all ways of a drawing."""
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, chain_of, perturbed, somewhere, table_robot
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.kinematics.differential import singular_distance
+from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.groups import effect
+from lab.kinematics.inverse.branches import Drawing, nearest_turns, ordered
+from lab.kinematics.inverse.newton import Wanted, reach, shortest_step, within_reach
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+
+# Newton's method
+
+
+@pytest.mark.parametrize("groups", [(), ("compliance", "harmonics")], ids=["rigid", "bending"])
+def test_newton_ends_where_the_arm_is(groups: tuple[str, ...]) -> None:
+    rng = np.random.default_rng(8)
+    arm = IRB120.arm_with(("p1",), groups)
+    rigid = arm.arm if isinstance(arm, AffectedArm) else arm
+    values = np.zeros(len(arm.names))
+    values[: len(rigid.names)] = perturbed(rigid, somewhere(rigid, rng), rng, 0.5e-3, 1.5e-3)
+    values[len(rigid.names) :] = [1e-5 if "compliance" in name else 2e-4 for name in arm.names[len(rigid.names) :]]
+    joints = IRB120.chain.random_joints(500, rng)
+    load = np.full((500, len(arm.conditions)), 3.0)
+    Ts = arm.tool(np.concatenate([joints, load], axis=1), values)[0]
+    points = arm.points(np.concatenate([joints, load], axis=1), values)[:, 0]
+    np.testing.assert_allclose(Ts[:, :3, 3], points, atol=1e-15)
+    near = singular_distance(rigid.tool(joints, values[: len(rigid.names)])[1])[0] < 0.1
+    start = joints + rng.normal(scale=0.01, size=joints.shape)
+    found = reach(arm, values, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), start, load)
+    assert found.arrived[~near].all() and found.steps[~near].max() <= 6
+    assert np.abs(found.joints - joints)[~near].max() < 1e-8
+    anywhere = np.full((500, 3, 3), np.nan)
+    free = reach(arm, values, Wanted(Ts[:, :3, 3], anywhere), start, load)
+    assert free.arrived.all()
+    assert np.linalg.norm(free.joints - start, axis=1)[~near].max() < 0.1  # the shortest way there
+
+
+def test_effects_move_the_tool_as_they_move_its_points() -> None:
+    """A frame that drifts turns the tool too."""
+    arm = AffectedArm(IRB120.arm(("p1", "p2", "p3")), (effect("drift", IRB120.chain, None),))
+    values = arm.nominal(IRB120.tool)
+    values[-7:] = 1e-3, -2e-3, 3e-3, 4e-3, -5e-3, 6e-3, 1e-4
+    joints = IRB120.chain.random_joints(20, np.random.default_rng(9))
+    settings = np.concatenate([joints, np.full((20, 1), 3600.0)], axis=1)
+    points = arm.points(settings, values)
+    tool = values[-16:-7].reshape(3, 3)
+    for k in range(3):
+        np.testing.assert_allclose(arm.tool(settings, values, k)[0][:, :3, 3], points[:, k], atol=1e-15)
+    turns = arm.tool(settings, values)[0][:, :3, :3]
+    np.testing.assert_allclose(points[:, 1] - points[:, 0], (1 + 1e-4) * turns @ (tool[1] - tool[0]), atol=1e-15)
+
+
+def test_out_of_reach_newton_ends_as_near_as_it_gets() -> None:
+    arm = IRB120.arm(("p1",))
+    values = arm.nominal(IRB120.tool)
+    wanted = Wanted(np.array([[2.0, 0.0, 0.3]]), np.full((1, 3, 3), np.nan))
+    found = reach(arm, values, wanted, np.deg2rad([[5.0, 30, -20, 10, 20, 0]]), np.empty((1, 0)))
+    assert not found.arrived[0]
+    outstretched = 0.58 + np.linalg.norm(0.072 * np.array([0, 0, 1]) + values[-3:])
+    assert np.linalg.norm(found.errors[0, :3]) == pytest.approx(2.0 - outstretched, abs=0.01)
+
+
+# Fewer joints than a pose has freedoms
+
+FIVE = chain_of(
+    "five", "craig", "RRRRR", [0, -90, 0, 0, 90], [0, 0.1, 0.4, 0.3, 0.05], [0, 20, 30, 10, 0], [0.3, 0, 0, 0, 0.1]
+)
+FEW = {chain.name: chain for chain in (SCARA, FIVE)}
+
+
+def turned_targets(chain: Chain, tilt_rad: float, seed: int) -> tuple[SerialArm, Array, Wanted, Array]:
+    """An arm that is off in every parameter, and poses near those that it takes at some readings, turned away."""
+    rng = np.random.default_rng(seed)
+    arm = SerialArm(chain)
+    values = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1e-3)
+    joints = chain.random_joints(500, rng)
+    Ts, jacobian = arm.tool(joints, values)
+    away = se3.exp(tilt_rad * rng.normal(size=(500, 3)))
+    clear = np.linalg.svd(jacobian, compute_uv=False)[:, -1] > 0.1
+    return arm, values, Wanted(Ts[:, :3, 3], away @ Ts[:, :3, :3]).take(np.flatnonzero(clear)), joints[clear]
+
+
+@pytest.mark.parametrize("name", FEW)
+@pytest.mark.parametrize("tilt_rad", [0.0, 1e-3, 0.02, 0.5])
+def test_the_place_is_met_and_the_rotation_as_near_as_can_be(name: str, tilt_rad: float) -> None:
+    chain, (arm, values, wanted, joints) = FEW[name], turned_targets(FEW[name], tilt_rad, 1)
+    start, nothing = joints + np.random.default_rng(2).normal(scale=0.01, size=joints.shape), np.empty((len(joints), 0))
+    found = reach(arm, values, wanted, start, nothing)
+    assert found.arrived.mean() > (0.99 if tilt_rad < 0.1 else 0.7)  # the others cannot turn so far there
+    Ts, jacobian = arm.tool(found.joints, values)
+    errors = wanted.errors(Ts)
+    np.testing.assert_array_equal(errors, found.errors)
+    assert np.linalg.norm(errors[:, :3], axis=1).max() < (1e-10 if found.arrived.all() else 1e-4)
+    missed = np.linalg.norm(errors[:, 3:], axis=1)
+    if tilt_rad == 0:
+        assert missed.max() < 1e-9 and np.abs(found.joints - joints).max() < 1e-6
+        return
+    assert np.median(missed) > 0.3 * tilt_rad  # it cannot be met
+    vt, anyhow = np.linalg.svd(jacobian[:, :3])[2], np.full_like(wanted.turns, np.nan)
+    for k in range(3, chain.size):  # moves that leave the place come no nearer
+        for step in (1e-3, -1e-3):
+            back = reach(arm, values, Wanted(wanted.places, anyhow), found.joints + step * vt[:, k], nothing)
+            other = wanted.errors(arm.tool(back.joints, values)[0])
+            worse = np.linalg.norm(other[:, 3:], axis=1) - missed
+            assert back.arrived.all() and worse[found.arrived].min() > -1e-12
+
+
+def test_what_is_within_reach_is_all_of_it_with_six_joints_and_a_projection_with_fewer() -> None:
+    rng = np.random.default_rng(3)
+    errors, yes, no = rng.normal(size=(50, 6)), np.full(50, True), np.full(50, False)
+    arm = SerialArm(RX130)
+    six = arm.tool(RX130.random_joints(50, rng), arm.nominal())[1]
+    np.testing.assert_array_equal(within_reach(six, errors, yes), errors)
+    arm = SerialArm(SCARA)
+    four = arm.tool(SCARA.random_joints(50, rng), arm.nominal())[1]
+    np.testing.assert_allclose(within_reach(four, errors, yes), errors * [1, 1, 1, 0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(within_reach(four[:, :, :3], errors, yes), errors * [1, 1, 1, 0, 0, 0], atol=1e-12)
+    np.testing.assert_array_equal(within_reach(four, errors * [1, 1, 1, 0, 0, 0], no), errors * [1, 1, 1, 0, 0, 0])
+    made = four @ shortest_step(four, 1e-2 * errors, yes)[:, :, None]
+    gentle = np.abs(shortest_step(four, 1e-2 * errors, yes)).max(axis=1) < 0.29
+    np.testing.assert_allclose(made[gentle, :, 0], 1e-2 * (errors * [1, 1, 1, 0, 0, 1])[gentle], atol=1e-12)
+
+
+def test_a_place_alone_takes_the_shortest_way_with_any_number_of_joints() -> None:
+    arm, values, wanted, joints = turned_targets(SCARA, 0.0, 4)
+    anywhere = Wanted(wanted.places, np.full_like(wanted.turns, np.nan))
+    start = joints + np.random.default_rng(5).normal(scale=0.01, size=joints.shape)
+    found = reach(arm, values, anywhere, start, np.empty((len(wanted), 0)))
+    assert found.arrived.all() and not found.errors[:, 3:].any()
+    assert np.linalg.norm(found.joints - start, axis=1).max() < 0.2
+
+
+def test_a_scara_upside_down_or_out_of_reach_ends_somewhere() -> None:
+    arm = SerialArm(SCARA)
+    joints = SCARA.random_joints(20, np.random.default_rng(6))
+    Ts, _ = arm.tool(joints, arm.nominal())
+    over = Wanted(Ts[:, :3, 3], se3.exp(np.array([np.pi, 0, 0])) @ Ts[:, :3, :3])
+    found = reach(arm, arm.nominal(), over, joints, np.empty((20, 0)))
+    assert found.arrived.all() and np.linalg.norm(found.errors[:, 3:], axis=1) == pytest.approx(np.pi)
+    far = Wanted(Ts[:, :3, 3] + [5.0, 0, 0], Ts[:, :3, :3])
+    found = reach(arm, arm.nominal(), far, joints, np.empty((20, 0)))
+    assert not found.arrived.any() and np.isfinite(found.joints).all()
+
+
+# All ways of a drawing
+
+
+@pytest.mark.parametrize("name", ["ur10.toml", "panda.toml"])
+def test_arms_without_a_closed_form_are_searched(name: str) -> None:
+    chain = table_robot(name).chain
+    arm = SerialArm(chain)
+    joints = chain.random_joints(200, np.random.default_rng(10))
+    drawing = Drawing(arm, arm.nominal())
+    assert drawing.closed_form is None
+    Ts, _ = drawing.tool(joints)
+    found = drawing.ways(Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan))
+    reached = found.gap_m == 0
+    assert reached.any(axis=1).mean() > 0.98
+    back = drawing.tool(found.joints[reached])[0]
+    assert np.abs(back - np.repeat(Ts, reached.sum(axis=1), axis=0)).max() < 1e-9
+
+
+def test_a_reference_is_where_the_search_begins() -> None:
+    arm = IRB120.arm(("p1",))
+    drawing = Drawing(arm, arm.nominal(IRB120.tool))
+    joints = IRB120.chain.random_joints(50, np.random.default_rng(11))
+    Ts, _ = drawing.tool(joints)
+    anywhere = Wanted(Ts[:, :3, 3], np.full((50, 3, 3), np.nan))
+    np.testing.assert_allclose(drawing.ways(anywhere, joints).joints[:, 0], joints, atol=1e-12)
+
+
+def test_whole_turns_stay_near_and_within_limits() -> None:
+    chain = IRB120.chain  # the last joint turns by 400 degrees each way
+    for given, near, expected in ((10, 350, 370), (-170, 180, 190), (100, 400, 100), (60, 400, 60 + 0), (30, 400, 390)):
+        joints = np.zeros(6)
+        joints[5] = np.deg2rad(given)
+        liked = np.zeros(6)
+        liked[5] = np.deg2rad(near)
+        assert np.rad2deg(nearest_turns(chain, joints, liked)[5]) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("chain", "count"), [(SCARA, 2), (VERSATRAN, 4), (RX130, 8), (FIVE, 8)], ids=lambda x: str(x)[:9]
+)
+def test_a_drawing_has_as_many_ways_as_its_form(chain: Chain, count: int) -> None:
+    """Of poses; places alone are searched, and beside those the poses' list is filled up with what nobody takes."""
+    arm, rng = SerialArm(chain), np.random.default_rng(12)
+    drawing = Drawing(arm, somewhere(arm, rng))
+    assert (drawing.closed_form is None) == (chain is FIVE)
+    joints = chain.random_joints(30, rng)
+    Ts, _ = drawing.tool(joints)
+    turns, nowhere = Ts[:, :3, :3].copy(), np.full(joints.shape, np.nan)
+    found = drawing.ways(Wanted(Ts[:, :3, 3], turns), nowhere)
+    assert found.gap_m.shape == (30, count)
+    turns[::2] = np.nan
+    mixed = drawing.ways(Wanted(Ts[:, :3, 3], turns), nowhere)
+    assert mixed.gap_m.shape == (30, 8)
+    if chain is not FIVE:
+        np.testing.assert_array_equal(mixed.joints[1::2, :count], found.joints[1::2])
+        assert np.isinf(mixed.gap_m[1::2, count:]).all()
+    liked, order = ordered(chain, mixed, nowhere, np.zeros((30, 8), dtype=bool))
+    assert np.isfinite(liked).all() and (order[1::2, 0] < count).all()
+    back = drawing.tool(liked[:, 0])[0]
+    assert np.linalg.norm(back[:, :3, 3] - Ts[:, :3, 3], axis=1).max() < 1e-9
+
+
+def test_a_scara_s_drawing_meets_the_place_of_a_tilted_pose_at_the_tool() -> None:
+    """The tool's lever is turned as the arm can turn it, not as the pose asks."""
+    arm, rng = SerialArm(SCARA), np.random.default_rng(13)
+    drawing = Drawing(arm, somewhere(arm, rng))
+    joints = SCARA.random_joints(50, rng)
+    joints[:, 1] = np.clip(joints[:, 1], 0.5, 2.5)  # bent, so that it can turn
+    Ts, _ = drawing.tool(joints)
+    wanted = Wanted(Ts[:, :3, 3], se3.exp(0.05 * rng.normal(size=(50, 3))) @ Ts[:, :3, :3])
+    found = drawing.ways(wanted, joints)
+    assert not found.gap_m.any()
+    for way in range(2):
+        Ts_found, jacobian = drawing.tool(found.joints[:, way])
+        errors = wanted.errors(Ts_found)
+        assert np.abs(errors[:, :3]).max() < 1e-12
+        assert np.abs(within_reach(jacobian, errors, wanted.turned)).max() < 1e-12  # nothing better to be had

@@ -1,0 +1,169 @@
+"""Forward kinematics and its derivatives: against MuJoCo, the literature's numbers, and complex steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from helpers.robots import (
+    EIGHT,
+    IRB120,
+    RX130,
+    SCARA,
+    SCEMI,
+    TX40,
+    VERSATRAN,
+    assert_derivatives,
+    perturbed,
+    somewhere,
+    table_robot,
+)
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+
+CHAINS = {chain.name: chain for chain in (IRB120.chain, RX130, TX40, SCEMI, VERSATRAN, SCARA)}
+
+
+def chain_named(name: str) -> Chain:
+    return table_robot(name).chain if name.endswith(".toml") else CHAINS[name]
+
+
+NAMES = [*CHAINS, "panda.toml", "ur10.toml"]
+
+
+def test_forward_kinematics_as_printed() -> None:
+    """Thesis, section III.2: both cases hold exactly."""
+    arm = SerialArm(IRB120.chain)
+    poses = arm.flange(np.deg2rad([[0, 0, 0, 0, 0, 0], [0, 0, -90, -90, 90, -90]]), arm.nominal())
+    np.testing.assert_allclose(poses[0, :3, 3], [0.374, 0, 0.630], atol=1e-15)
+    np.testing.assert_allclose(poses[0, :3, :3], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15)
+    np.testing.assert_allclose(poses[1, :3, 3], [-0.070, -0.072, 0.862], atol=1e-15)
+    np.testing.assert_allclose(poses[1, :3, :3], [[-1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-15)
+
+
+def test_the_eight_inverse_solutions_of_the_thesis() -> None:
+    """Newton from each printed solution to its pose (thesis III.2.2) moves no joint by more than 0.01 degrees."""
+    arm = SerialArm(IRB120.chain, ("p1", "p2", "p3"))
+    values = arm.nominal()
+    w, p, r = np.deg2rad([77.71, -0.38, 170.88])
+    rotation = se3.exp(np.array([0, 0, r])) @ se3.exp(np.array([0, p, 0])) @ se3.exp(np.array([w, 0, 0]))
+    T_base_flange = se3.pose(rotation, np.array([-0.04411, 0.38346, 0.78600]))
+    wanted = se3.transform(T_base_flange, values[-9:].reshape(3, 3))
+    for printed in EIGHT:
+        joints = np.deg2rad(printed)[None]
+        for _ in range(6):
+            error = (wanted - arm.points(joints, values)[0]).ravel()
+            joints = joints + np.linalg.lstsq(arm.joint_jacobian(joints, values)[0].reshape(9, 6), error)[0]
+        np.testing.assert_allclose(arm.flange(joints, values)[0], T_base_flange, atol=1e-12)
+        assert np.abs(np.rad2deg(joints[0]) - printed).max() < 0.01
+
+
+def test_prismatic_arm_in_closed_form() -> None:
+    """VERSATRAN RPPRRR: a column q2 that turns by q1, and an arm of length q3 across it."""
+    arm = SerialArm(VERSATRAN)
+    values = arm.nominal()
+    rng = np.random.default_rng(0)
+    joints = VERSATRAN.random_joints(200, rng)
+    joints[:, 3:] = 0.0
+    q1, q2, q3 = joints[:, :3].T
+    place = arm.flange(joints, values)[:, :3, 3]
+    np.testing.assert_allclose(place, np.column_stack([-q3 * np.sin(q1), q3 * np.cos(q1), q2]), atol=1e-15)
+
+
+def test_scara_in_closed_form() -> None:
+    arm = SerialArm(SCARA)
+    joints = SCARA.random_joints(200, np.random.default_rng(0))
+    q1, q2, q3, _ = joints.T
+    place = arm.flange(joints, arm.nominal())[:, :3, 3]
+    x = 0.4 * np.cos(q1) + 0.25 * np.cos(q1 + q2)
+    y = 0.4 * np.sin(q1) + 0.25 * np.sin(q1 + q2)
+    np.testing.assert_allclose(place, np.column_stack([x, y, q3]), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_kinematics_is_the_product_of_its_matrices(name: str) -> None:
+    """An independent second way: 4x4 matrices multiplied in the order that each convention states."""
+    chain = chain_named(name)
+    arm = SerialArm(chain, ("p1", "p2"))
+    rng = np.random.default_rng(1)
+    values = perturbed(arm, somewhere(arm, rng), rng, 0.01, 0.02)
+    base, table, tool = arm.split(values)
+    for joints in chain.random_joints(20, rng):
+        T = se3.pose(se3.exp(base[3:]), base[:3])
+        for i, (theta, d, a, alpha, beta) in enumerate(table):
+            turn, slide = (0.0, joints[i]) if chain.prismatic[i] else (joints[i], 0.0)
+            z = _screw(2, theta + turn * chain.sign[i], d + slide * chain.sign[i])
+            x, y = _screw(0, alpha, a), _screw(1, beta, 0.0)
+            T = T @ (z @ x @ y if chain.convention == "distal" else x @ y @ z)
+        np.testing.assert_allclose(arm.flange(joints[None], values)[0], T, atol=1e-14)
+        np.testing.assert_allclose(arm.points(joints[None], values)[0], se3.transform(T, tool), atol=1e-14)
+
+
+def _screw(axis: int, angle: float, length: float) -> Array:
+    return se3.pose(se3.exp(angle * np.eye(3)[axis]), length * np.eye(3)[axis])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_derivatives(name: str) -> None:
+    """By all parameters and by the joints, at a base anywhere and links off nominal."""
+    chain = chain_named(name)
+    arm = SerialArm(chain, ("p1", "p2"))
+    rng = np.random.default_rng(2)
+    values = perturbed(arm, somewhere(arm, rng), rng, 0.01, 0.02)
+    joints = chain.random_joints(5, rng)
+    points, jacobian = arm.observe(joints, values)
+    np.testing.assert_array_equal(points, arm.points(joints, values))
+    assert_derivatives(lambda v: arm.points(joints, v), jacobian, values)
+    for pose, reading in enumerate(joints):
+        derivative = arm.joint_jacobian(joints, values)[pose]
+        assert_derivatives(lambda q: arm.points(q[None], values)[0], derivative, reading)
+
+
+def test_derivatives_of_a_joint_that_counts_backwards() -> None:
+    chain = Chain(**{**RX130.__dict__, "sign": np.array([1.0, -1, 1, -1, 1, 1])})
+    arm = SerialArm(chain)
+    values, joints = arm.nominal(), chain.random_joints(3, np.random.default_rng(3))
+    derivative = arm.joint_jacobian(joints, values)[0]
+    assert_derivatives(lambda q: arm.points(q[None], values)[0], derivative, joints[0])
+    mirrored = SerialArm(RX130).points(joints * chain.sign, values)
+    np.testing.assert_array_equal(arm.points(joints, values), mirrored)
+
+
+@dataclass(frozen=True)
+class _OneWrongColumn:
+    arm: SerialArm
+    column: int
+
+    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
+        points, jacobian = self.arm.observe(joints, values)
+        jacobian = jacobian.copy()
+        jacobian[..., self.column] *= 1 + 1e-6
+        return points, jacobian
+
+
+@pytest.mark.parametrize("name", ["link2.beta", "base.ry", "link4.alpha", "tool.p1.z"])
+def test_the_harness_sees_a_wrong_column(name: str) -> None:
+    arm = SerialArm(IRB120.chain)
+    values, joints = arm.nominal(), IRB120.chain.random_joints(5, np.random.default_rng(4))
+    _, jacobian = _OneWrongColumn(arm, arm.names.index(name)).observe(joints, values)
+    with pytest.raises(AssertionError, match=f"column {arm.names.index(name)}"):
+        assert_derivatives(lambda v: arm.points(joints, v), jacobian, values)
+
+
+def test_batches_do_not_depend_on_their_size() -> None:
+    """Chunks are an inner matter: the same bits for one pose and for thousands."""
+    arm = SerialArm(IRB120.chain, ("p1", "p2", "p3"))
+    values, joints = arm.nominal(), IRB120.chain.random_joints(3000, np.random.default_rng(5))
+    points, jacobian = arm.observe(joints, values)
+    for pose in (0, 682, 683, 2999):
+        one, rate = arm.observe(joints[pose : pose + 1], values)
+        np.testing.assert_array_equal(one[0], points[pose])
+        np.testing.assert_array_equal(rate[0], jacobian[pose])
+
+
+def test_joints_of_another_arm_are_refused() -> None:
+    with pytest.raises(LabError, match=r"\(poses, 6\)"):
+        SerialArm(IRB120.chain).points(np.zeros((3, 7)), SerialArm(IRB120.chain).nominal())

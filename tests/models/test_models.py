@@ -1,0 +1,129 @@
+"""The models' folders: layout, masses, looks, and a second of physics without a warning."""
+
+import re
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from helpers.robots import IRB120, ROOT
+
+from lab.commands.robot import load_robot
+
+CLOSED = sorted(path for folder in (ROOT / "models").glob("*/mechanism.toml") for path in folder.parent.glob("*.toml"))
+FOLDERS = sorted(path for path in (ROOT / "models").iterdir() if path.is_dir())
+
+
+def mjcf_of(description):
+    """Where ``scripts/build_closed_models.py`` writes it."""
+    return description.with_name("robot.xml" if description.stem == "mechanism" else f"{description.stem}.xml")
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_the_folder_is_complete_and_its_readme_names_sources(folder) -> None:
+    names = {path.name for path in folder.iterdir()}
+    text = (folder / "README.md").read_text()
+    assert re.search("source", text, re.IGNORECASE) and len(text) > 1000
+    if "robot.toml" in names:
+        assert names == {"robot.toml", "README.md"} and load_robot(folder.name).warnings == ()
+        return
+    if "mechanism.toml" in names:
+        described = list(folder.glob("*.toml"))
+        assert names == {"README.md"} | {path.name for path in (*described, *map(mjcf_of, described))}
+        return
+    assert {"robot.xml", "scene.xml", "README.md"} <= names <= {"robot.xml", "scene.xml", "README.md", "assets"}
+    used = set(re.findall(r'file="([^"]+\.stl)"', (folder / "robot.xml").read_text()))
+    assert used == {path.name for path in (folder / "assets").iterdir()}
+    assert sum(path.stat().st_size for path in folder.rglob("*")) < 2_000_000
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_the_scene_steps_a_second_without_a_warning(folder) -> None:
+    model = load_robot(folder.name).model.model
+    data = mujoco.MjData(model)
+    for _ in range(int(1.0 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    assert not any(warning.number for warning in data.warning)
+    assert np.isfinite(data.qpos).all() and np.abs(data.qvel).max() < 100
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "models").glob("*/*.toml")), ids=lambda path: f"{path.parent.name}-{path.stem}"
+)
+def test_limits_in_mujoco_are_those_of_the_description(path) -> None:
+    robot = load_robot(str(path))
+    joints = {robot.model.model.joint(i).name: robot.model.model.jnt_range[i] for i in range(robot.model.model.njnt)}
+    for name, lower, upper in zip(robot.chain.joint_names, robot.chain.lower, robot.chain.upper, strict=True):
+        if name in joints:  # a leg's length is no joint there
+            np.testing.assert_allclose(joints[name], [lower, upper], rtol=1e-12)
+
+
+@pytest.mark.parametrize("path", CLOSED, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_the_mjcf_of_a_mechanism_is_what_its_description_says(path) -> None:
+    """``scripts/build_closed_models.py`` writes it: the same numbers, whatever MuJoCo's layout of a file."""
+    built, read = load_robot(str(path)).model.model, mujoco.MjModel.from_xml_path(str(mjcf_of(path)))
+    for name in ("body_pos", "body_quat", "jnt_axis", "jnt_range", "qpos0", "site_pos", "eq_data", "tendon_length0"):
+        np.testing.assert_allclose(getattr(read, name), getattr(built, name), rtol=0, atol=1e-12, err_msg=name)
+    assert [read.tendon(i).name for i in range(read.ntendon)] == [built.tendon(i).name for i in range(built.ntendon)]
+
+
+def test_the_irb120_weighs_25_kg_and_its_links_18() -> None:
+    model = IRB120.model.model
+    robot = [body for body in range(1, model.nbody) if not model.body(body).name.startswith("tracker")]
+    assert model.body_mass[robot].sum() == pytest.approx(25.0, abs=1e-9)
+    links = {
+        "base": 6.215,
+        "link1": 3.067,
+        "link2": 3.909,
+        "link3": 2.944,
+        "link4": 1.328,
+        "link5": 0.546,
+        "link6": 0.137,
+    }
+    for name, mass in links.items():
+        assert model.body(name).mass[0] == pytest.approx(mass, abs=6e-4)
+
+
+def gravity_torque(payload_kg: float, *, links_only: bool) -> float:
+    """Nm about axis 2, outstretched at q = 0, 90, -90, 0, 0, 0."""
+    model = mujoco.MjModel.from_xml_path(str(ROOT / "models" / "irb120" / "scene.xml"))
+    for body in range(model.nbody):
+        if links_only and model.body(body).name.startswith(("motor", "covers")):
+            model.body_mass[body] = 0.0
+            model.body_inertia[body] = 0.0
+    if payload_kg:
+        model.body("flange").mass[:] = payload_kg
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.deg2rad([0, 90, -90, 0, 0, 0])
+    mujoco.mj_forward(model, data)
+    return abs(data.qfrc_bias[1])
+
+
+def test_the_gravity_torque_of_the_published_links() -> None:
+    """facts, section 6: 22.7 Nm with the 18.1 kg of links, 19.0 Nm more with 3 kg at the flange's origin."""
+    assert gravity_torque(0.0, links_only=True) == pytest.approx(22.7, abs=0.1)
+    assert gravity_torque(3.0, links_only=True) - gravity_torque(0.0, links_only=True) == pytest.approx(19.0, abs=0.1)
+    assert 26 < gravity_torque(0.0, links_only=False) < 35  # scaled up alike, the 25 kg would make 31.3
+
+
+def test_the_shells_are_what_the_script_builds(tmp_path) -> None:
+    """Rebuilt, every shell has the same size and volume: the script is their source."""
+    script = ROOT / "scripts" / "build_irb120_shells.py"
+    subprocess.run([sys.executable, str(script), "--out", str(tmp_path)], check=True, capture_output=True, cwd=ROOT)
+    assets = ROOT / "models" / "irb120" / "assets"
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in assets.iterdir()}
+    for path in assets.iterdir():
+        stored, built = trimesh.load_mesh(path), trimesh.load_mesh(tmp_path / path.name)
+        np.testing.assert_allclose(built.bounds, stored.bounds, atol=1e-6)
+        assert built.volume == pytest.approx(stored.volume, rel=1e-4), path.name
+
+
+def test_the_shells_are_closed_and_near_the_collision_shapes() -> None:
+    model = IRB120.model.model
+    for path in (ROOT / "models" / "irb120" / "assets").iterdir():
+        shell = trimesh.load_mesh(path)
+        assert shell.is_watertight and shell.volume > 0, path.name
+    groups = {int(model.geom_group[geom]) for geom in range(model.ngeom) if model.geom_contype[geom]}
+    assert groups <= {0, 3}

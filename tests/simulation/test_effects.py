@@ -1,0 +1,545 @@
+"""Effects on the virtual arm: each against its formula or an independent model, and off where it is off."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from helpers.robots import IRB120
+from scipy import optimize, stats
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import INSTRUMENTS
+from lab.core.se3 import Array
+from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.groups import effect
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.effects import Effects, true_parameters
+from lab.simulation.elastic import FlexibleArm
+from lab.simulation.link_masses import loads_of
+from lab.simulation.load_mjcf_urdf import load_model
+from lab.simulation.model import RobotModel
+from lab.simulation.random_effects import LEVER_M, EffectSizes, random_conditions, random_effects
+from lab.simulation.true_robot import (
+    Perturbation,
+    RealArm,
+    random_perturbation,
+    random_tracker,
+    real_arm,
+    track,
+    track_knowing,
+)
+
+MODEL, CHAIN = IRB120.model, IRB120.chain
+TARGETS = ("p1", "p2", "p3")
+OFF = Effects.none(6)
+OUTSTRETCHED = np.deg2rad([[0.0, 90.0, -90.0, 0.0, 0.0, 0.0]])
+ALL = EffectSizes(
+    stiffness_nm_per_rad={2: 1e5, 3: 8e4},
+    harmonic_rad=2e-4,
+    second_harmonic_rad=1e-4,
+    gear_sigma=1e-4,
+    coupling_sigma=1e-3,
+    backlash_rad=1e-4,
+    repeatability_rad=2e-5,
+    lag=1e-4,
+    bending_rad_per_nm=1e-6,
+    drift_m_per_h=2e-5,
+    drift_rad_per_h=1e-5,
+    growth_per_h=1e-5,
+    bad_share=0.1,
+)
+
+
+def perturbed(seed: int = 3) -> RealArm:
+    rng = np.random.default_rng(seed)
+    off = random_perturbation(MODEL, 5e-4, 1.5e-3, rng, offset_sigma=1e-3)
+    return real_arm(MODEL, off, random_tracker(MODEL, rng))
+
+
+def drawn(robot: RobotModel = MODEL) -> RealArm:
+    """As on the drawing, seen from the world."""
+    n = robot.chain.size
+    return real_arm(robot, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(n)), np.eye(4))
+
+
+REAL = perturbed()
+JOINTS = CHAIN.random_joints(40, np.random.default_rng(8))
+
+
+def only(**effect: object) -> Effects:
+    return replace(OFF, **effect)
+
+
+def entry(joint: int, value: float, joints: int = 6) -> Array:
+    """Zero but for one joint, which count from 1."""
+    vector = np.zeros(joints)
+    vector[joint - 1] = value
+    return vector
+
+
+def loaded_spec(payload_kg: float) -> mujoco.MjSpec:
+    """The drawing with a ball of this mass at the flange, compiled by MuJoCo."""
+    spec = MODEL.spec.copy()
+    ball = spec.body("flange").add_body(name="ball")
+    ball.explicitinertial, ball.mass, ball.inertia = True, payload_kg, np.full(3, 1e-3)
+    return spec
+
+
+def holding(model: mujoco.MjModel, joints: Array) -> Array:
+    """The torques of inverse dynamics at rest, touching nothing."""
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data = mujoco.MjData(model)
+    data.qpos[:] = joints
+    mujoco.mj_inverse(model, data)
+    return data.qfrc_inverse.copy()
+
+
+def xml_robot(path: Path, bodies: str) -> RobotModel:
+    path.write_text(f"<mujoco><compiler autolimits='true'/><worldbody>{bodies}</worldbody></mujoco>")
+    return load_model(path)
+
+
+# Off
+
+
+def test_without_effects_nothing_changes_not_even_a_bit() -> None:
+    """Positions as plain kinematics gives them, noise as the instrument alone draws it."""
+    data, sites = mujoco.MjData(REAL.model), [REAL.model.site(name).id for name in TARGETS]
+    plain = np.empty((len(JOINTS), 3, 3))
+    for i, stand in enumerate(JOINTS + REAL.joint_offset):
+        data.qpos[:] = stand
+        mujoco.mj_kinematics(REAL.model, data)
+        plain[i] = data.site_xpos[sites]
+    plain = se3.transform(se3.inverse(REAL.T_world_tracker), plain.reshape(-1, 3)).reshape(plain.shape)
+    np.testing.assert_array_equal(REAL.points(JOINTS, TARGETS), plain)
+    device, rng, alone = INSTRUMENTS["leica-at960"], np.random.default_rng(1), np.random.default_rng(1)
+    data = track(REAL, JOINTS, TARGETS, device, rng, readings=3)
+    np.testing.assert_array_equal(data.points, device.sample(plain, alone, 3))
+    assert rng.bit_generator.state == alone.bit_generator.state
+    np.testing.assert_array_equal(data.joints, JOINTS)
+    assert data.conditions == {}
+    quiet = random_effects(CHAIN, EffectSizes(), np.random.default_rng(0))
+    np.testing.assert_array_equal(REAL.with_effects(quiet).points(JOINTS, TARGETS), plain)
+    assert random_conditions(CHAIN, quiet, 5, np.random.default_rng(0), (0.0, 3.0), 60.0) == {}
+    assert set(true_parameters(quiet).values()) == {0.0}
+
+
+def test_conditions_that_no_effect_uses_change_nothing() -> None:
+    conditions = {name: np.ones(len(JOINTS)) for name in ("payload_kg", "time_s", "approach_q2", "temp_C")}
+    np.testing.assert_array_equal(REAL.points(JOINTS, TARGETS, conditions), REAL.points(JOINTS, TARGETS))
+
+
+# Loads
+
+
+def test_gravity_torques_are_those_of_the_facts() -> None:
+    """Outstretched: 22.7 Nm about axis 2 with bare links, 31.9 with the model's 25 kg, 19.0 more with 3 kg."""
+    arm = FlexibleArm(MODEL.model, MODEL)
+    empty, loaded = (arm.loads(arm.straight(OUTSTRETCHED), np.array([mass]))[0][0] for mass in (0.0, 3.0))
+    assert -empty[1] == pytest.approx(31.9, abs=0.05)
+    assert empty[1] - loaded[1] == pytest.approx(19.0, abs=0.05)
+    np.testing.assert_allclose(empty, holding(MODEL.spec.compile(), OUTSTRETCHED[0]), atol=1e-12)
+    np.testing.assert_allclose(loaded, holding(loaded_spec(3.0).compile(), OUTSTRETCHED[0]), atol=1e-12)
+    bare = MODEL.spec.copy()
+    for body in [body for body in bare.bodies if body.name.startswith(("motor", "covers"))]:
+        bare.delete(body)
+    links = FlexibleArm(bare.compile(), MODEL).loads(arm.straight(OUTSTRETCHED), np.zeros(1))[0][0]
+    assert -links[1] == pytest.approx(22.7, abs=0.05)
+
+
+def test_loads_do_the_virtual_work_of_gravity() -> None:
+    """Torques and moments against central differences of MuJoCo's potential energy, with a payload, links bent."""
+    model = loaded_spec(2.0).compile()
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    data, step, rng = mujoco.MjData(model), 1e-5, np.random.default_rng(0)
+    bodies = [model.body(name).id for name in MODEL.bodies]
+    turned = se3.exp(0.05 * rng.normal(size=(6, 3))) @ se3.rotation_from_quaternion(model.body_quat[bodies])
+
+    def energy(joints: Array, turns: Array) -> float:
+        model.body_quat[bodies] = se3.quaternion_from_rotation(se3.exp(turns) @ turned)
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_energyPos(model, data)
+        return float(data.energy[0])
+
+    arm = FlexibleArm(MODEL.model, MODEL)
+    for joints in JOINTS[:3]:
+        still = replace(arm.straight(joints[None]), quaternions=se3.quaternion_from_rotation(turned)[None])
+        torques, moments = (load[0] for load in arm.loads(still, np.array([2.0])))
+        for i in range(6):
+            d, zero = entry(i + 1, step), np.zeros((6, 3))
+            work = (energy(joints + d, zero) - energy(joints - d, zero)) / (2 * step)
+            assert torques[i] == pytest.approx(work, abs=1e-7)
+            for axis in range(3):
+                w = zero.copy()
+                w[i, axis] = step
+                work = (energy(joints, w) - energy(joints, -w)) / (2 * step)
+                assert moments[i, axis] == pytest.approx(-work, abs=1e-7)
+
+
+def test_the_outstretched_arm_sags_as_a_lever() -> None:
+    """1e5 Nm/rad at axis 2: p1 goes down by torque over stiffness times its distance from the axis."""
+    real = drawn().with_effects(only(compliance_rad_per_nm=entry(2, 1e-5)))
+    level = drawn().points(OUTSTRETCHED, TARGETS)
+    for mass, torque in ((0.0, 31.902), (3.0, 31.902 + 3 * 9.81 * 0.644)):
+        sag = real.points(OUTSTRETCHED, TARGETS, {"payload_kg": np.array([mass])}) - level
+        np.testing.assert_allclose(sag[..., 2], -1e-5 * torque * level[..., 0], rtol=1e-3)
+    gain = drawn().with_effects(only(compliance_rad_per_nm=entry(1, 1e-5))).points(OUTSTRETCHED, TARGETS) - level
+    np.testing.assert_allclose(gain, 0.0, atol=1e-15)  # gravity has no torque about a vertical axis
+
+
+def test_joints_are_like_sprung_hinges() -> None:
+    """A second hinge with a spring beside each motor, the equilibrium found on MuJoCo's passive forces alone."""
+    compliance = np.array([0.0, 2e-5, 3e-5, 0.0, 1e-4, 0.0])
+    soft = [i for i in range(6) if compliance[i]]
+    spec = loaded_spec(1.5)
+    for i in soft:
+        joint = MODEL.model.joint(CHAIN.joint_names[i])
+        spring = spec.body(MODEL.bodies[i]).add_joint(name=f"spring{i}", axis=joint.axis)
+        spring.armature = 1.0  # two hinges on one axis: MuJoCo asks for inertia between them, a balance does not
+        spring.stiffness = np.array([1 / compliance[i], 0.0, 0.0])
+    model = spec.compile()
+    data, real = mujoco.MjData(model), drawn().with_effects(only(compliance_rad_per_nm=compliance))
+    motors = [int(model.joint(name).qposadr[0]) for name in CHAIN.joint_names]
+    springs = [int(model.joint(f"spring{i}").qposadr[0]) for i in soft]
+
+    def unbalanced(sag: Array, joints: Array) -> Array:
+        data.qpos[motors], data.qpos[springs] = joints, sag
+        mujoco.mj_forward(model, data)
+        return (data.qfrc_passive - data.qfrc_bias)[springs] * compliance[soft]
+
+    for joints in JOINTS[:5]:
+        sag = optimize.root(unbalanced, np.zeros(len(soft)), args=(joints,), options={"xtol": 1e-14}).x
+        assert np.abs(unbalanced(sag, joints) / compliance[soft]).max() < 1e-8  # Nm
+        expected = data.site_xpos[[model.site(name).id for name in TARGETS]]
+        seen = real.points(joints[None], TARGETS, {"payload_kg": np.array([1.5])})[0]
+        np.testing.assert_allclose(seen, expected, atol=1e-12)
+        assert np.abs(real.points(joints[None], TARGETS)[0] - expected).max() > 1e-5  # the payload counts
+
+
+def test_the_settled_arm_is_in_balance() -> None:
+    """Every joint's spring holds its torque to 1e-9 Nm, by inverse dynamics of another model; links bent as loaded."""
+    compliance, bending = np.full(6, 1e-4), np.full(6, 3e-6)
+    arm, payload = FlexibleArm(MODEL.model, MODEL), np.array([0.0, 1.0, 3.0, 2.0])
+    stand = arm.settled(JOINTS[:4], compliance, bending, payload)
+    moments = arm.loads(stand, payload)[1]
+    for i, mass in enumerate(payload):
+        model = loaded_spec(max(mass, 1e-12)).compile()
+        bodies = [model.body(name).id for name in MODEL.bodies]
+        straight = se3.rotation_from_quaternion(model.body_quat[bodies])
+        model.body_quat[bodies] = stand.quaternions[i]
+        spring = (JOINTS[i] - stand.joints[i]) / compliance
+        np.testing.assert_allclose(spring, holding(model, stand.joints[i]), atol=1e-9)
+        bends = se3.log(se3.rotation_from_quaternion(stand.quaternions[i]) @ np.swapaxes(straight, 1, 2))
+        np.testing.assert_allclose(bends / bending[:, None], moments[i], atol=1e-9)
+
+
+def test_a_link_bends_as_a_beam_that_carries_a_weight(tmp_path) -> None:
+    """A level link with a point mass at its end: t = b m g L cos t, and a droop of L sin t."""
+    robot = xml_robot(
+        tmp_path / "beam.xml",
+        "<body name='post'><joint name='q1' axis='0 0 1' range='-2 2'/>"
+        "<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
+        "<body name='beam' pos='0 0 1' euler='0 0 90'><joint name='q2' axis='0 -1 0' range='-2 2'/>"
+        "<inertial pos='0 -.8 0' mass='5' diaginertia='1 1 1'/><site name='tip' pos='0 -.8 0'/></body></body>",
+    )
+    b, weight, reach = 1e-3, 5 * 9.81, 0.8
+    zero = np.zeros((1, 2))
+    level = drawn(robot).points(zero, ("tip",))[0, 0]
+    np.testing.assert_allclose(level, [reach, 0, 1], atol=1e-15)
+    real = drawn(robot).with_effects(replace(Effects.none(2), bending_rad_per_nm=entry(2, b, 2)))
+    angle = optimize.brentq(lambda t: t - b * weight * reach * np.cos(t), 0, 1, xtol=1e-15)
+    expected = [reach * np.cos(angle), 0, 1 - reach * np.sin(angle)]
+    np.testing.assert_allclose(real.points(zero, ("tip",))[0, 0], expected, atol=1e-12)
+    foot = drawn(robot).with_effects(replace(Effects.none(2), bending_rad_per_nm=entry(1, b, 2)))
+    lean = optimize.brentq(lambda t: t - b * weight * (reach * np.cos(t) + np.sin(t)), 0, 1, xtol=1e-15)
+    expected = [reach * np.cos(lean) + np.sin(lean), 0, np.cos(lean) - reach * np.sin(lean)]
+    np.testing.assert_allclose(foot.points(zero, ("tip",))[0, 0], expected, atol=1e-12)  # the post leans as well
+    soft = replace(Effects.none(2), compliance_rad_per_nm=np.full(2, 1e-3))
+    sprung = drawn(robot).with_effects(soft).points(zero, ("tip",))[0, 0]
+    np.testing.assert_allclose(sprung, level, atol=1e-15)  # neither joint turns that way
+
+
+def test_bending_about_a_joints_own_axis_looks_like_its_compliance() -> None:
+    """As the truth says: on axis 2, outstretched, the one or the other, to first order."""
+    bent, sprung = only(bending_rad_per_nm=entry(2, 1e-5)), only(compliance_rad_per_nm=entry(2, 1e-5))
+    assert true_parameters(bent)["joint2.compliance"] == true_parameters(sprung)["joint2.compliance"] == 1e-5
+    level = drawn().points(OUTSTRETCHED, TARGETS)
+    by_bending, by_joint = (drawn().with_effects(e).points(OUTSTRETCHED, TARGETS) - level for e in (bent, sprung))
+    np.testing.assert_allclose(by_bending, by_joint, atol=1e-6)  # 0.2 mm of sag
+    assert by_joint[..., 2].max() < -1.9e-4
+
+
+def test_a_slide_gives_way_in_metres_per_newton(tmp_path) -> None:
+    robot = xml_robot(
+        tmp_path / "lift.xml",
+        "<body name='turn'><joint name='q1' axis='0 0 1' range='-2 2'/>"
+        "<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
+        "<body name='lift' pos='.3 0 .5'><joint name='q2' type='slide' axis='0 0 1' range='0 1'/>"
+        "<inertial pos='.1 0 0' mass='4' diaginertia='1 1 1'/></body></body>",
+    )
+    sizes = EffectSizes(stiffness_nm_per_rad={2: 9e3}, harmonic_rad=1e-3, bending_rad_per_nm=1e-6)
+    effects = random_effects(robot.chain, sizes, np.random.default_rng(0))
+    assert effects.compliance_rad_per_nm[1] == pytest.approx(LEVER_M**2 / 9e3)  # 1e-5 m/N
+    assert not effects.harmonics_rad[1].any() and not effects.bending_rad_per_nm[1] and effects.harmonics_rad[0].any()
+    real = drawn(robot).with_effects(replace(Effects.none(2), compliance_rad_per_nm=np.array([0.0, 1e-5])))
+    joints = np.array([[0.4, 0.2]])
+    drop = real.points(joints, ("p1",), {"payload_kg": np.array([2.0])}) - drawn(robot).points(joints, ("p1",))
+    np.testing.assert_allclose(drop[0, 0], [0, 0, -1e-5 * 6 * 9.81], atol=1e-14)
+    with pytest.raises(LabError, match="a slide has no harmonics_rad"):
+        drawn(robot).with_effects(replace(Effects.none(2), bending_rad_per_nm=np.ones(2)))
+
+
+def test_a_payload_hangs_at_the_flange_of_a_balanced_body(tmp_path) -> None:
+    """MuJoCo takes a body with its centre of mass at its origin for simple, and does not look where it moves to."""
+    robot = xml_robot(
+        tmp_path / "balanced.xml",
+        "<body name='post'><joint name='q1' axis='0 0 1' range='-2 2'/>"
+        "<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
+        "<body name='rocker' pos='0 0 1'><joint name='q2' axis='0 1 0' range='-2 2'/>"
+        "<inertial pos='0 0 0' mass='5' diaginertia='1 1 1'/>"
+        "<body name='wrist'><joint name='q3' axis='1 0 0' range='-2 2'/>"
+        "<inertial pos='0 0 0' mass='3' diaginertia='1 1 1'/><site name='flange' pos='0.5 0 0'/></body></body></body>",
+    )
+    arm = FlexibleArm(drawn(robot).model, robot)
+    still = arm.straight(np.deg2rad([[0.0, 0.0, 20.0], [0.0, 60.0, 0.0], [0.0, 0.0, 0.0]]))
+    torques, moments = arm.loads(still, np.array([2.0, 2.0, 0.0]))
+    np.testing.assert_allclose(torques, [[0, -9.81, 0], [0, -9.81 / 2, 0], [0, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(moments[:, 1], [[0, 9.81, 0], [0, 9.81 / 2, 0], [0, 0, 0]], atol=1e-12)
+
+
+def test_an_arm_of_rubber_is_refused() -> None:
+    real = drawn().with_effects(only(compliance_rad_per_nm=np.full(6, 10.0)))
+    with pytest.raises(LabError, match="too soft"):
+        real.points(JOINTS[:3], TARGETS)
+
+
+# Motors
+
+
+def test_a_gear_scales_readings() -> None:
+    gear = np.array([1e-3, -2e-3, 0, 3e-4, 0, 1e-4])
+    seen = REAL.with_effects(only(gear=gear)).points(JOINTS, TARGETS)
+    np.testing.assert_allclose(seen, REAL.points(JOINTS * (1 + gear), TARGETS), atol=1e-14)
+    assert np.abs(seen - REAL.points(JOINTS, TARGETS)).max() > 1e-4
+
+
+def test_runout_is_a_wave_of_each_joints_reading() -> None:
+    waves = 1e-3 * np.random.default_rng(0).normal(size=(6, 4))
+    stands = JOINTS.copy()
+    for joint, (s1, c1, s2, c2) in enumerate(waves):
+        for pose, q in enumerate(JOINTS[:, joint]):
+            stands[pose, joint] += s1 * np.sin(q) + c1 * np.cos(q) + s2 * np.sin(2 * q) + c2 * np.cos(2 * q)
+    seen = REAL.with_effects(only(harmonics_rad=waves)).points(JOINTS, TARGETS)
+    np.testing.assert_allclose(seen, REAL.points(stands, TARGETS), atol=1e-14)
+    turned = REAL.with_effects(only(harmonics_rad=waves)).points(JOINTS + 2 * np.pi, TARGETS)
+    np.testing.assert_allclose(turned, seen, atol=1e-13)  # the same after a turn
+
+
+def test_a_coupled_joint_goes_along_and_its_neighbour_does_not() -> None:
+    coupling = np.zeros((6, 6))
+    coupling[4, 3] = 0.01
+    stands = JOINTS.copy()
+    stands[:, 4] += 0.01 * JOINTS[:, 3]
+    effects = only(coupling=coupling)
+    np.testing.assert_allclose(
+        REAL.with_effects(effects).points(JOINTS, TARGETS), REAL.points(stands, TARGETS), atol=1e-14
+    )
+    named = {name: value for name, value in true_parameters(effects).items() if value}
+    assert named == {"joint5.coupling4": 0.01}
+
+
+def test_backlash_is_even_about_the_reading() -> None:
+    real = REAL.with_effects(only(backlash_rad=entry(2, 1e-3)))
+    side = {"approach_q2": np.where(np.arange(len(JOINTS)) % 2, 1.0, -1.0), "approach_q3": np.ones(len(JOINTS))}
+    stands = JOINTS + np.outer(side["approach_q2"], entry(2, 0.5e-3))
+    np.testing.assert_allclose(real.points(JOINTS, TARGETS, side), REAL.points(stands, TARGETS), atol=1e-14)
+    np.testing.assert_array_equal(real.points(JOINTS, TARGETS), REAL.points(JOINTS, TARGETS))
+
+
+# Time
+
+
+def test_growth_is_a_similarity_about_the_foot() -> None:
+    real, hours = REAL.with_effects(only(growth_per_h=1e-4)), np.linspace(0, 2, len(JOINTS))
+    foot = se3.transform(se3.inverse(REAL.T_world_tracker), MODEL.T_world_frame0[None, :3, 3])
+    cold, warm = REAL.points(JOINTS, TARGETS), real.points(JOINTS, TARGETS, {"time_s": 3600 * hours})
+    np.testing.assert_allclose(warm - foot, (1 + 1e-4 * hours)[:, None, None] * (cold - foot), atol=1e-14)
+    np.testing.assert_array_equal(real.points(JOINTS, TARGETS), cold)
+    elsewhere = real.effects.grown(cold, np.array([1.0, 2.0, 3.0]), np.full(len(cold), 7200.0))
+    np.testing.assert_allclose(elsewhere, cold + 2e-4 * (cold - [1.0, 2.0, 3.0]), atol=1e-14)
+    assert [name for name in true_parameters(real.effects) if "drift" in name] == ["drift.rx", "drift.ry", "drift.rz"]
+
+
+def test_drift_is_a_tracker_that_moves() -> None:
+    rate = np.array([1e-4, -2e-4, 3e-4, 2e-5, 1e-5, -3e-5])
+    real, time = REAL.with_effects(only(drift_per_h=rate)), np.linspace(0, 5400, len(JOINTS))
+    seen, still = real.points(JOINTS, TARGETS, {"time_s": time}), REAL.points(JOINTS, TARGETS)
+    np.testing.assert_array_equal(seen[0], still[0])
+    T_world_moved = REAL.T_world_tracker @ se3.pose(se3.exp(1.5 * rate[3:]), 1.5 * rate[:3])
+    moved = se3.transform(se3.inverse(T_world_moved) @ REAL.T_world_tracker, still[-1])
+    np.testing.assert_allclose(seen[-1], moved, atol=1e-14)
+    truth = true_parameters(real.effects)
+    v, w = (np.array([truth[f"drift.{turn}{axis}"] for axis in "xyz"]) for turn in ("", "r"))
+    hours = (time / 3600)[:, None, None]
+    np.testing.assert_allclose(seen, still + hours * (v + np.cross(w, still)), atol=1e-7)
+    assert np.abs(seen - still).max() > 3e-4 and truth["drift.scale"] == 0
+
+
+# Chance
+
+
+def test_joints_come_back_within_their_repeatability() -> None:
+    """One pose visited 20,000 times: the target scatters along axis 1's circle alone."""
+    sigma, visits = 1e-4, np.tile(JOINTS[:1], (20_000, 1))
+    real = drawn().with_effects(only(repeatability_rad=entry(1, sigma)))
+    seen = track(real, visits, ("p1",), INSTRUMENTS["exact"], np.random.default_rng(0)).points[:, 0]
+    centre = drawn().points(JOINTS[:1], ("p1",))[0, 0]
+    radius = np.hypot(*centre[:2])
+    along = (seen - centre) @ np.array([-centre[1], centre[0], 0]) / radius
+    assert stats.kstest(along / (radius * sigma), "norm").pvalue > 0.01
+    np.testing.assert_allclose(np.hypot(seen[:, 0], seen[:, 1]), radius, atol=1e-14)
+    np.testing.assert_allclose(seen[:, 2], centre[2], atol=1e-14)
+    everywhere = only(repeatability_rad=np.full(6, sigma)).scatter(20_000, np.random.default_rng(1))
+    np.testing.assert_allclose(np.cov(everywhere.T) / sigma**2, np.eye(6), atol=0.03)
+
+
+def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
+    visits, device = np.tile(JOINTS, (250, 1)), INSTRUMENTS["uniform-8um"]
+    real = REAL.with_effects(only(bad_share=0.05, bad_range_m=(1e-3, 50e-3)))
+    data, bad = track_knowing(real, visits, TARGETS, device, np.random.default_rng(2))
+    clean = track(REAL, visits, TARGETS, device, np.random.default_rng(2))
+    np.testing.assert_array_equal(data.points[~bad], clean.points[~bad])
+    off = (data.points - clean.points)[bad]
+    np.testing.assert_allclose(off, np.repeat(off[:, :1], 3, axis=1), atol=1e-14)  # all targets alike
+    size = np.linalg.norm(off[:, 0], axis=1)
+    assert stats.binomtest(int(bad.sum()), len(bad), 0.05).pvalue > 0.01
+    assert stats.kstest(np.log(size), stats.uniform(np.log(1e-3), np.log(50)).cdf).pvalue > 0.01
+    for axis in range(3):  # a coordinate of a random direction is uniform
+        assert stats.kstest(off[:, 0, axis] / size, stats.uniform(-1, 2).cdf).pvalue > 0.01
+    assert not track_knowing(REAL, visits, TARGETS, device, np.random.default_rng(2))[1].any()
+
+
+def test_readings_lag_and_points_do_not() -> None:
+    real, device = REAL.with_effects(only(lag=0.01)), INSTRUMENTS["exact"]
+    data = track(real, JOINTS, TARGETS, device, np.random.default_rng(0))
+    np.testing.assert_array_equal(data.points, REAL.points(JOINTS, TARGETS))
+    np.testing.assert_array_equal(data.joints[0], JOINTS[0])
+    np.testing.assert_allclose(data.joints[1:], 0.99 * JOINTS[1:] + 0.01 * JOINTS[:-1], atol=1e-15)
+
+
+def test_the_same_seed_gives_the_same_campaign_and_one_effect_leaves_the_others() -> None:
+    first, again, other = (random_effects(CHAIN, ALL, np.random.default_rng(seed)) for seed in (5, 5, 6))
+    rng = np.random.default_rng(5)
+    random_effects(CHAIN, ALL, rng)
+    assert rng.bit_generator.state == np.random.default_rng(5).bit_generator.state
+    for name in ("gear", "harmonics_rad", "coupling", "backlash_rad", "drift_per_h"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+        assert (getattr(first, name) != getattr(other, name)).any()
+    for name, column in (("gear_sigma", "gear"), ("backlash_rad", "backlash_rad"), ("drift_m_per_h", "drift_per_h")):
+        changed = random_effects(CHAIN, replace(ALL, **{name: 0.0}), np.random.default_rng(5))
+        for kept in {"gear", "harmonics_rad", "coupling", "backlash_rad", "drift_per_h"} - {column}:
+            np.testing.assert_array_equal(getattr(changed, kept), getattr(first, kept))
+        assert (getattr(changed, column) != getattr(first, column)).any()
+    real, device = REAL.with_effects(first), INSTRUMENTS["uniform-8um"]
+    conditions = random_conditions(CHAIN, first, 40, np.random.default_rng(1), (0.0, 3.0), 3600.0)
+    one, two = (track(real, JOINTS, TARGETS, device, np.random.default_rng(9), 1, conditions) for _ in range(2))
+    np.testing.assert_array_equal(one.points, two.points)
+    quiet = REAL.with_effects(replace(first, repeatability_rad=np.zeros(6), bad_share=0.0, lag=0.0))
+    np.testing.assert_array_equal(
+        track(quiet, JOINTS, TARGETS, device, np.random.default_rng(9), 1, conditions).points,
+        device.sample(real.points(JOINTS, TARGETS, conditions), np.random.default_rng(9)),
+    )
+    noise = np.random.default_rng(9)  # a second campaign of the same stream scatters anew
+    scatters = [track(real, JOINTS, TARGETS, INSTRUMENTS["exact"], noise).points for _ in range(2)]
+    assert (scatters[0] != scatters[1]).any()
+
+
+@pytest.mark.parametrize(
+    ("group", "fields"),
+    [
+        ("compliance", ("compliance_rad_per_nm",)),
+        ("harmonics+harmonics2", ("harmonics_rad",)),
+        ("gear", ("gear",)),
+        ("coupling", ("coupling",)),
+        ("backlash", ("backlash_rad",)),
+        ("drift", ("drift_per_h",)),
+    ],
+)
+def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, fields: tuple[str, ...]) -> None:
+    """The equations of calibration, at these parameters, say where the arm that MuJoCo moves is."""
+    drawing = SerialArm(CHAIN, TARGETS)
+    arm = AffectedArm(drawing, tuple(effect(name, CHAIN, loads_of(MODEL)) for name in group.split("+")))
+    every = random_effects(CHAIN, ALL, np.random.default_rng(4))
+    effects = only(**{name: getattr(every, name) for name in fields})
+    real = real_arm(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), REAL.T_world_tracker)
+    real = real.with_effects(effects)
+    truth = true_parameters(effects)
+    geometry = MODEL.values_before(drawing, real.T_world_tracker)
+    values = np.concatenate([geometry, [truth[name] for name in arm.names[len(geometry) :]]])
+    conditions = random_conditions(CHAIN, effects, len(JOINTS), np.random.default_rng(0), (0.0, 3.0), 3600.0)
+    settings = np.column_stack([JOINTS, *(conditions.get(name, np.zeros(len(JOINTS))) for name in arm.conditions)])
+    seen = real.points(JOINTS, TARGETS, conditions)
+    np.testing.assert_allclose(arm.points(settings, values), seen, atol=1e-9)
+    assert np.abs(drawing.points(JOINTS, geometry) - seen).max() > 1e-5
+
+
+def test_sizes_are_what_the_effects_have() -> None:
+    effects = random_effects(CHAIN, ALL, np.random.default_rng(5))
+    np.testing.assert_allclose(effects.compliance_rad_per_nm, [0, 1e-5, 1.25e-5, 0, 0, 0])
+    np.testing.assert_allclose(np.hypot(*effects.harmonics_rad[:, :2].T), 2e-4)
+    np.testing.assert_allclose(np.hypot(*effects.harmonics_rad[:, 2:].T), 1e-4)
+    assert [tuple(pair) for pair in np.argwhere(effects.coupling)] == [(4, 3), (5, 4)]
+    assert ((effects.backlash_rad >= 0.5e-4) & (effects.backlash_rad <= 1.5e-4)).all()
+    np.testing.assert_allclose(
+        [np.linalg.norm(effects.drift_per_h[:3]), np.linalg.norm(effects.drift_per_h[3:])], [2e-5, 1e-5]
+    )
+    many = [random_effects(CHAIN, ALL, np.random.default_rng(seed)).gear for seed in range(500)]
+    assert np.std(many) == pytest.approx(1e-4, rel=0.05)
+
+
+def test_a_campaign_sets_what_its_effects_need() -> None:
+    def columns(effects: Effects, **options: object) -> set[str]:
+        return set(random_conditions(CHAIN, effects, 7, np.random.default_rng(0), **options))
+
+    assert columns(only(gear=np.ones(6))) == set()
+    assert columns(only(backlash_rad=entry(3, 1e-4))) == {"approach_q3"}
+    assert columns(only(growth_per_h=1e-5), duration_s=60.0) == {"time_s"}
+    soft = only(compliance_rad_per_nm=entry(2, 1e-5))
+    assert columns(soft, payload_kg=(0.0, 3.0)) == {"payload_kg"} and columns(soft) == set()
+    full = random_effects(CHAIN, ALL, np.random.default_rng(5))
+    few, more = (random_conditions(CHAIN, full, n, np.random.default_rng(0), (0.0, 1.0, 3.0), 90.0) for n in (10, 900))
+    assert set(few) == {"payload_kg", "time_s", *(f"approach_q{i}" for i in range(1, 7))}
+    for name in set(few) - {"time_s"}:
+        np.testing.assert_array_equal(few[name], more[name][:10])
+        values, counts = np.unique(more[name], return_counts=True)
+        assert values.tolist() == ([0.0, 1.0, 3.0] if name == "payload_kg" else [-1.0, 1.0])
+        assert stats.chisquare(counts).pvalue > 0.001
+    np.testing.assert_allclose(few["time_s"], np.linspace(0, 90, 10))
+    data = track(REAL.with_effects(full), JOINTS[:10], TARGETS, INSTRUMENTS["exact"], np.random.default_rng(0), 1, few)
+    assert dict(data.conditions) == few
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda: only(gear=np.full(6, np.nan)), "gear is to be finite"),
+        (lambda: only(harmonics_rad=np.zeros((6, 2))), r"harmonics_rad is to be finite numbers of shape \(6, 4\)"),
+        (lambda: only(coupling=np.eye(6)), "itself"),
+        (lambda: only(compliance_rad_per_nm=np.full(6, -1e-5)), "compliance_rad_per_nm has a negative entry"),
+        (lambda: only(lag=1.0), r"lag is to be in \[0, 1\)"),
+        (lambda: only(bad_range_m=(2.0, 1.0)), "bad_range_m"),
+        (lambda: REAL.with_effects(Effects.none(5)), "effects of 5 joints"),
+        (lambda: REAL.points(JOINTS, TARGETS, {"time_s": np.zeros(3)}), "condition time_s"),
+        (lambda: REAL.points(JOINTS[:1], TARGETS, {"payload_kg": np.array([np.nan])}), "condition payload_kg"),
+        (lambda: random_effects(CHAIN, EffectSizes({7: 1e5}), np.random.default_rng(0)), "joints 1 to 6"),
+        (lambda: random_effects(CHAIN, EffectSizes({2: 0.0}), np.random.default_rng(0)), "above zero"),
+    ],
+)
+def test_what_cannot_be_is_refused(wrong, message: str) -> None:
+    with pytest.raises(LabError, match=message):
+        wrong()

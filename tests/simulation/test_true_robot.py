@@ -1,0 +1,252 @@
+"""The virtual arm: its truth, its tracker's noise, its streams, its poses."""
+
+import mujoco
+import numpy as np
+import pytest
+from helpers.robots import IRB120, somewhere
+from scipy import stats
+
+from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.commands.options import VirtualCampaign
+from lab.commands.robot import load_robot
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import INSTRUMENTS, instrument
+from lab.core.random import stream
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.collisions import collides, random_poses
+from lab.simulation.load_mjcf_urdf import load_model
+from lab.simulation.true_robot import (
+    Perturbation,
+    perturbed_bodies,
+    random_perturbation,
+    random_tracker,
+    real_arm,
+    track,
+)
+from lab.simulation.write_mjcf import calibrated_mjcf
+
+MODEL = IRB120.model
+TARGETS = ("p1", "p2", "p3")
+ARM = SerialArm(IRB120.chain, TARGETS)
+
+
+def test_the_table_is_the_drawings() -> None:
+    table = IRB120.chain.table * [180 / np.pi, 1e3, 1e3, 180 / np.pi, 1]
+    expected = [
+        [0, 290, 0, -90, 0],
+        [-90, 0, 270, 0, 0],
+        [0, 0, 70, -90, 0],
+        [0, 302, 0, 90, 0],
+        [0, 0, 0, -90, 0],
+        [180, 72, 0, 0, 0],
+    ]
+    np.testing.assert_allclose(table, expected, atol=1e-12)
+    np.testing.assert_allclose(np.rad2deg(IRB120.chain.lower), [-165, -110, -110, -160, -120, -400])
+    np.testing.assert_allclose(np.rad2deg(IRB120.chain.upper), [165, 110, 70, 160, 120, 400])
+    np.testing.assert_allclose(np.rad2deg(IRB120.chain.speed), [250, 250, 250, 320, 320, 420])
+
+
+def test_equations_agree_with_mujoco() -> None:
+    """Sites of the nominal model at 10,000 random poses, to 1e-12 m."""
+    joints = IRB120.chain.random_joints(10_000, np.random.default_rng(0))
+    still = Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6))
+    seen = real_arm(MODEL, still, np.eye(4)).points(joints, TARGETS)
+    np.testing.assert_allclose(ARM.points(joints, ARM.nominal(IRB120.tool)), seen, atol=1e-12)
+
+
+@pytest.mark.parametrize(("metres", "radians"), [(0.5e-3, 1.5e-3), (5e-3, 20e-3)])
+def test_the_truth_is_the_arm(metres: float, radians: float) -> None:
+    """The canonical parameters reproduce the perturbed model at 1,000 poses, joint offsets included."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        off = random_perturbation(MODEL, metres, radians, rng)
+        off = Perturbation(off.bodies, off.position_m, off.rotation_rad, radians * rng.normal(size=6))
+        real = real_arm(MODEL, off, random_tracker(MODEL, rng))
+        truth = real.truth(ARM)
+        joints = IRB120.chain.random_joints(1000, rng)
+        np.testing.assert_allclose(ARM.points(joints, truth.values), real.points(joints, TARGETS), atol=1e-12)
+        fixed = list(truth.base_set.fixed)
+        np.testing.assert_array_equal(truth.values[fixed], ARM.nominal(IRB120.tool)[fixed])
+
+
+def test_joint_offsets_alone_are_seen() -> None:
+    """An offset on axis 3 is a theta of link 3, and nothing else of the links."""
+    offset = np.array([0, 0, 0.01, 0, 0, 0])
+    real = real_arm(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), offset), MODEL.T_world_tracker)
+    truth = real.truth(ARM)
+    change = dict(zip(ARM.names, truth.values - ARM.nominal(IRB120.tool), strict=True))
+    assert change.pop("link3.theta") == pytest.approx(0.01, abs=1e-12)
+    assert max(abs(v) for name, v in change.items() if name.startswith("link")) < 1e-12
+
+
+def test_each_body_can_be_off() -> None:
+    """Moving any one body by 1 mm along an axis moves the target by just that at zero readings."""
+    assert perturbed_bodies(MODEL) == ("base", *(f"link{i}" for i in range(1, 7)), "flange")
+    zero = np.zeros((1, 6))
+    still = real_arm(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), np.eye(4))
+    for body in perturbed_bodies(MODEL):
+        off = Perturbation((body,), np.array([[0, 1e-3, 0]]), np.zeros((1, 3)), np.zeros(6))
+        moved = real_arm(MODEL, off, np.eye(4)).points(zero, TARGETS) - still.points(zero, TARGETS)
+        np.testing.assert_allclose(moved[0], np.tile([0, 1e-3, 0], (3, 1)), atol=1e-15)
+
+
+def test_a_denavit_hartenberg_arm_has_just_those_parameters() -> None:
+    """--dh-only: the model is placed on a perturbed table; only base and what the gauge moves differ from it."""
+    options = VirtualCampaign(seed=3, dh_only=True)
+    real = perturbed_arm(IRB120, options)
+    again = perturbed_arm(IRB120, options)
+    joints = IRB120.chain.random_joints(200, np.random.default_rng(0))
+    np.testing.assert_array_equal(real.points(joints, TARGETS), again.points(joints, TARGETS))
+    truth = real.truth(ARM)
+    np.testing.assert_allclose(ARM.points(joints, truth.values), real.points(joints, TARGETS), atol=1e-12)
+    base = [ARM.names.index(f"base.{axis}") for axis in ("x", "y", "z")]
+    assert np.abs(truth.values - ARM.nominal(IRB120.tool))[len(base) + 3 :].max() < 0.01
+
+
+def test_streams_are_independent() -> None:
+    """Other poses, other instruments and other noise leave the arm and its tracker as they were."""
+    joints = IRB120.chain.random_joints(20, np.random.default_rng(0))
+    first = perturbed_arm(IRB120, VirtualCampaign(seed=5)).points(joints, TARGETS)
+    other = perturbed_arm(IRB120, VirtualCampaign(seed=5, poses=60, instrument="leica-at960")).points(joints, TARGETS)
+    np.testing.assert_array_equal(first, other)
+    another = perturbed_arm(IRB120, VirtualCampaign(seed=6)).points(joints, TARGETS)
+    assert np.abs(first - another).max() > 1e-3
+    draws = [stream(5, purpose).random() for purpose in ("arm", "tracker", "poses", "noise", "fresh", "split")]
+    assert len(set(draws)) == 6
+
+
+def test_more_poses_keep_the_first_ones_and_none_collides() -> None:
+    fifty = random_poses(MODEL, 50, stream(1, "poses"))
+    sixty = random_poses(MODEL, 60, stream(1, "poses"))
+    np.testing.assert_array_equal(fifty, sixty[:50])
+    assert not collides(MODEL, sixty).any()
+    assert ((sixty >= IRB120.chain.lower) & (sixty <= IRB120.chain.upper)).all()
+    assert collides(MODEL, np.deg2rad([[0, 60, 70, 0, 110, 0]])).all()  # folded into its own base
+
+
+def test_a_model_that_always_touches_itself_is_refused(tmp_path) -> None:
+    path = tmp_path / "stuck.xml"
+    ball = '<geom type="sphere" size="0.3"/>'
+    path.write_text(
+        '<mujoco><worldbody><body name="a"><joint name="j1" range="-1 1" limited="true"/>'
+        f'{ball}<body name="b" pos="0 0 .1"><joint name="j2" axis="1 0 0" range="-1 1" limited="true"/>'
+        f'{ball}<body name="c" pos="0 0 .1"><joint name="j3" axis="1 0 0" range="-1 1" limited="true"/>{ball}'
+        "</body></body></body></worldbody></mujoco>"
+    )
+    with pytest.raises(LabError, match="touch nothing"):
+        random_poses(load_model(path), 5, stream(0, "poses"))
+
+
+@pytest.mark.parametrize("name", INSTRUMENTS)
+def test_noise_is_as_stated(name: str) -> None:
+    """Sample covariance of 40,000 readings against the stated one, in the directions that matter."""
+    device, points = INSTRUMENTS[name], np.tile([1.2, -1.9, 0.8], (40_000, 1))
+    error = device.sample(points, np.random.default_rng(0)) - points
+    stated = device.covariance(points[:1])[0]
+    if name == "exact":
+        assert not error.any() and not stated.any()
+        return
+    factor = np.linalg.inv(np.linalg.cholesky(stated))
+    white = error @ factor.T
+    np.testing.assert_allclose(white.T @ white / len(white), np.eye(3), atol=0.03)
+    np.testing.assert_allclose(white.mean(0), 0, atol=0.03)
+    averaged = device.sample(points, np.random.default_rng(1), readings=4) - points
+    np.testing.assert_allclose(averaged.std(0), error.std(0) / 2, rtol=0.03)
+    np.testing.assert_allclose(device.covariance(points[:1], 4), stated[None] / 4)
+
+
+def test_uniform_noise_stays_within_eight_microns() -> None:
+    error = INSTRUMENTS["uniform-8um"].sample(np.zeros((10_000, 3)), np.random.default_rng(0))
+    assert 7.99e-6 < np.abs(error).max() <= 8e-6
+    assert stats.kstest(error.ravel(), stats.uniform(-8e-6, 16e-6).cdf).pvalue > 0.01
+
+
+def test_the_leica_sees_ranges_better_than_directions() -> None:
+    """leica-at960 at 2 m: 13.5 microns across, 0.5 along the line of sight (facts, section 5)."""
+    sizes = np.sqrt(np.linalg.eigvalsh(INSTRUMENTS["leica-at960"].covariance(np.array([[0, 2.0, 0]]))[0]))
+    np.testing.assert_allclose(sizes, [0.5e-6, 13.5e-6, 13.5e-6])
+
+
+def test_a_target_straight_above_the_head_is_seen() -> None:
+    """Azimuth has no direction there; the two transverse errors have."""
+    device, points = INSTRUMENTS["leica-at500"], np.tile([0.0, 0.0, 2.0], (40_000, 1))
+    error = device.sample(points, np.random.default_rng(0)) - points
+    np.testing.assert_allclose(error.T @ error / len(error), device.covariance(points[:1])[0], rtol=0.03, atol=2e-12)
+
+
+def test_joint_offsets_come_from_the_seed_and_leave_the_bodies_alone() -> None:
+    plain, off = (
+        random_perturbation(MODEL, 5e-4, 1.5e-3, stream(3, "arm"), offset_sigma=sigma) for sigma in (0.0, 1e-3)
+    )
+    np.testing.assert_array_equal(plain.position_m, off.position_m)
+    assert not plain.joint_offset.any() and 1e-4 < np.abs(off.joint_offset).max() < 5e-3
+    real = perturbed_arm(IRB120, VirtualCampaign(seed=3, offset_sigma_mrad=1.0))
+    np.testing.assert_array_equal(real.joint_offset, off.joint_offset)
+
+
+def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
+    """Read as a drawing, nearly parallel axes get a beta, not a d of a hundred metres (facts, section 7)."""
+    truth = perturbed_arm(IRB120, VirtualCampaign(seed=7)).truth(ARM)
+    path = tmp_path / "calibrated.xml"
+    path.write_text(calibrated_mjcf(MODEL, ARM, truth.values))
+    again = load_robot(str(path))
+    assert np.abs(again.chain.table[:, 1:3]).max() < 0.5 and again.chain.parallel == IRB120.chain.parallel
+    np.testing.assert_allclose(again.chain.table, IRB120.chain.table, atol=0.05)
+    arm = again.arm(TARGETS)
+    real = perturbed_arm(again, VirtualCampaign(seed=8))
+    joints = again.chain.random_joints(100, np.random.default_rng(0))
+    np.testing.assert_allclose(arm.points(joints, real.truth(arm).values), real.points(joints, TARGETS), atol=1e-12)
+    assert len(real.truth(arm).base_set.kept) == 33
+
+
+def test_a_urdf_gives_speeds_and_the_same_kinematics(tmp_path) -> None:
+    path = tmp_path / "arm.urdf"
+    inertia = '<inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    axes = [("0 0 0.3", "0 0 1"), ("0 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.1 0 0", "1 0 0")]
+    links = "".join(f'<link name="l{i}">{inertia if i else ""}</link>' for i in range(5))
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="{xyz}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="{1 + i}" effort="1"/></joint>'
+        for i, (xyz, axis) in enumerate(axes)
+    )
+    path.write_text(f'<robot name="arm">{links}{joints}</robot>')
+    robot = load_robot(str(path))
+    np.testing.assert_array_equal(robot.chain.speed, [1, 2, 3, 4])
+    arm = robot.arm(("p1",))
+    real = perturbed_arm(robot, VirtualCampaign(seed=1))
+    q = robot.chain.random_joints(200, np.random.default_rng(0))
+    np.testing.assert_allclose(arm.points(q, real.truth(arm).values), real.points(q, ("p1",)), atol=1e-12)
+
+
+def test_an_unknown_instrument_lists_those_there_are() -> None:
+    with pytest.raises(LabError, match=r"leica-at960.*optical-cmm"):
+        instrument("leica")
+
+
+def test_the_tracker_reports_in_its_own_frame() -> None:
+    place = random_tracker(MODEL, np.random.default_rng(0))
+    still = Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6))
+    joints = IRB120.chain.random_joints(5, np.random.default_rng(1))
+    seen = track(real_arm(MODEL, still, place), joints, TARGETS, INSTRUMENTS["exact"], np.random.default_rng(0))
+    world = ARM.points(joints, ARM.nominal(IRB120.tool))
+    np.testing.assert_allclose(se3.transform(place, seen.points), world, atol=1e-14)
+
+
+def test_the_calibrated_model_loads_again_exactly(tmp_path) -> None:
+    """calibrated.xml: sites in the tracker's frame as identified, to 1e-12 m, from an empty folder."""
+    rng = np.random.default_rng(4)
+    values = somewhere(ARM, rng)
+    values[:6] += ARM.nominal()[:6]
+    values += 1e-3 * rng.normal(size=len(values))
+    path = tmp_path / "calibrated.xml"
+    path.write_text(calibrated_mjcf(MODEL, ARM, values))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    tracker, sites = model.site("tracker").id, [model.site(name).id for name in TARGETS]
+    for joints in IRB120.chain.random_joints(200, rng):
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        T = se3.pose(data.site_xmat[tracker].reshape(3, 3), data.site_xpos[tracker])
+        seen = se3.transform(se3.inverse(T), data.site_xpos[sites])
+        np.testing.assert_allclose(seen, ARM.points(joints[None], values)[0], atol=1e-12)

@@ -1,0 +1,356 @@
+"""What is said of a study's campaigns: intervals that hold, pairs, ranks, and how they are shown."""
+
+import csv
+import io
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy import stats
+
+from lab.commands.study.console import print_analysis, write_csv
+from lab.commands.study.figures import plot_study
+from lab.commands.study.text import effect_words, sentence, sentences
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.studies.analysis import LEVEL, Analysis, Comparison, analysed, compared, means
+from lab.studies.bootstrap import holm, resampled
+from lab.studies.grid import Cell, Study
+from lab.studies.table import Arranged, Group, groups
+
+METRIC = "fresh_mean_mm"
+CRITERIA = ("O1", "O5", "O3", "random")
+
+
+def columns(values: Array, converged: Array | None = None) -> dict[str, Array]:
+    """Rows of an array (cells, robots, draws)."""
+    cell, robot, draw = (index.ravel() for index in np.indices(values.shape))
+    good = np.ones(values.size, dtype=bool) if converged is None else converged.ravel()
+    return {"cell": cell, "robot": robot, "draw": draw, "converged": good, METRIC: values.ravel()}
+
+
+def arranged(values: Array, resamples: int = 999, converged: Array | None = None) -> Arranged:
+    return Arranged.of(columns(values, converged), [Cell()] * len(values), resamples=resamples)
+
+
+def one_group(number: int) -> Group:
+    return Group(("criterion",), {}, tuple(range(number)))
+
+
+def compare(values: Array, converged: Array | None = None, **more) -> Comparison:
+    return compared(arranged(values, converged=converged), one_group(len(values)), METRIC, **more)
+
+
+def two_levels(cells: int, robots: int, draws: int, seed: int) -> Array:
+    """A robot's effect and each campaign's noise, both of variance one and mean zero."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(cells, robots, 1)) + rng.normal(size=(cells, robots, draws))
+
+
+def study(robots: int = 12, draws: int = 5, seed: int = 0) -> tuple[dict[str, Array], tuple[Cell, ...]]:
+    """Criteria, of which O1 is best and O5 is O3's equal, two scalings and two numbers of poses."""
+    cells = Study(factors={"criterion": CRITERIA, "scaling": ("raw", "whitened"), "poses": (10, 20)}).cells
+    rng = np.random.default_rng(seed)
+    size = {"O1": 1.0, "O5": 1.2, "O3": 1.2, "random": 1.8}
+    shared = 0.1 * rng.normal(size=(1, robots, 1)) + 0.3 * rng.normal(size=(1, robots, draws))
+    own = 0.05 * rng.normal(size=(len(cells), robots, draws))
+    base = np.array([0.01 * size[cell.criterion] * (10 / cell.poses) ** 0.5 for cell in cells])
+    return columns(base[:, None, None] * np.exp(shared + own)), cells
+
+
+@cache
+def analysis(robots: int = 12, draws: int = 5, factors: tuple[str, ...] | None = None) -> Analysis:
+    return analysed(*study(robots, draws), metrics=(METRIC,), factors=factors)
+
+
+def test_intervals_over_robots_hold_where_those_over_campaigns_do_not() -> None:
+    """500 means: 95 % (3 sigma 2.9 %) hold; of campaigns taken for independent 2 Phi(1.96 x 0.31) - 1 = 45 %."""
+    values = two_levels(500, 30, 20, 1)
+    by_robots = means(arranged(values), METRIC)
+    naive = means(arranged(values.reshape(500, 600, 1)), METRIC)
+    held, held_naively = (np.mean([m.lower <= 0 <= m.upper for m in found]) for found in (by_robots, naive))
+    assert held == pytest.approx(0.95, abs=0.03)
+    assert held_naively == pytest.approx(0.45, abs=0.07)
+
+
+def test_intervals_of_few_skewed_robots_hold_better_than_percentiles() -> None:
+    """Log-normal, sigma 0.7, 12 robots, 600 times: percentiles cover some 87 %, and these some 93 %."""
+    truth = np.exp(0.7**2 / 2)
+    values = np.exp(0.7 * np.random.default_rng(2).normal(size=(600, 12, 1)))
+    ours = arranged(values)
+    held = np.mean([m.lower <= truth <= m.upper for m in means(ours, METRIC)])
+    lower, upper = np.quantile(ours.weights @ values[:, :, 0].T / 12, [0.025, 0.975], axis=0)
+    assert held > 0.91
+    assert held > np.mean((lower <= truth) & (truth <= upper)) + 0.03
+
+
+def test_a_mean_is_over_robots_of_their_means_and_of_normal_ones_like_students() -> None:
+    values = two_levels(1, 60, 5, 3)
+    values[0, 0, 1:] = np.nan  # a robot with one draw left weighs as much as another
+    (found,) = means(arranged(values, 9999), METRIC)
+    own = np.nanmean(values[0], axis=1)
+    assert found.mean == pytest.approx(own.mean(), rel=1e-12)
+    half = stats.t.ppf(0.975, 59) * own.std(ddof=1) / np.sqrt(60)
+    assert (found.upper - found.lower) / 2 == pytest.approx(half, rel=0.05)
+    assert (found.campaigns, found.not_converged, found.used, found.robots) == (300, 0, 296, 60)
+
+
+def test_pairs_are_much_sharper_than_two_means() -> None:
+    """Robots and noise that both cells share drop out: of sd 0.4 there remain 0.05 a cell."""
+    rng = np.random.default_rng(4)
+    shared = 0.3 * rng.normal(size=(1, 20, 1)) + 0.3 * rng.normal(size=(1, 20, 10))
+    values = np.exp(shared + 0.05 * rng.normal(size=(2, 20, 10)) + np.log([1.0, 1.05])[:, None, None])
+    (pair,) = compare(values).pairs
+    first, second = means(arranged(values), METRIC)
+    unpaired = np.hypot(first.upper - first.lower, second.upper - second.lower) / (first.mean + second.mean) * 2
+    assert pair.lower < 1.05 < pair.upper and pair.told
+    assert pair.upper - pair.lower < unpaired / 10
+
+
+def test_a_ratio_that_is_the_same_everywhere_is_exact() -> None:
+    values = np.exp(two_levels(1, 8, 3, 5)) * np.array([1.0, 1.05])[:, None, None]
+    (pair,) = compare(values).pairs
+    assert [pair.effect, pair.lower, pair.upper] == pytest.approx([1.05] * 3, rel=1e-9)
+    assert pair.p == pytest.approx(1 / 1000)
+    (apart,) = compare(values, kind="difference").pairs
+    assert apart.effect == pytest.approx((values[1] - values[0]).mean(), rel=1e-12)
+
+
+def test_holm_keeps_the_error_of_the_family() -> None:
+    """Four equal cells, 400 times: one of six pairs told in 5 % (3 sigma 3.3 %) at most; uncorrected in 20 %."""
+    rng = np.random.default_rng(6)
+    told, uncorrected = 0, 0
+    for _ in range(400):
+        values = rng.normal(size=(1, 20, 1)) + 0.5 * rng.normal(size=(4, 20, 1)) + 0.5 * rng.normal(size=(4, 20, 2))
+        found = compare(np.exp(values))
+        told += any(pair.told for pair in found.pairs)
+        uncorrected += any(pair.p <= LEVEL for pair in found.pairs)
+        assert all((pair.p <= LEVEL) == (not pair.lower <= 1 <= pair.upper) for pair in found.pairs)
+    assert told / 400 <= 0.05 + 0.033
+    assert uncorrected / 400 > 0.1
+
+
+def test_holm_by_hand() -> None:
+    found = holm(np.array([0.01, 0.04, np.nan, 0.03, 0.005]))
+    np.testing.assert_allclose(found, [0.03, 0.06, np.nan, 0.06, 0.02])
+    assert holm(np.array([0.6, 0.7])).tolist() == [1.0, 1.0]
+
+
+def test_ranks_of_equal_cells_are_uncertain_and_of_others_certain() -> None:
+    rng = np.random.default_rng(7)
+    values = np.exp(0.1 * rng.normal(size=(4, 30, 5)) + np.log([1.5, 1.0, 1.0, 2.0])[:, None, None])
+    found = {rank.cell: rank for rank in compare(values).ranks}
+    assert found[0].rank == found[0].lowest == found[0].highest == 3 and found[0].chances == (0, 0, 1, 0)
+    assert found[3].chances[3] == 1
+    for cell in (1, 2):
+        assert (found[cell].lowest, found[cell].highest) == (1, 2)
+        assert 0.02 < found[cell].chances[0] < 0.98
+    assert [rank.rank for rank in compare(values).ranks] == [1, 2, 3, 4]
+
+
+def test_ranks_contain_the_true_ones() -> None:
+    """Three cells of which two are equal, 300 times: all sets hold in 95 % (3 sigma 3.8 %) or more."""
+    rng, held = np.random.default_rng(8), 0
+    for _ in range(300):
+        values = np.exp(0.3 * rng.normal(size=(3, 15, 1)) + np.log([1.0, 1.0, 1.2])[:, None, None])
+        ranks = {rank.cell: rank for rank in compare(values).ranks}
+        held += (
+            ranks[0].lowest == ranks[1].lowest == 1
+            and ranks[0].highest > 1 < ranks[1].highest
+            and ranks[2].highest == 3
+        )
+    assert held / 300 >= 0.95 - 0.038
+
+
+def test_the_same_poses_share_a_rank() -> None:
+    values = np.exp(two_levels(1, 10, 4, 9)) * np.array([2.0, 1.0, 1.0])[:, None, None]
+    found = compare(values)
+    assert [(rank.cell, rank.rank, rank.lowest, rank.highest) for rank in found.ranks] == [
+        (1, 1, 1, 2),
+        (2, 1, 1, 2),
+        (0, 3, 3, 3),
+    ]
+    assert found.against(1, 2).p == 1.0 and found.ranks[0].chances[0] == 1.0
+
+
+def test_a_pair_can_be_read_from_either_end() -> None:
+    found = compare(np.exp(two_levels(3, 10, 4, 10)))
+    there, back = found.against(0, 2), found.against(2, 0)
+    assert (back.first, back.second) == (2, 0)
+    assert there.effect * back.effect == pytest.approx(1) and there.lower * back.upper == pytest.approx(1)
+
+
+def test_the_order_of_the_rows_does_not_matter() -> None:
+    given, cells = study()
+    order = np.random.default_rng(11).permutation(len(given["cell"]))
+    mixed = {name: column[order] for name, column in given.items()}
+    assert analysed(mixed, cells, metrics=(METRIC,)) == analysed(given, cells, metrics=(METRIC,))
+
+
+def test_what_did_not_converge_is_left_out_of_its_pairs_and_counted() -> None:
+    rng = np.random.default_rng(12)
+    values, good = np.exp(rng.normal(size=(3, 10, 6))), np.ones((3, 10, 6), dtype=bool)
+    clean = compare(values)
+    good[1, :4, :2] = False
+    values[1, :4, :2] = 1e9  # whatever a solver left there
+    values[2, 9, 5] = np.nan
+    found = compare(values, good)
+    assert [pair.left_out for pair in found.pairs] == [8, 1, 9] and [p.used for p in found.pairs] == [52, 59, 51]
+    log = np.log(np.where(good & np.isfinite(values), values, np.nan))
+    by_hand = np.nanmean(np.nanmean(log[1] - log[0], axis=1))
+    assert np.log(found.pairs[0].effect) == pytest.approx(by_hand, rel=1e-9)
+    assert found.pairs[1].effect == pytest.approx(clean.pairs[1].effect, rel=0.1)
+    counts = [(m.not_converged, m.used) for m in means(arranged(values, converged=good), METRIC)]
+    assert counts == [(0, 60), (8, 52), (0, 59)]
+
+
+def test_a_cell_that_never_converged_has_no_rank_and_is_told() -> None:
+    given, cells = study()
+    given["converged"] = given["cell"] != 0
+    found = analysed(given, cells, metrics=(METRIC,))
+    comparison = found.comparisons[0]
+    assert 0 in comparison.group.cells and 0 not in [rank.cell for rank in comparison.ranks]
+    assert "O1 never converged where another did" in sentence(comparison, cells)
+    assert "60 of 720 campaigns did not converge" in sentences(found, METRIC)[-1]
+    assert "60 of 60 (O1, 10 poses)" in sentences(found, METRIC)[-1]
+
+
+@pytest.mark.parametrize(("robots", "draws"), [(1, 1), (1, 6), (2, 3), (12, 1)])
+def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
+    """Of one or two robots no interval is told, and nothing is told apart."""
+    found = analysis(robots=robots, draws=draws)
+    few = robots < 3
+    assert all(np.isfinite(mean.mean) and np.isfinite(mean.lower) != few for mean in found.means)
+    pairs = [pair for each in found.comparisons for pair in each.pairs]
+    assert all(np.isfinite(pair.lower) != few for pair in pairs)
+    assert any(pair.told for pair in pairs) != few
+    assert ("too few robots for an interval" in " ".join(sentences(found, METRIC))) == few
+    write_csv(tmp_path, found)
+
+
+def test_pictures_of_one_robot_have_marks_without_intervals(tmp_path: Path) -> None:
+    assert len(plot_study(tmp_path, analysis(1, 2, ("scaling",)), METRIC)) == 3
+    assert "too few robots for an interval" in (tmp_path / f"{METRIC}-scaling-pairs.svg").read_text()
+
+
+def test_a_robot_without_campaigns_in_a_cell_counts_for_nothing() -> None:
+    values = two_levels(1, 9, 4, 13)
+    gone = np.where(np.arange(9)[:, None] < 3, np.nan, values[0])[None]
+    weights = arranged(gone).weights
+    found = resampled(np.nanmean(gone[:, 3:], axis=2).T, weights[:, 3:], LEVEL)
+    (mean,) = means(arranged(gone), METRIC)
+    assert (mean.mean, mean.lower) == pytest.approx((found.mean[0], found.lower[0]), rel=1e-12)
+    assert mean.robots == 6
+
+
+def test_groups_agree_in_all_factors_but_one() -> None:
+    _, cells = study()
+    by_criterion = groups(cells, ["criterion"])
+    assert [dict(group.shared) for group in by_criterion] == [
+        {"scaling": scaling, "poses": poses} for scaling in ("raw", "whitened") for poses in (10, 20)
+    ]
+    for group in by_criterion:
+        assert [cells[i].criterion for i in group.cells] == list(CRITERIA)
+        assert {cells[i].scaling for i in group.cells} == {"any", group.shared["scaling"]}
+    by_poses = groups(cells, ["poses"])
+    assert len(by_poses) == 6 and all([cells[i].poses for i in group.cells] == [10, 20] for group in by_poses)
+    by_scaling = [each.group for each in analysis().comparisons if each.group.free == ("scaling",)]
+    assert {cells[i].criterion for group in by_scaling for i in group.cells} == {"O5", "O3"}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda c: c.pop("robot"), "column 'robot' is missing"),
+        (lambda c: c.update({name: column[:0] for name, column in c.items()}), "there are none"),
+        (lambda c: c.update(cell=c["cell"] + 1), "is unknown; the study has"),
+        (lambda c: c.update(draw=0 * c["draw"]), "is there twice"),
+        (lambda c: c.pop(METRIC), f"metric '{METRIC}' is unknown"),
+    ],
+)
+def test_columns_that_cannot_be_used(spoil, words: str) -> None:
+    given, cells = study()
+    spoil(given)
+    with pytest.raises(LabError, match=words):
+        analysed(given, cells, metrics=(METRIC,))
+
+
+def test_sentences_say_who_is_best_and_what_cannot_be_told() -> None:
+    found = analysis(robots=40)
+    said = sentences(found, METRIC)
+    first = said[0]
+    assert first.startswith("scaling raw, 10 poses, by criterion: best is O1; ")
+    assert "random 80" in first or "random 79" in first or "random 81" in first
+    assert "not told apart: O5 and O3" in first
+    assert any(line.startswith("O1, by poses: best is 20 poses; 10 poses 4") for line in said)
+    tied = analysed(*study(), metrics=(METRIC,), factors=("scaling",))
+    assert "best are" in sentences(tied, METRIC)[0] and "which cannot be told apart" in sentences(tied, METRIC)[0]
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        ((1.041, 1.037, 1.046), "4.1 % (3.7 to 4.6)"),
+        ((1.0335, 0.9984, 1.0687), "3.4 % (−0.2 to 6.9)"),
+        ((2.13, 2.05, 2.21), "2.13 times (2.05 to 2.21)"),
+        ((1.5, np.nan, np.nan), "50 % (too few robots for an interval)"),
+    ],
+)
+def test_effects_are_told_to_the_digits_that_are_known(ends: tuple[float, ...], words: str) -> None:
+    (pair,) = compare(np.exp(two_levels(2, 5, 2, 14))).pairs
+    assert effect_words(type(pair)(0, 1, *ends, 0.01, 0.01, 10, 0), "ratio") == words
+
+
+def test_tables_read_back_as_they_were(tmp_path: Path) -> None:
+    found = analysis()
+    write_csv(tmp_path, found)
+    read = {
+        name: list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))
+        for name in ("means", "pairs", "ranks")
+    }
+    assert [(int(r["cell"]), float(r["mean"]), float(r["lower_95"])) for r in read["means"]] == [
+        (mean.cell, mean.mean, mean.lower) for mean in found.means
+    ]
+    assert [found.cells[int(r["cell"])].criterion for r in read["means"]] == [r["criterion"] for r in read["means"]]
+    pairs = [pair for each in found.comparisons for pair in each.pairs]
+    assert [(float(r["second_to_first"]), float(r["p_holm"])) for r in read["pairs"]] == [
+        (pair.effect, pair.p_holm) for pair in pairs
+    ]
+    assert read["pairs"][0]["group"] == "scaling raw, 10 poses" and read["pairs"][0]["second"] == "O5"
+    ranks = [rank for each in found.comparisons for rank in each.ranks]
+    for row, rank in zip(read["ranks"], ranks, strict=True):
+        chances = [float(row[f"chance_{k}"] or "nan") for k in range(1, 5)][: len(rank.chances)]
+        assert (int(row["cell"]), int(row["rank"]), tuple(chances)) == (rank.cell, rank.rank, rank.chances)
+
+
+def test_the_terminal_fits_80_columns() -> None:
+    out = io.StringIO()
+    print_analysis(analysis(), METRIC, Console(file=out, width=80))
+    shown = out.getvalue()
+    assert "mean error on fresh poses, mm: mean (95 % interval), 12 robots" in shown
+    assert "scaling raw, 10 poses:" in shown and "2 (2 to 3)" in shown and "…" not in shown
+    assert "best is O1" in shown
+    with pytest.raises(LabError, match="metric 'speed' is unknown; there are fresh_mean_mm"):
+        print_analysis(analysis(), "speed")
+
+
+def test_pictures_have_their_labels_and_the_same_bytes(tmp_path: Path) -> None:
+    found = analysis(factors=("poses",))
+    folders = [tmp_path / name for name in ("one", "two")]
+    for folder in folders:
+        folder.mkdir()
+        names = plot_study(folder, found, METRIC)
+    assert names == tuple(f"{METRIC}-poses-{kind}" for kind in ("means", "pairs", "ranks"))
+    for name in names:
+        for ending in ("png", "svg"):
+            assert len({(folder / f"{name}.{ending}").read_bytes() for folder in folders}) == 1
+    expected = {
+        "means": ["mean error on fresh poses, mm", "number of poses", "criterion", "scaling raw", "random", ">10<"],
+        "pairs": ["ratio to the best", "95 % interval", "O5, scaling whitened", "20 poses", "best", " % ("],
+        "ranks": ["rank", "framed: 95 % set of ranks", "O3, scaling raw", "100"],
+    }
+    for name, labels in expected.items():
+        text = (folders[0] / f"{METRIC}-poses-{name}.svg").read_text()
+        assert [label for label in labels if label not in text] == []

@@ -1,0 +1,361 @@
+"""Studies on every executor: the same bytes, whatever is killed, full, cut short or done in another order."""
+
+import dataclasses
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import toy_study
+from helpers.robots import ROOT
+
+import lab
+from lab.cli import main
+from lab.core.errors import LabError
+from lab.studies.executors import StoppedError, cluster_executor, local_executor, run_jobs
+from lab.studies.grid import Study, read_study
+from lab.studies.provenance import origin_of
+from lab.studies.run import StudyDone, run_study
+from lab.studies.store import read_campaigns, read_store
+
+TOY = toy_study.STUDY
+SMALL = """
+name = "small"
+robots = 4
+draws = 3
+fresh = 20
+[factors]
+criterion = ["random"]
+poses = [12, 15]
+"""
+LONG = f"""
+robots = 1
+draws = 100
+fresh = 20
+[factors]
+criterion = ["random"]
+poses = {list(range(12, 60))}
+"""
+
+
+def toy(folder: Path, executor: Executor, study: Study = TOY, **more: Any) -> StudyDone:
+    return run_study(study, folder, executor, **{"posing": toy_study.posing, "solving": toy_study.solving, **more})
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The bytes of the toy study, made by one thread."""
+    folder = tmp_path_factory.mktemp("toy") / "study"
+    with ThreadPoolExecutor(1) as executor:
+        done = toy(folder, executor)
+    assert done.computed == TOY.campaigns == 16_000
+    return contents(folder)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Two worker processes of dask.distributed."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as started:
+        yield started
+
+
+class Backwards(Executor):
+    """Does what was handed out last first."""
+
+    def __init__(self, *counts: int) -> None:
+        self.counts, self.jobs = list(counts), []
+
+    def submit(self, call: Callable[..., Any], /, *given: Any, **named: Any) -> Future:
+        future: Future = Future()
+        self.jobs.append((future, partial(call, *given, **named)))
+        if len(self.jobs) == self.counts[0]:
+            for waiting, job in reversed(self.jobs):
+                waiting.set_result(job())
+            self.jobs = []
+            del self.counts[0]
+        return future
+
+
+# The same bytes
+
+
+@pytest.mark.parametrize("executor", [ThreadPoolExecutor(3), Backwards(2, 8)], ids=["threads", "backwards"])
+def test_threads_and_order_do_not_matter(executor: Executor, tmp_path: Path, expected: dict[str, bytes]) -> None:
+    with executor:
+        toy(tmp_path / "study", executor)
+    assert contents(tmp_path / "study") == expected
+
+
+def test_processes_do_not_matter(tmp_path: Path, expected: dict[str, bytes]) -> None:
+    with local_executor(2) as executor:
+        toy(tmp_path / "study", executor)
+    assert contents(tmp_path / "study") == expected
+
+
+def test_a_cluster_does_not_matter_nor_a_worker_that_is_killed(
+    cluster: Any, tmp_path: Path, expected: dict[str, bytes]
+) -> None:
+    died = tmp_path / "died"
+    with cluster_executor(cluster.scheduler_address) as executor:
+        toy(tmp_path / "study", executor, solving=partial(toy_study.deadly, died))
+    assert died.exists() and contents(tmp_path / "study") == expected
+
+
+def test_the_cut_into_tasks_does_not_matter(
+    tmp_path: Path, expected: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = []
+    for campaigns in (2000, 4000, 6000):
+        monkeypatch.setattr("lab.studies.grid.CAMPAIGNS_A_TASK", campaigns)
+        with ThreadPoolExecutor(1) as executor:
+            toy(tmp_path / str(campaigns), executor)
+        tables.append(read_campaigns(tmp_path / str(campaigns)))
+    assert all(table.equals(tables[0]) for table in tables)
+    numbers = [tables[0][name].to_numpy() for name in ("cell", "robot", "draw")]
+    assert np.array_equal(np.ravel_multi_index(numbers, (2, 4, 2000)), np.arange(16_000))  # none lost, none twice
+
+
+# What stops, and goes on
+
+
+def test_a_client_that_is_killed(tmp_path: Path, expected: dict[str, bytes]) -> None:
+    """SIGKILL: its workers end too, and --resume does what is missing, and no more."""
+    folder = tmp_path / "study"
+    client = subprocess.Popen([sys.executable, str(ROOT / "tests" / "helpers" / "toy_study.py"), str(folder)])
+    until(lambda: len(list(folder.glob("campaigns/cell*"))) >= 3)
+    workers = children(client.pid)
+    client.kill()
+    client.wait()
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    there = len(list(folder.glob("campaigns/cell*")))
+    assert 3 <= there < 8 and len(workers) >= 2
+    (folder / "campaigns" / ".cell0001.partial-1").write_bytes(b"half")
+    with ThreadPoolExecutor(2) as executor:
+        done = toy(folder, executor, resume=True)
+        assert done.computed == (8 - there) * 2000 and contents(folder) == expected
+        assert toy(folder, executor, resume=True).computed == 0
+
+
+def until(happens: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60
+    while not happens():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def test_a_local_worker_that_is_killed(tmp_path: Path, expected: dict[str, bytes]) -> None:
+    died, folder = tmp_path / "died", tmp_path / "study"
+    with local_executor(2) as executor, pytest.raises(StoppedError, match="--resume goes on"):
+        toy(folder, executor, solving=partial(toy_study.deadly, died))
+    with ThreadPoolExecutor(1) as executor:
+        done = toy(folder, executor, resume=True)
+    assert 0 < done.computed < TOY.campaigns and contents(folder) == expected
+
+
+def test_a_disk_that_fills_up(tmp_path: Path, expected: dict[str, bytes], monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, plain, written = tmp_path / "study", os.fsync, []
+
+    def full(descriptor: int) -> None:
+        written.append(descriptor)
+        if len(written) > 5:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        plain(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with ThreadPoolExecutor(1) as executor:
+        with pytest.raises(StoppedError, match=r"parquet cannot be written \(No space left on device\); make room"):
+            toy(folder, executor)
+        assert set(contents(folder)) < set(expected)  # no half of a file
+        monkeypatch.undo()
+        assert toy(folder, executor, resume=True).computed == 5 * 2000
+    assert contents(folder) == expected
+
+
+@pytest.mark.parametrize("damage", ["cut", "turned", "gone", "empty"])
+def test_a_damaged_file_is_done_again(damage: str, tmp_path: Path, expected: dict[str, bytes]) -> None:
+    for name, content in expected.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    for path in (tmp_path / "campaigns" / "cell0001-robots00002-00003.parquet", tmp_path / "poses" / "cell0000.csv"):
+        whole = path.read_bytes()
+        half = len(whole) // 2
+        if damage == "gone":
+            path.unlink()
+        elif damage == "turned" and path.suffix == ".parquet":
+            path.write_bytes(whole[:half] + bytes([whole[half] ^ 1]) + whole[half + 1 :])
+        else:
+            path.write_bytes(b"" if damage == "empty" else whole[:-3])
+    if damage != "gone":
+        with pytest.raises(LabError, match=r"cell0001-robots00002-00003\.parquet: not there, or not whole"):
+            read_campaigns(tmp_path)
+    with ThreadPoolExecutor(1) as executor:
+        assert toy(tmp_path, executor, resume=True).computed == 2000
+    assert contents(tmp_path) == expected
+
+
+def test_memory_does_not_grow_with_the_study() -> None:
+    """No more jobs are taken, and results held, than are in flight."""
+    taken, held = [], []
+
+    def jobs() -> Iterator[tuple[int, Callable[[], int]]]:
+        for number in range(100):
+            taken.append(number)
+            yield number, lambda: 0
+
+    with ThreadPoolExecutor(2) as executor:
+        for finished, _ in enumerate(run_jobs(executor, jobs(), in_flight=8)):
+            held.append(len(taken) - finished)
+    assert len(taken) == 100 and max(held) <= 8
+
+
+# What is refused, in one line
+
+
+def test_what_can_go_on_is_the_same_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "study"
+    with ThreadPoolExecutor(1) as executor:
+        with pytest.raises(LabError, match="cannot be read"):
+            toy(folder, executor, resume=True)
+        toy(folder, executor)
+        before = contents(folder)
+        with pytest.raises(LabError, match="holds something"):
+            toy(folder, executor)
+        other = dataclasses.replace(TOY, draws=1999)
+        with pytest.raises(LabError, match=r"another study \(draws is 2000 there, 1999 here\)"):
+            toy(folder, executor, other, resume=True)
+        with monkeypatch.context() as patch, pytest.raises(LabError, match=r"begun with virtual-calibration-lab 0\.1"):
+            patch.setattr(lab, "__version__", "99")
+            toy(folder, executor, resume=True)
+        with monkeypatch.context() as patch, pytest.raises(LabError, match=r"begun with another manifest\.json"):
+            patch.setattr("lab.studies.grid.CAMPAIGNS_A_TASK", 4000)
+            toy(folder, executor, resume=True)
+        config = json.loads(before["config.json"])
+        (folder / "config.json").write_text(json.dumps(config | {"model_sha256": "other"}))
+        with pytest.raises(LabError, match="begun with other files of the robot"):
+            toy(folder, executor, resume=True)
+        (folder / "config.json").write_bytes(before["config.json"])
+    assert contents(folder) == before
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = origin_of("irb120") | {"versions": origin_of("irb120")["versions"] | {"numpy": "1"}}
+    monkeypatch.setattr("lab.studies.run._origin_here", lambda robot: other)
+    with ThreadPoolExecutor(1) as executor, pytest.raises(StoppedError, match=r"a worker has numpy 1, not 2"):
+        toy(tmp_path / "study", executor)
+
+
+def test_a_study_that_cannot_be_leaves_nothing(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(1) as executor, pytest.raises(LabError, match="12 are too few"):
+        toy(tmp_path / "study", executor, posing=toy_study.refused)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_task_that_no_worker_survives(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster.scheduler, "allowed_failures", 0)
+    said = pytest.raises(StoppedError, match="ended one after another")
+    with said, cluster_executor(cluster.scheduler_address) as executor:
+        toy(tmp_path / "study", executor, dataclasses.replace(TOY, robots=1), solving=toy_study.fatal)
+
+
+def test_a_cluster_without_workers_or_without_the_lab(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import LocalCluster
+
+    monkeypatch.setattr("lab.studies.executors.find_spec", toy_study.nothing)
+    with pytest.raises(LabError, match="no lab at the scheduler"), cluster_executor(cluster.scheduler_address):
+        pass
+    monkeypatch.setattr("lab.studies.executors.CONNECTING_S", 3.0)  # to connect in, and to wait for workers
+    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address="127.0.0.1:0") as empty:
+        address = empty.scheduler_address
+        with pytest.raises(LabError, match="has no workers; start dask worker"), cluster_executor(address):
+            pass
+
+
+# The command
+
+
+def one_line(capfd: pytest.CaptureFixture[str]) -> str:
+    out, err = capfd.readouterr()
+    assert out == "" and err.startswith("lab: ") and err.count("\n") == 1, err
+    return err
+
+
+def test_the_command(
+    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Real campaigns: the same bytes by processes, a thread and a cluster, and numbers that make sense."""
+    monkeypatch.chdir(tmp_path)
+    Path("small.toml").write_text(SMALL)
+    assert main(["study", "small.toml", "--workers", "2", "--json"]) == 0
+    out, err = capfd.readouterr()
+    result = json.loads(out)
+    assert (result["folder"], result["campaigns"], result["computed"], err) == ("runs/study-small", 24, 24, "")
+    assert result["campaigns_per_second"] == pytest.approx(24 / result["seconds"])
+    assert [cell["factors"]["poses"] for cell in result["cells"]] == [12, 15]
+    assert main(["study", "small.toml", "--scheduler", cluster.scheduler_address]) == 0
+    assert "24 of 24 campaigns worked out" in capfd.readouterr().out
+    study, made = read_study(Path("small.toml")), Path("runs/study-small")
+    with ThreadPoolExecutor(1) as executor:
+        run_study(study, Path("alone"), executor)
+    alone, analysed = contents(Path("alone")), contents(made)
+    assert analysed == contents(Path("runs/study-small-2")) and {name: analysed[name] for name in alone} == alone
+    rows = read_campaigns(made)
+    assert rows["converged"].to_pylist() == [True] * 24 and max(rows["fresh_mean_mm"].to_pylist()) < 0.1
+    assert list(json.loads((made / "manifest.json").read_text())["columns"]) == rows.column_names
+    assert read_store(made).study == study
+    assert main(["study", "small.toml", "--out", str(made), "--resume", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["computed"] == 0
+
+
+def test_bad_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("lab.studies.executors.CONNECTING_S", 0.5)
+    Path("small.toml").write_text(SMALL)
+    for arguments, says in {
+        "--scheduler tcp://127.0.0.1:9": "tcp://127.0.0.1:9: does not answer",
+        "--scheduler nonsense://x": "does not answer",
+        "--scheduler tls://127.0.0.1:9": "does not answer",
+        "--scheduler tcp://127.0.0.1:9 --workers 2": "give one",
+        "--workers 0": "--workers 0",
+        "--resume": "--out",
+        "--resume --out gone": "gone/config.json: cannot be read",
+    }.items():
+        assert main(["study", "small.toml", *arguments.split()]) == 2, arguments
+        assert says in one_line(capfd), arguments
+    Path("few.toml").write_text(SMALL.replace("12", "5"))
+    assert main(["study", "few.toml", "--workers", "1"]) == 2
+    assert "5 poses" in one_line(capfd)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["study", "small.toml", "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    assert "[cluster]" in one_line(capfd)
+    assert {path.name for path in tmp_path.iterdir()} <= {"small.toml", "few.toml", "runs"}
+
+
+def test_an_interruption_is_told(tmp_path: Path) -> None:
+    """Ctrl-C reaches the workers too, which leave it to the client."""
+    (tmp_path / "long.toml").write_text(LONG)
+    command = [sys.executable, "-m", "lab", "study", "long.toml", "--out", "study"]
+    client = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    until(lambda: any((tmp_path / "study").glob("campaigns/cell*")))
+    os.killpg(client.pid, signal.SIGINT)
+    _, err = client.communicate(timeout=30)
+    assert client.returncode == 130 and err == "lab: interrupted; --resume goes on with what is in study\n"
