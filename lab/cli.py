@@ -240,7 +240,7 @@ def _one_line(panel: str) -> str:
 
 def _campaign(command: Calibrate | Identify) -> int:
     """Run, write and print a campaign; 1 where its verdict is bad."""
-    from lab.calibration.observations.protocol import sighting_of
+    from lab.calibration.observations.protocol import observation_of
     from lab.commands.calibrate.console import print_outcome
     from lab.commands.calibrate.result import summary
     from lab.commands.calibrate.run import run_measured, run_virtual
@@ -255,7 +255,7 @@ def _campaign(command: Calibrate | Identify) -> int:
     with _written(command.out, stem, *inputs) as (folder, out):
         outcome = run_measured(options) if isinstance(options, MeasuredCampaign) else run_virtual(options)
         write_run(folder, outcome, options)
-        if sighting_of(outcome.identification.model).positions:  # of a cable or a socket there is nothing to draw
+        if observation_of(outcome.identification.model).positions:  # of a cable or a socket there is nothing to draw
             from lab.commands.calibrate.recording import record  # slow to import: only once there is something to show
 
             record(folder / "recording.rrd", outcome)

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from lab.commands.design.figures import save
 from lab.commands.shared_options import Flag
 from lab.experiments.figures import instruments_figure
-from lab.render.progress import at_work
+from lab.render.progress import study_runner
 from lab.studies.analysis import Mean, means
 from lab.studies.grid import Study
 
@@ -56,7 +56,7 @@ def main() -> None:
     robots, draws, poses = (10, 10, (15, 30)) if given.quick else (given.robots, given.draws, given.poses)
     factors = {"instrument": given.instruments, "poses": tuple(sorted(poses))}
     study = Study(name="accuracy-versus-instrument", robots=robots, draws=draws, factors=factors)
-    with threadpool_limits(1), at_work(given.workers) as run:
+    with threadpool_limits(1), study_runner(given.workers) as run:
         arranged, _ = run(study, given.out / "study")
         curves = {metric: by_instrument(study, means(arranged, metric)) for metric in METRICS}
     title = f"Which instrument, how many poses? {robots * draws:,} campaigns with {robots} arms at each point"

@@ -27,11 +27,11 @@ from lab.commands.options import VirtualCampaign
 from lab.commands.robot import Robot, load_robot
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import RealArm, track
+from lab.simulation.true_robot import TrueRobot, track
 
 INSTRUMENT = instrument("uniform-8um")
 POSES, FRESH, BAD_SHARE = 60, 1000, 0.05
@@ -85,7 +85,7 @@ def bad_campaign(seed: int, known: bool) -> Campaign:
         points = data.points.copy()
         points[bad, 0] += sizes[:, None] * away / np.linalg.norm(away, axis=1, keepdims=True)
         moved = replace(data, points=points)
-        fresh = random_poses(real.robot, FRESH, stream(seed, "fresh"))
+        fresh = random_poses(real.robot, FRESH, rng_for(seed, "fresh"))
         exact = real.points(fresh, arm.targets)
 
         def mean(values: Array) -> float:
@@ -112,13 +112,13 @@ def drawing() -> Robot:
     return load_robot("irb120")
 
 
-def measured(seed: int) -> tuple[SerialArm, RealArm, Measurements]:
+def measured(seed: int) -> tuple[SerialArm, TrueRobot, Measurements]:
     """A virtual arm and what the tracker reads of it."""
     robot = drawing()
     real = perturbed_arm(robot, VirtualCampaign(seed=seed))
     arm = robot.arm(("p1",))
-    joints = random_poses(real.robot, POSES, stream(seed, "poses"))
-    return arm, real, track(real, joints, arm.targets, INSTRUMENT, stream(seed, "noise"))
+    joints = random_poses(real.robot, POSES, rng_for(seed, "poses"))
+    return arm, real, track(real, joints, arm.targets, INSTRUMENT, rng_for(seed, "noise"))
 
 
 def outliers_of(arm: SerialArm, data: Measurements, known: bool, seed: int) -> tuple[Array, Outliers]:

@@ -17,9 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from lab.calibration.batch import aligned, fit_many
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.identify import Identification, identify, locate_before
+from lab.calibration.identify import Identification, fit_base_and_tool, identify
 from lab.calibration.observations.protocol import Points
-from lab.calibration.observations.select import Observing
+from lab.calibration.observations.select import ObservationOptions
 from lab.calibration.statistics.linearized import Shape
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
@@ -34,13 +34,13 @@ from lab.commands.robot import load_robot
 from lab.commands.shared_options import ArmEffects, Fitting
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.design.certificate import certify
 from lab.experiments.closed_loop import compensator_of
 from lab.kinematics.effects.groups import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.analytic.select import closed_form_of
-from lab.kinematics.inverse.newton import Wanted
+from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
 from lab.simulation.candidate_poses import draw_candidates
@@ -115,10 +115,10 @@ def kernels() -> dict[str, float]:
     robot, options = load_robot("irb120"), VirtualCampaign(seed=7)
     model, arm, tracker = robot.model, robot.arm(("p1",)), instrument("uniform-8um")
     real, nominal = perturbed_arm(robot, options), arm.nominal(robot.tool)
-    data = track(real, random_poses(model, 50, stream(7, "poses")), ("p1",), tracker, stream(7, "noise"))
-    many = robot.chain.random_joints(100_000, stream(7, "fresh"))
+    data = track(real, random_poses(model, 50, rng_for(7, "poses")), ("p1",), tracker, rng_for(7, "noise"))
+    many = robot.chain.random_joints(100_000, rng_for(7, "fresh"))
     found = identify(arm, data, nominal, Noise(tracker))
-    rng = stream(7, "noise")
+    rng = rng_for(7, "noise")
     results = {
         "identify 27 parameters, 50 poses": median_ms(lambda: identify(arm, data, nominal, Noise(tracker)), 100),
         "its fit alone": median_ms(lambda: by_the_lab(arm, data, found), 100),
@@ -137,8 +137,8 @@ def mechanisms() -> dict[str, float]:
     results = {}
     for name, path in (("2-RPR", "rpr2"), ("3-RPR", "rpr3"), ("Delta", "delta")):
         robot = load_robot(path)
-        arm, joints = robot.arm(("p1",)), robot.chain.random_joints(2000, stream(7, "poses"))
-        values = arm.nominal(robot.tool) + 1e-4 * stream(7, "arm").standard_normal(len(arm.names))
+        arm, joints = robot.arm(("p1",)), robot.chain.random_joints(2000, rng_for(7, "poses"))
+        values = arm.nominal(robot.tool) + 1e-4 * rng_for(7, "arm").standard_normal(len(arm.names))
         results[f"the same, 2,000 poses of a {name}"] = median_ms(partial(arm.observe, joints, values), 20)
     return results
 
@@ -150,7 +150,7 @@ def planning() -> dict[str, float]:
     model = problem.robot.model
 
     def candidates() -> Any:
-        return draw_candidates(model, options.targets, tracker, options.candidates, stream(0, "candidates"))
+        return draw_candidates(model, options.targets, tracker, options.candidates, rng_for(0, "candidates"))
 
     return {
         "10,000 feasible candidates": median_ms(candidates, 3),
@@ -164,10 +164,10 @@ def effects() -> dict[str, float]:
     soft = ArmEffects(1e5, (0.0, 3.0), harmonic_mrad=0.2, backlash_mrad=0.05, drift_mm_per_h=0.05)
     robot, targets, tracker = load_robot("irb120"), ("p1", "p2", "p3"), instrument("uniform-8um")
     real = perturbed_arm(robot, VirtualCampaign(seed=7, effects=soft))
-    poses, rng = random_poses(robot.model, 1000, stream(7, "poses")), stream(7, "noise")
-    there = random_conditions(robot.chain, real.effects, 1000, stream(7, "conditions"), soft.payload_kg, HOUR_S)
+    poses, rng = random_poses(robot.model, 1000, rng_for(7, "poses")), rng_for(7, "noise")
+    there = random_conditions(robot.chain, real.effects, 1000, rng_for(7, "conditions"), soft.payload_kg, HOUR_S)
     data = track(real, poses, targets, tracker, rng, conditions=there)
-    fitter = Fitter(robot, targets, data, Observing(), Noise(tracker), Fitting("auto"), False, 7)
+    fitter = Fitter(robot, targets, data, ObservationOptions(), Noise(tracker), Fitting("auto"), False, 7)
 
     one = robot.arm(("p1",))
     rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))
@@ -175,7 +175,7 @@ def effects() -> dict[str, float]:
     free, start = base_set(one, one.nominal(robot.tool)).kept, one.nominal(robot.tool)
 
     def robust() -> None:
-        before = locate_before(Points(one), seen, start)
+        before = fit_base_and_tool(Points(one), seen, start)
         find_outliers(one, seen, free, before, known=True, rng=rng, shape=Shape("uniform"))
 
     def auto() -> None:
@@ -193,9 +193,9 @@ def stacked() -> dict[str, float]:
     robot = load_robot("irb120")
     arm, tracker = robot.arm(("p1",)), instrument("uniform-8um")
     nominal, many = arm.nominal(robot.tool), StackedArm(arm)
-    free, joints = base_set(arm, nominal).kept, robot.chain.random_joints(30, stream(7, "poses"))
+    free, joints = base_set(arm, nominal).kept, robot.chain.random_joints(30, rng_for(7, "poses"))
     exact = perturbed_arm(robot, VirtualCampaign(seed=7)).points(joints, ("p1",))
-    points = np.array([tracker.sample(exact, stream(7, "noise", draw)) for draw in range(1000)])
+    points = np.array([tracker.sample(exact, rng_for(7, "noise", draw)) for draw in range(1000)])
 
     def solve(frozen: bool) -> None:
         found = fit_many(many, aligned(many, joints, points, nominal), nominal, free, frozen=frozen)
@@ -213,9 +213,9 @@ def compensation() -> dict[str, float]:
     chain, compensator = outcome.robot.chain, compensator_of(outcome)
     closed_form = closed_form_of(chain)
     assert closed_form is not None
-    joints, nothing = chain.random_joints(10_000, stream(7, "targets")), np.empty((10_000, 0))
+    joints, nothing = chain.random_joints(10_000, rng_for(7, "targets")), np.empty((10_000, 0))
     Ts, _ = compensator.arm.tool(joints, compensator.values)
-    wanted, anywhere = Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan)
+    wanted, anywhere = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan)
     flanges = compensator.drawing.last_frames(wanted)
     return {
         "all eight inverse solutions, 10,000 poses": median_ms(lambda: closed_form.solve(flanges), 10),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lab.commands.calibrate.run import Outcome, run_virtual
+from lab.commands.calibrate.run import CalibrationResult, run_virtual
 from lab.commands.design.problem import pose_problem
 from lab.commands.design.run import best_design
 from lab.commands.options import PlannedCampaign, VirtualCampaign
@@ -92,7 +92,7 @@ def study(given: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def closed(outcome: Outcome, cube: Cube, seed: int, given: argparse.Namespace) -> ClosedLoop:
+def closed(outcome: CalibrationResult, cube: Cube, seed: int, given: argparse.Namespace) -> ClosedLoop:
     """One arm's loop; the first one's is recorded."""
     loop = close_loop(outcome, cube, instrument(given.instrument), seed, given.payload_kg, given.targets)
     whole = bool(outcome.fit.groups) == (given.stiffness_nm_per_rad is not None)

@@ -25,7 +25,7 @@ from lab.commands.options import VirtualCampaign
 from lab.commands.robot import Robot, load_robot
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.design.criteria import criterion
 from lab.design.exchange import exchange
@@ -34,7 +34,7 @@ from lab.kinematics.gauge import base_set
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.random_effects import EffectSizes, random_effects
-from lab.simulation.true_robot import RealArm, track
+from lab.simulation.true_robot import TrueRobot, track
 
 POSES, CANDIDATES, FRESH = 60, 1000, 1000
 TARGETS, PAYLOADS_KG = ("p1",), (0.0, 3.0)
@@ -89,26 +89,26 @@ def designed() -> tuple[Array, Array]:
     """Readings ``(60, joints)`` and payloads ``(60,)`` kg, D-optimal for geometry and both groups."""
     robot = drawing()
     model, arm = robot.model, robot.arm_with(TARGETS, GROUPS)
-    drawn = draw_candidates(model, TARGETS, DEVICE, CANDIDATES, stream(0, "candidates")).joints
-    settings = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in PAYLOADS_KG])
+    drawn = draw_candidates(model, TARGETS, DEVICE, CANDIDATES, rng_for(0, "candidates")).joints
+    inputs = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in PAYLOADS_KG])
     rigid = model.values_before(robot.arm(TARGETS), model.T_world_tracker)
     values = np.concatenate([rigid, np.zeros(len(arm.names) - len(rigid))])
     kept = list(base_set(arm, values).kept)
-    jacobian = arm.observe(settings, values)[1][..., kept].reshape(len(settings), -1, len(kept))
+    jacobian = arm.observe(inputs, values)[1][..., kept].reshape(len(inputs), -1, len(kept))
     pool = jacobian / np.linalg.norm(jacobian, axis=(0, 1))
-    design = exchange(settings, pool, POSES, criterion("O1", len(kept)), stream(0, "design"), starts=1)
+    design = exchange(inputs, pool, POSES, criterion("O1", len(kept)), rng_for(0, "design"), starts=1)
     return design.joints[:, :-1], design.joints[:, -1]
 
 
-def measured(real: RealArm, seed: int) -> Measurements:
+def measured(real: TrueRobot, seed: int) -> Measurements:
     """The designed poses, with every condition that a group could ask for."""
     joints, payload = designed()
-    rng = stream(seed, "conditions")
+    rng = rng_for(seed, "conditions")
     names = real.robot.chain.joint_names
     sides = rng.choice([-1.0, 1.0], joints.shape)
     conditions = {f"approach_{name}": sides[:, i] for i, name in enumerate(names)}
     conditions |= {"payload_kg": payload, "time_s": np.linspace(0.0, HOUR_S, len(joints))}
-    return track(real, joints, TARGETS, DEVICE, stream(seed, "noise"), conditions=conditions)
+    return track(real, joints, TARGETS, DEVICE, rng_for(seed, "noise"), conditions=conditions)
 
 
 def selected(data: Measurements) -> Selection:
@@ -122,17 +122,17 @@ def flexible_arm(seed: int) -> Found:
     with threadpool_limits(1):
         robot = drawing()
         real = perturbed_arm(robot, VirtualCampaign(seed=seed))
-        real = real.with_effects(random_effects(robot.chain, SIZES, stream(seed, "effects")))
+        real = real.with_effects(random_effects(robot.chain, SIZES, rng_for(seed, "effects")))
         data = measured(real, seed)
         chosen = selected(data)
         arm = robot.arm(TARGETS)
         alone = identify(arm, data, arm.nominal(robot.tool), Noise(DEVICE))
-        joints = random_poses(real.robot, FRESH, stream(seed, "fresh"))
-        payload = stream(seed, "conditions").spawn(1)[0].choice(PAYLOADS_KG, FRESH)
+        joints = random_poses(real.robot, FRESH, rng_for(seed, "fresh"))
+        payload = rng_for(seed, "conditions").spawn(1)[0].choice(PAYLOADS_KG, FRESH)
         exact = real.points(joints, TARGETS, {"payload_kg": payload})
         known = {"payload_kg": payload} | {f"approach_{n}": np.zeros(FRESH) for n in robot.chain.joint_names}
         columns = (known.get(name, np.zeros(FRESH))[:, None] for name in chosen.identification.model.conditions)
-        settings = np.concatenate([joints, *columns], axis=1)
+        inputs = np.concatenate([joints, *columns], axis=1)
         found = chosen.identification
         free = [found.model.names[i] for i in found.fit.free]
         spread = dict(zip(free, zip(found.values[list(found.fit.free)], found.std, strict=True), strict=True))
@@ -140,7 +140,7 @@ def flexible_arm(seed: int) -> Found:
         return Found(
             chosen.chosen,
             float(np.linalg.norm(arm.points(joints, alone.values) - exact, axis=2).mean()),
-            float(np.linalg.norm(found.model.points(settings, found.values) - exact, axis=2).mean()),
+            float(np.linalg.norm(found.model.points(inputs, found.values) - exact, axis=2).mean()),
             stiff[:, 0],
             stiff[:, 1],
             float(found.half_width_95[0]),

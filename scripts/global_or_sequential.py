@@ -27,7 +27,7 @@ from lab.commands.robot import load_robot
 from lab.commands.shared_options import Flag
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import is_angle
 from lab.kinematics.serial.arm import SerialArm
@@ -120,12 +120,12 @@ def campaigns(options: Options) -> Campaigns:
     real, drawing = StackedPoses(arm), StackedPoses(SerialArm(with_y3(arm.chain)))
     size, seed = options.robots, options.seed
     off = np.where([is_angle(name) for name in real.names], OFF_RAD, OFF_M)
-    truth = real.nominal() + off * stream(seed, "arm").standard_normal((size, len(off)))
+    truth = real.nominal() + off * rng_for(seed, "arm").standard_normal((size, len(off)))
     joints, fresh = (
-        arm.chain.random_joints(size * count, stream(seed, purpose)).reshape(size, count, -1)
+        arm.chain.random_joints(size * count, rng_for(seed, purpose)).reshape(size, count, -1)
         for purpose, count in (("poses", options.poses), ("fresh", options.fresh))
     )
-    noise = stream(seed, "noise").standard_normal((size, options.poses, 6))
+    noise = rng_for(seed, "noise").standard_normal((size, options.poses, 6))
     exact = SeenPoses(still(joints), *real.poses(joints, truth))
     return Campaigns(drawing, exact, noise, still(fresh), real.poses(fresh, truth)[0])
 
@@ -247,7 +247,7 @@ def expected_mm(rates: Array, covariance: Array) -> Array:
 def intervals(columns: dict[str, Array], seed: int) -> dict[str, Interval]:
     """Means over robots of columns ``(b,)``."""
     size = len(next(iter(columns.values())))
-    drawn = stream(seed, "bootstrap").multinomial(size, np.full(size, 1 / size), RESAMPLES)
+    drawn = rng_for(seed, "bootstrap").multinomial(size, np.full(size, 1 / size), RESAMPLES)
     found = resampled(np.stack(list(columns.values()), axis=1), drawn.astype(float), LEVEL)
     ends = zip(found.mean.tolist(), found.lower.tolist(), found.upper.tolist(), strict=True)
     return dict(zip(columns, ends, strict=True))

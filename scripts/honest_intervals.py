@@ -16,7 +16,7 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import identify
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.goodness_of_fit import adequacy, isotropy, sandwich
 from lab.calibration.statistics.linearized import Shape, linearized
 from lab.calibration.validation import compare_with_truth, error_tangent
@@ -26,7 +26,7 @@ from lab.commands.options import VirtualCampaign
 from lab.commands.robot import load_robot
 from lab.commands.shared_options import ArmEffects, Flag
 from lab.core.instruments import Instrument, instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import track
 
@@ -65,13 +65,13 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
     effects = ArmEffects(stiffness_nm_per_rad=1e5) if case == COMPLIANT else ArmEffects()
     real = perturbed_arm(robot, VirtualCampaign(seed=seed, effects=effects))
     truth, nominal = real.truth(arm), arm.nominal(robot.tool)
-    poses = random_poses(real.robot, options.poses, stream(seed, "poses"))
+    poses = random_poses(real.robot, options.poses, rng_for(seed, "poses"))
     shape = Shape("uniform") if device.kind == "uniform" else Shape()
-    exact = track(real, poses, arm.targets, instrument("exact"), stream(seed, "noise"))
-    weights = weighed(sighting_of(arm), exact, Noise(device))[0]
+    exact = track(real, poses, arm.targets, instrument("exact"), rng_for(seed, "noise"))
+    weights = weighed(observation_of(arm), exact, Noise(device))[0]
     bound = None
     rows = []
-    for draw in stream(seed, "noise").spawn(options.draws):
+    for draw in rng_for(seed, "noise").spawn(options.draws):
         data = replace(exact, points=device.sample(exact.points, draw))
         found = identify(arm, data, nominal, noise)
         compared = compare_with_truth(found, truth)
@@ -80,18 +80,18 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
             rates = weights.apply(arm.observe(poses, truth.values)[1][..., free])
             local = error_tangent(arm, truth.values)[np.ix_(free, free)]
             bound = np.diag(local @ np.linalg.inv(rates.T @ rates) @ local.T)
-        seen, known = weighed(sighting_of(arm), data, noise)
+        seen, known = weighed(observation_of(arm), data, noise)
         judged = adequacy(arm, seen, found.fit, known=known, shape=shape)
         row = {
             "covered": np.abs(compared.z) <= found.half_width_95,
             "nees": compared.nees_per_parameter,
             "square": compared.error**2 / bound,
             "rejected": judged.adequate is False,
-            "freedom": found.freedom,
+            "freedom": found.dof,
         }
         if not known:
             wide = sandwich(linearized(arm, seen, found.values, found.fit.free))
-            reach = stats.t.ppf(0.975, wide.freedom) * np.sqrt(np.diag(wide.covariance))
+            reach = stats.t.ppf(0.975, wide.dof) * np.sqrt(np.diag(wide.covariance))
             row |= {"covered by sandwich": np.abs(compared.error) <= reach}
             row |= {"said": isotropy(arm, seen, found.fit).words != ""}
         rows.append(row)
@@ -104,8 +104,8 @@ def study(case: str, options: Options) -> dict[str, float]:
         seeds = range(options.robots)
         parts = list(pool.map(of_one_robot, [case] * options.robots, seeds, [options] * options.robots))
     found = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-    freedom = float(found["freedom"][0])
-    expected = 1.0 if NOISES.get(case, NOISES["Gaussian, known"])[1].instrument else freedom / (freedom - 2)
+    dof = float(found["freedom"][0])
+    expected = 1.0 if NOISES.get(case, NOISES["Gaussian, known"])[1].instrument else dof / (dof - 2)
     covered, ratio = found["covered"].mean(axis=0), found["square"].mean(axis=0)
     result = {
         "campaigns": len(found["nees"]),

@@ -7,8 +7,8 @@ from lab.calibration.weights import Noise
 from lab.commands.robot import load_robot
 from lab.core.instruments import instrument
 from lab.core.measurements import measured
-from lab.core.random import stream
-from lab.kinematics.effects.arm import AffectedArm
+from lab.core.random import rng_for
+from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import Effect
 
 
@@ -23,12 +23,12 @@ def third_harmonics(joints, conditions, values):
 
 names = ("joint2.sin3", "joint2.cos3", "joint3.sin3", "joint3.cos3")  # zero on the drawing
 robot, tracker = load_robot("irb120"), instrument("uniform-8um")
-arm = AffectedArm(robot.arm(("p1",)), (Effect("harmonics3", names, third_harmonics),))
+arm = ArmWithEffects(robot.arm(("p1",)), (Effect("harmonics3", names, third_harmonics),))
 
 truth = arm.nominal(robot.tool)
 truth[-4:] = 0.1e-3, -0.05e-3, 0.0, 0.08e-3  # rad
-joints = robot.chain.random_joints(50, stream(1, "poses"))
-points = tracker.sample(arm.points(joints, truth), stream(1, "noise"))
+joints = robot.chain.random_joints(50, rng_for(1, "poses"))
+points = tracker.sample(arm.points(joints, truth), rng_for(1, "noise"))
 data = measured(robot.chain.joint_names, joints, ("p1",), points)
 
 found = identify(arm, data, arm.nominal(robot.tool), Noise(tracker))

@@ -23,8 +23,8 @@ from scipy.stats import quantile_test
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.gauss_newton import fit
-from lab.calibration.identify import Identification, Wishes, identify
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import adequacy
 from lab.calibration.weights import Noise, weighed
@@ -36,17 +36,17 @@ from lab.commands.shared_options import ArmEffects, Flag
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.recognize import CourseModel, course_model_of
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import STRUCTURE_POSES, named
-from lab.kinematics.joints import Joints
-from lab.simulation.closed_robot import ClosedModel, RealMechanism, real_mechanism
+from lab.kinematics.joints import JointSpec
+from lab.simulation.closed_robot import ClosedModel, RealMechanism, true_mechanism
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import RealArm, track
+from lab.simulation.true_robot import TrueRobot, track
 from lab.studies.executors import local_executor
 
 POSES, FRESH = 50, 1000
@@ -118,25 +118,27 @@ class Options:
 class Bench:
     """A virtual robot, poses to measure, and fresh ones with where its targets are there (m)."""
 
-    real: RealArm
+    real: TrueRobot
     targets: tuple[str, ...]
     joints: Array
     fresh: Array
     points: Array
 
     @classmethod
-    def of(cls, real: RealArm, targets: tuple[str, ...], seed: int) -> "Bench":
+    def of(cls, real: TrueRobot, targets: tuple[str, ...], seed: int) -> "Bench":
         """Poses by their seed."""
-        joints = random_poses(real.robot, POSES, stream(seed, "poses"))
-        fresh = random_poses(real.robot, FRESH, stream(seed, "fresh"))
+        joints = random_poses(real.robot, POSES, rng_for(seed, "poses"))
+        fresh = random_poses(real.robot, FRESH, rng_for(seed, "fresh"))
         return cls(real, targets, joints, fresh, real.points(fresh, targets))
 
-    def identified(self, model: Arm, wishes: Wishes, device: Instrument, seed: int) -> tuple[Identification, Row]:
+    def identified(
+        self, model: Arm, request: IdentifyOptions, device: Instrument, seed: int
+    ) -> tuple[Identification, Row]:
         """With this model of the robot, and how good that is."""
-        data = track(self.real, self.joints, self.targets, device, stream(seed, "noise"))
-        found = identify(model, data, model.nominal(self.real.robot.tool), Noise(device), wishes)
-        seen, known = weighed(sighting_of(model), data, Noise(device))
-        judged = adequacy(model, seen, found.fit, known=known, further=found.further)
+        data = track(self.real, self.joints, self.targets, device, rng_for(seed, "noise"))
+        found = identify(model, data, model.nominal(self.real.robot.tool), Noise(device), request)
+        seen, known = weighed(observation_of(model), data, Noise(device))
+        judged = adequacy(model, seen, found.fit, known=known, extra_residuals=found.extra_residuals)
         row = {"converged": found.status == "converged", "inadequate": judged.adequate is False}
         return found, {**row, **self.errors(model, found.values)}
 
@@ -155,7 +157,7 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def drawn_real(robot: str, seed: int, off: tuple[float, float], gear_ppm: float = 0.0) -> RealArm:
+def drawn_real(robot: str, seed: int, off: tuple[float, float], gear_ppm: float = 0.0) -> TrueRobot:
     """A virtual robot of this seed before its tracker."""
     effects = ArmEffects(gear_ppm=gear_ppm)
     asked = VirtualCampaign(robot, seed=seed, position_sigma_mm=off[0], rotation_sigma_mrad=off[1], effects=effects)
@@ -168,11 +170,11 @@ def one_robot(name: str, seed: int, noiseless: bool = False) -> Row:
     robot, real = robot_of(case.robot), drawn_real(case.robot, seed, OFF, 1e3 if case.groups else 0.0)
     if case.tracker != "anywhere":
         assert isinstance(real, RealMechanism)
-        x, y, turn = stream(seed, "tracker").uniform(-1, 1, 3) * (case.tracker == "in the plane")
+        x, y, turn = rng_for(seed, "tracker").uniform(-1, 1, 3) * (case.tracker == "in the plane")
         moved = se3.pose(se3.exp(np.array([0.0, 0.0, turn])), np.array([x, y, 0.0]))
-        real = real_mechanism(real.robot, real.values, real.robot.T_world_frame0 @ moved).with_effects(real.effects)
+        real = true_mechanism(real.robot, real.values, real.robot.T_world_frame0 @ moved).with_effects(real.effects)
     bench, model = Bench.of(real, case.targets, seed), robot.arm_with(case.targets, case.groups)
-    found, row = bench.identified(model, Wishes(case.fix, case.free), device, seed)
+    found, row = bench.identified(model, IdentifyOptions(case.fix, case.free), device, seed)
     before = found.before if case.tracker != "known" else model.nominal(robot.tool)
     rates = model.observe(bench.fresh, found.values)[1][..., list(found.fit.free)]
     foreseen = np.einsum("...f,fg,...g->...", rates, found.covariance, rates).sum(axis=2)
@@ -191,22 +193,22 @@ def six_rods(seed: int, every: bool = True) -> Row:
     nominal = arm.nominal(robot.tool)
     sizes = {}
     for kind, values in (("drawn", nominal), ("copy", np.concatenate([nominal[:6], real.values[6:], nominal[-3:]]))):
-        rates = arm.observe(arm.structure_joints(STRUCTURE_POSES, stream(0, "structure")), values)[1]
+        rates = arm.observe(arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure")), values)[1]
         flat = rates.reshape(-1, len(values))
         sizes[kind] = np.linalg.svd(flat / np.linalg.norm(flat, axis=0), compute_uv=False)
     row: Row = {f"rank_{kind}": int((s > ROUNDING * s[0]).sum()) for kind, s in sizes.items()}
     row |= {"least_drawn": float(sizes["drawn"][row["rank_drawn"] - 1]), "rank": row["rank_drawn"]}
     row |= {"least_copy": float(sizes["copy"][row["rank_copy"] - 1]), "next_copy": float(sizes["copy"][row["rank"]])}
     tolerance = Tolerance(OFF_SIX[0] / 1e3, OFF_SIX[1] / 1e3)
-    plain, row["plain"] = bench.identified(arm, Wishes(), DEVICE, seed)
-    row["prior"] = bench.identified(arm, Wishes(tolerance=tolerance), DEVICE, seed)[1]
-    row["exact"] = bench.identified(arm, Wishes(), instrument("exact"), seed)[1]
+    plain, row["plain"] = bench.identified(arm, IdentifyOptions(), DEVICE, seed)
+    row["prior"] = bench.identified(arm, IdentifyOptions(tolerance=tolerance), DEVICE, seed)[1]
+    row["exact"] = bench.identified(arm, IdentifyOptions(), instrument("exact"), seed)[1]
     if every:  # takes 12 s
-        data = track(real, bench.joints, ("p1",), DEVICE, stream(seed, "noise"))
-        seen = weighed(sighting_of(arm), data, Noise(DEVICE))[0]
+        data = track(real, bench.joints, ("p1",), DEVICE, rng_for(seed, "noise"))
+        seen = weighed(observation_of(arm), data, Noise(DEVICE))[0]
         done = fit(arm, seen, range(len(nominal)), plain.before)
         row["every"] = {"converged": done.status == "converged", **bench.errors(arm, done.values)}
-    row["three rods"] = bench.identified(robot_of("delta").arm(("p1",)), Wishes(), DEVICE, seed)[1]
+    row["three rods"] = bench.identified(robot_of("delta").arm(("p1",)), IdentifyOptions(), DEVICE, seed)[1]
     return row
 
 
@@ -215,10 +217,10 @@ def longer_rod() -> Row:
     robot, place = robot_of(SIX), robot_of(SIX).model.T_world_tracker
     assert isinstance(robot.chain, Mechanism) and isinstance(robot.model, ClosedModel)
     values = robot.chain.drawn + LONGER_M * (np.array(robot.chain.names) == "rod1a.length")
-    bench = Bench.of(real_mechanism(robot.model, values, place), ("p1",), 0)
+    bench = Bench.of(true_mechanism(robot.model, values, place), ("p1",), 0)
     Ts = ClosedArm(robot.chain).tool(bench.fresh, np.concatenate([values, np.zeros(3)]))[0]
     tilt = 1e3 * np.linalg.norm(se3.log(Ts[:, :3, :3]), axis=1)
-    row = bench.identified(robot_of("delta").arm(("p1",)), Wishes(), instrument("exact"), 0)[1]
+    row = bench.identified(robot_of("delta").arm(("p1",)), IdentifyOptions(), instrument("exact"), 0)[1]
     return row | {"tilt_mrad": float(tilt.mean()), "worst_mrad": float(tilt.max())}
 
 
@@ -234,7 +236,7 @@ def course_of(robot: str) -> tuple[Mechanism, CourseModel]:
 def assembled(robot: str, readings: int, seed: int) -> Row:
     """A drawing at readings anywhere within the limits: its mode against the closed form's, and what is refused."""
     chain, course = course_of(robot)
-    joints = Joints.random_joints(chain, readings, stream(seed, "poses"))
+    joints = JointSpec.random_joints(chain, readings, rng_for(seed, "poses"))
     found, modes = chain.assembled(joints, chain.drawn), course.modes(joints)
     at_home = course.side(chain.home[None], chain.assembled(chain.home[None], chain.drawn).posture.passive.T)
     ours = np.stack([course.side(joints, mode) == at_home for mode in modes.swapaxes(0, 1)], axis=1)  # (n, m)

@@ -23,8 +23,8 @@ from lab.commands.design.figures import save
 from lab.commands.robot import load_virtual
 from lab.commands.shared_options import Flag
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords, Mounting
-from lab.core.random import stream
+from lab.core.load_samples import Mounting, PayloadSamples
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.design.exchange import information
 from lab.kinematics.dynamics.rigid_body import (
@@ -35,7 +35,7 @@ from lab.kinematics.dynamics.rigid_body import (
     wrench_regressor,
 )
 from lab.payload.estimate import LoadEstimate
-from lab.payload.excitation import RATE_HZ, SECONDS, Prediction, design_path, design_poses, predicted
+from lab.payload.excitation import RATE_HZ, SECONDS, PredictedUncertainty, design_path, design_poses, predicted
 from lab.payload.fourier_path import CHECKED, FourierPath, Limits, random_path
 from lab.payload.from_torques import from_torques
 from lab.payload.from_wrench import from_wrench
@@ -123,7 +123,7 @@ def planned(options: Options) -> Plan:
     if options.runs < 2:
         raise LabError("give two --runs or more: a scatter is asked for")
     limits, strain = Limits.of(ROBOT.chain, torque=PEAK), CarryingArm(ROBOT.model, MOUNTING.gravity, LOAD).torques
-    ours, theirs = stream(options.seed, "design"), stream(options.seed, "candidates")
+    ours, theirs = rng_for(options.seed, "design"), rng_for(options.seed, "candidates")
 
     def touches_nothing(joints: Array) -> NDArray[np.bool_]:
         return ~collides(ROBOT.model, joints)
@@ -144,7 +144,7 @@ def planned(options: Options) -> Plan:
 def foreseen(plan: Plan) -> dict[str, Array]:
     """Covariance of phi ``(10, 10)`` by method; NaN where a method does not show it."""
     covariance, still = np.full((10, 10), np.nan), 0 * plan.poses
-    resting = Prediction.of(information(by_resting_sensor(plan.poses, still, still) / SENSOR[:, None]))
+    resting = PredictedUncertainty.of(information(by_resting_sensor(plan.poses, still, still) / SENSOR[:, None]))
     covariance[:4, :4] = resting.covariance[:4, :4]
     torques, moving = predicted(plan.path, by_torques, DIFFERENCE), predicted(plan.path, by_sensor, SENSOR)
     return {TORQUES: torques.covariance, RESTING: covariance, MOVING: moving.covariance[:10, :10]}
@@ -173,7 +173,7 @@ def measured(plan: Plan, errors: RunErrors, method: str, cures: Sequence[str], r
     bench = LoadBench(ROBOT.model, LOAD, MOUNTING, errors)
     kept: list[Run] = [[] for _ in cures]
     for run in range(runs):
-        rng, path = stream(seed[0], "noise", *seed[1:], run), plan.random if method == RANDOM else plan.path
+        rng, path = rng_for(seed[0], "noise", *seed[1:], run), plan.random if method == RANDOM else plan.path
         resting = method == RESTING
         records = bench.resting(plan.poses, rng) if resting else bench.moving(path.at, SECONDS, RATE_HZ, rng)
         for estimates, cure in zip(kept, cures, strict=True):
@@ -181,7 +181,7 @@ def measured(plan: Plan, errors: RunErrors, method: str, cures: Sequence[str], r
     return kept
 
 
-def estimated(method: str, records: LoadRecords, cure: str) -> LoadEstimate:
+def estimated(method: str, records: PayloadSamples, cure: str) -> LoadEstimate:
     """By one method; the sensor from the loaded run alone. A tilt is not fitted to torques: it is to be told."""
     if method in (TORQUES, RANDOM):
         gravity = (Mounting.tilted(np.array(TILT)) if cure == "gravity told" else MOUNTING).gravity
@@ -191,7 +191,10 @@ def estimated(method: str, records: LoadRecords, cure: str) -> LoadEstimate:
 
 def cost_um(covariance: Array, stiffness: float) -> float:
     """RMS over random poses of how far a corrected point is off, by a covariance ``(4, 4)`` of mass and moment."""
-    joints, compliance = random_poses(ROBOT.model, COSTED, stream(0, "fresh")), np.full(ROBOT.chain.size, 1 / stiffness)
+    joints, compliance = (
+        random_poses(ROBOT.model, COSTED, rng_for(0, "fresh")),
+        np.full(ROBOT.chain.size, 1 / stiffness),
+    )
     off = sag_uncertainty(ARM, VALUES, compliance, joints, MOUNTING.gravity, covariance)
     return float(1e6 * np.sqrt((off**2).mean()))
 

@@ -30,7 +30,7 @@ from lab.experiments.which_criterion import (
     criterion_study,
     print_answer,
 )
-from lab.render.progress import at_work
+from lab.render.progress import study_runner
 
 THESIS_DRAWS = 2000
 SHOWN = {"fresh_mean_mm": "mean fresh error", "length_rms_mm": "error of the lengths"}
@@ -73,7 +73,7 @@ def main() -> None:
             study = criterion_study(10, 10, (20,), CRITERIA, ("raw", "whitened"))
         else:
             study = criterion_study(given.robots, given.draws, given.poses, given.criteria, given.scalings)
-        with at_work(given.workers) as run:
+        with study_runner(given.workers) as run:
             arranged, done = run(study, given.out / "study")
             seeds = range(1, 1 + (0 if given.quick else given.searches))
             others = other_searches(study, seeds, given.out, run, REFERENCE)

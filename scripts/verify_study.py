@@ -18,18 +18,18 @@ import tyro
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import Identification, identify
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.commands.calibrate.virtual_robot import perturbed_arm
 from lab.commands.options import VirtualCampaign
 from lab.commands.robot import load_robot
 from lab.commands.shared_options import Flag
 from lab.core.instruments import Instrument, instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import RealArm, track
-from lab.verification.prediction import LEVEL, Promise
+from lab.simulation.true_robot import TrueRobot, track
+from lab.verification.prediction import LEVEL, CalibrationPrediction
 from lab.verification.test import Verified, verify
 
 TARGETS = ("p1",)
@@ -59,31 +59,31 @@ class Options:
     """Print one JSON object."""
 
 
-def promise_of(found: Identification) -> Promise:
+def promise_of(found: Identification) -> CalibrationPrediction:
     """What an identification by points promises."""
-    freedom = None if found.sigma_known else found.freedom
-    return Promise(found.model, found.values, found.fit.free, found.covariance, freedom)
+    dof = None if found.sigma_known else found.dof
+    return CalibrationPrediction(found.model, found.values, found.fit.free, found.covariance, dof)
 
 
-def calibrated(real: RealArm, seed: int, device: Instrument, known: bool) -> Identification:
+def calibrated(real: TrueRobot, seed: int, device: Instrument, known: bool) -> Identification:
     """The arm, identified at 30 to 50 random poses."""
-    robot, rng = load_robot("irb120"), stream(seed, "noise")
+    robot, rng = load_robot("irb120"), rng_for(seed, "noise")
     arm = robot.arm(TARGETS)
-    poses = random_poses(real.robot, 30 + 5 * (seed % 5), stream(seed, "poses"))
+    poses = random_poses(real.robot, 30 + 5 * (seed % 5), rng_for(seed, "poses"))
     data = track(real, poses, TARGETS, device, rng)
     return identify(arm, data, arm.nominal(robot.tool), Noise(device) if known else Noise())
 
 
 def checked(
-    found: Identification, real: RealArm, poses: Array, device: Instrument, rng: np.random.Generator
+    found: Identification, real: TrueRobot, poses: Array, device: Instrument, rng: np.random.Generator
 ) -> Verified:
     """A verification by what the tracker sees of the arm at some new poses."""
     data = track(real, poses, TARGETS, device, rng)
     noise = Noise(device) if found.sigma_known else Noise(sigma_m=found.sigma_m)
-    return verify(promise_of(found), weighed(sighting_of(found.model), data, noise)[0])
+    return verify(promise_of(found), weighed(observation_of(found.model), data, noise)[0])
 
 
-def changed(real: RealArm, case: str, options: Options, rng: np.random.Generator) -> RealArm:
+def changed(real: TrueRobot, case: str, options: Options, rng: np.random.Generator) -> TrueRobot:
     """The arm after something has moved."""
     direction = rng.standard_normal(3)
     direction /= np.linalg.norm(direction)
@@ -108,7 +108,7 @@ def _shifted(T_world_tracker: Array, shift: Array) -> Array:
 def of_one_arm(seed: int, options: Options) -> dict[str, Verified]:
     """All cases of one arm."""
     real = perturbed_arm(load_robot("irb120"), VirtualCampaign(seed=seed))
-    found, rng = calibrated(real, seed, UNIFORM, True), stream(seed, "fresh")
+    found, rng = calibrated(real, seed, UNIFORM, True), rng_for(seed, "fresh")
     poses = random_poses(real.robot, options.poses, rng)
     return {case: checked(found, changed(real, case, options, rng), poses, UNIFORM, rng) for case in MOVED}
 
@@ -116,7 +116,7 @@ def of_one_arm(seed: int, options: Options) -> dict[str, Verified]:
 def rejected(seed: int, options: Options) -> dict[str, int]:
     """How many files of an unchanged arm are not called good, by the noise."""
     real = perturbed_arm(load_robot("irb120"), VirtualCampaign(seed=seed))
-    rng, counts = stream(seed, "fresh"), {}
+    rng, counts = rng_for(seed, "fresh"), {}
     for name, (device, known) in LEVELS.items():
         found = calibrated(real, seed, device, known)
         sizes = rng.integers(3, 13, options.files)

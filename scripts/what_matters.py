@@ -19,11 +19,11 @@ from lab.commands.design.figures import save
 from lab.commands.shared_options import ArmEffects, Flag
 from lab.core.errors import LabError
 from lab.experiments.figures import Cost, costs_figure
-from lab.render.progress import at_work
+from lab.render.progress import study_runner
 from lab.studies.analysis import LEVEL, compared, means
 from lab.studies.bootstrap import holm
 from lab.studies.grid import NONE, Cell, Study
-from lab.studies.table import Arranged, Group
+from lab.studies.table import CampaignArray, Group
 
 METRIC = "fresh_mean_mm"
 BASE = Cell()
@@ -101,18 +101,18 @@ def studies(robots: int, draws: int, cases: tuple[str, ...]) -> list[Study]:
     return [base, *(Study(name, robots=robots, draws=draws, factors=change) for name, change in changes.items())]
 
 
-def together(asked: list[Study], given: Options) -> Arranged:
+def together(asked: list[Study], given: Options) -> CampaignArray:
     """The campaigns of all studies as those of one, its cells numbered through."""
     parts, cells = [], []
-    with at_work(given.workers) as run:
+    with study_runner(given.workers) as run:
         for study in asked:
             columns = run(study, given.out / study.name.replace(" ", "-"))[0].columns
             parts.append({**columns, "cell": columns["cell"] + len(cells)})
             cells += study.cells
-    return Arranged.of({name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, cells)
+    return CampaignArray.of({name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, cells)
 
 
-def sorted_costs(arranged: Arranged, names: list[str]) -> tuple[float, list[Cost]]:
+def sorted_costs(arranged: CampaignArray, names: list[str]) -> tuple[float, list[Cost]]:
     """The base's mean error (mm), and what each case adds to it, the dearest first."""
     base = means(arranged, METRIC)[0].mean
     group = Group(("case",), {}, tuple(range(len(names))))

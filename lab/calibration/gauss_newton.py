@@ -34,7 +34,7 @@ class Observations:
             the covariance's Cholesky factor; ones where the noise is to be estimated.
     """
 
-    settings: Array
+    inputs: Array
     points: Array
     whiten: Array
 
@@ -111,7 +111,7 @@ def fit(
     start: Array,
     *,
     tolerance_m: float = 1e-9,
-    further: Further | None = None,
+    extra_residuals: Further | None = None,
 ) -> Fit:
     """Least squares over the free parameters from ``start``, the others held.
 
@@ -123,10 +123,10 @@ def fit(
         further: what else is known of the parameters, e.g. a prior.
     """
     index = list(free)
-    metre = typical_weight(seen) * np.sqrt(max(len(seen.settings), 1))
+    metre = typical_weight(seen) * np.sqrt(max(len(seen.inputs), 1))
 
     def at(values: Array) -> _State:
-        return _State(values, *_linearized(model, seen, values, index, further))
+        return _State(values, *_linearized(model, seen, values, index, extra_residuals))
 
     here, damping = at(start.copy()), LEAST_DAMPING
     trace = [here.cost]
@@ -210,14 +210,14 @@ def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
 
 
 def _linearized(
-    model: Model, seen: Observations, values: Array, free: list[int], further: Further | None
+    model: Model, seen: Observations, values: Array, free: list[int], extra_residuals: Further | None
 ) -> tuple[Array, Array]:
     """Whitened residual ``(r,)``, measured less predicted, and Jacobian ``(r, f)`` of the prediction."""
-    points, derivative = model.observe(seen.settings, values)
+    points, derivative = model.observe(seen.inputs, values)
     residual, jacobian = seen.apply(seen.points - points), seen.apply(derivative[..., free])
-    if further is None:
+    if extra_residuals is None:
         return residual, jacobian
-    more, rows = further(values)
+    more, rows = extra_residuals(values)
     return np.concatenate([residual, more]), np.concatenate([jacobian, rows[:, free]])
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.model import Model
@@ -66,10 +66,10 @@ def scaled_condition(jacobian: Array) -> float:
     return float(sizes[0] / sizes[-1]) if full else float("inf")
 
 
-def condition_of(model: Model, values: Array, settings: Array) -> float:
+def condition_of(model: Model, values: Array, inputs: Array) -> float:
     """Condition of the base set's Jacobian with unit columns at these settings: infinite where it is short of rank."""
     structure = base_set(model, values)
-    _, jacobian = model.observe(settings, model.structural(values))
+    _, jacobian = model.observe(inputs, model.rank_point(values))
     return scaled_condition(jacobian.reshape(-1, len(model.names))[:, list(structure.kept)])
 
 
@@ -95,8 +95,8 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
     """The least number of poses at which generic poses tell the whole base set apart."""
     structure = structure or base_set(model, values)
-    joints = model.structure_joints(5 * len(structure.kept), stream(0, "structure"))
-    _, jacobian = model.observe(joints, model.structural(values))
+    joints = model.structure_joints(5 * len(structure.kept), rng_for(0, "structure"))
+    _, jacobian = model.observe(joints, model.rank_point(values))
     return enough_poses(jacobian.reshape(len(joints), -1, len(model.names))[..., list(structure.kept)])
 
 

@@ -14,18 +14,18 @@ import scipy  # its parts are loaded at their first use, which not every process
 from lab.calibration.gauss_newton import Fit, Further, Observations, Status, fit
 from lab.calibration.identifiability import poses_needed
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observations.protocol import Sighting, sighting_of
+from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import Tolerance, prior_of
-from lab.calibration.weights import Noise, joined, known_beside, root_mean_square_sigma, weighed
+from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, seen_mask
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set, independent_columns
 from lab.kinematics.model import Model
 
-Solve = Callable[[Sighting, Observations, Sequence[int], Array], Fit]
+Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
 BARELY_TOLD_APART = 1e3  # a condition above which poses hardly tell the parameters apart
 MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
@@ -33,7 +33,7 @@ PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the drawing
 
 
 @dataclass(frozen=True)
-class Wishes:
+class IdentifyOptions:
     """What is asked of an identification beyond the usual.
 
     Attributes:
@@ -47,7 +47,7 @@ class Wishes:
     tolerance: Tolerance | None = None
     solve: Solve | None = None
 
-    def of(self, names: Sequence[str]) -> "Wishes":
+    def of(self, names: Sequence[str]) -> "IdentifyOptions":
         """The same without patterns that mean none of these parameters: they are of other groups' models."""
         fix, free = (
             tuple(pattern for pattern in patterns if any(fnmatchcase(name, pattern) for name in names))
@@ -84,12 +84,12 @@ class Identification:
     sigma_m: float
     sigma_known: bool
     residual_sigma_m: float
-    freedom: int
+    dof: int
     covariance: Array
     residuals: Array
     spread: float
     warnings: tuple[str, ...]
-    further: Further
+    extra_residuals: Further
     freedom_each: Array | None = None
 
     @property
@@ -107,8 +107,8 @@ class Identification:
         """Half of each 95 % interval ``(f,)`` in standard deviations: Student's t where sigma was estimated."""
         if self.sigma_known:
             return np.full(len(self.fit.free), 1.959963984540054)
-        freedom = np.full(len(self.fit.free), self.freedom) if self.freedom_each is None else self.freedom_each
-        return np.asarray(np.where(freedom > 0, scipy.stats.t.ppf(0.975, np.maximum(freedom, 1)), np.nan))
+        dof = np.full(len(self.fit.free), self.dof) if self.freedom_each is None else self.freedom_each
+        return np.asarray(np.where(dof > 0, scipy.stats.t.ppf(0.975, np.maximum(dof, 1)), np.nan))
 
     @property
     def plausible(self) -> bool:
@@ -127,63 +127,72 @@ class Identification:
         return tuple(i for i in self.base_set.kept if i not in self.fit.free)
 
 
-def locate_before(sight: Sighting, seen: Observations, nominal: Array) -> Array:
+def fit_base_and_tool(observation: Observation, seen: Observations, nominal: Array) -> Array:
     """Nominal links with what is placed fitted: what *before* is, and where *after* starts."""
-    model = sight.model
-    placing = list(columns_of(model, sight.placed))
-    settings = model.structure_joints(50, stream(0, "structure"))
-    _, jacobian = model.observe(settings, model.structural(nominal))
+    model = observation.model
+    placing = list(columns_of(model, observation.placed))
+    inputs = model.structure_joints(50, rng_for(0, "structure"))
+    _, jacobian = model.observe(inputs, model.rank_point(nominal))
     free = independent_columns(jacobian.reshape(-1, len(model.names))[:, placing], range(len(placing)))
-    start = sight.located(seen, nominal)
+    start = observation.initial_guess(seen, nominal)
     held = [column for i, column in enumerate(placing) if i not in free]
     start[held] = nominal[held]
     return fit(
-        model, seen, [placing[i] for i in free], start, tolerance_m=1e-7, further=known_beside(sight, seen)
+        model,
+        seen,
+        [placing[i] for i in free],
+        start,
+        tolerance_m=1e-7,
+        extra_residuals=weighted_constraints(observation, seen),
     ).values
 
 
 def identify(
-    seen_by: Model, data: Measurements, nominal: Array, noise: Noise | None = None, wishes: Wishes | None = None
+    seen_by: Model,
+    data: Measurements,
+    nominal: Array,
+    noise: Noise | None = None,
+    request: IdentifyOptions | None = None,
 ) -> Identification:
     """Identify an arm's base set from the rows of ``data``, from nominal links and no idea of base and tool.
 
     Args:
-        seen_by: the arm, seen by points; or a ``Sighting``, a model of another kind of measurement.
+        seen_by: the arm, seen by points; or a ``Observation``, a model of another kind of measurement.
         nominal: the drawing's parameters, at least the arm's; what is placed (base and tool) needs no guess.
 
     Raises:
         LabError: there are fewer poses than the base set needs, or a wish cannot be met.
     """
-    noise, wishes, sight = noise or Noise(), wishes or Wishes(), sighting_of(seen_by).within(data)
-    model, nominal = sight.model, sight.nominal(nominal)
-    seen, known = weighed(sight, data, noise)
-    _refuse_impossible(sight, data, seen, nominal)
+    noise, request, observation = noise or Noise(), request or IdentifyOptions(), observation_of(seen_by).within(data)
+    model, nominal = observation.model, observation.nominal(nominal)
+    seen, known = weighed(observation, data, noise)
+    _refuse_impossible(observation, data, seen, nominal)
     if (count := int(data.seen.sum())) < 3:
         raise LabError(
             f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
         )
-    before, further = locate_before(sight, seen, nominal), known_beside(sight, seen)
-    known_rows = sight.further(model.structural(before))[1]
-    structure = base_set(model, before, fix=wishes.fix, free=wishes.free, known=known_rows)
+    before, extra_residuals = fit_base_and_tool(observation, seen, nominal), weighted_constraints(observation, seen)
+    known_rows = observation.extra_residuals(model.rank_point(before))[1]
+    structure = base_set(model, before, fix=request.fix, free=request.free, known=known_rows)
     free = _told_apart(model, seen, before, structure, known_rows)
     needed = poses_needed(model, before, structure) if len(free) < len(structure.kept) else 0
-    if len(data) < needed and wishes.tolerance is None:
+    if len(data) < needed and request.tolerance is None:
         raise LabError(
             f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
             f"need at least {needed}: measure more"
         )
     start = before.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
-    solve = wishes.solve or partial(_all_at_once, further)
-    solution = _canonical(model, solve(sight, seen, free, start))
-    freedom, estimated = _residual_sigma(sight, seen, solution)
-    if wishes.tolerance is not None:
+    solve = request.solve or partial(_all_at_once, extra_residuals)
+    solution = _canonical(model, solve(observation, seen, free, start))
+    dof, estimated = _residual_sigma(observation, seen, solution)
+    if request.tolerance is not None:
         if not (known or np.isfinite(estimated)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
-        prior = prior_of(model, structure, nominal, wishes.tolerance)
-        further = joined(further, prior.rows(1.0 if known else estimated))
-        solution = _canonical(model, fit(model, seen, structure.kept, start, further=further))
-    given = root_mean_square_sigma(seen, sight.positions) if known else 1.0
+        prior = prior_of(model, structure, nominal, request.tolerance)
+        extra_residuals = joined(extra_residuals, prior.rows(1.0 if known else estimated))
+        solution = _canonical(model, fit(model, seen, structure.kept, start, extra_residuals=extra_residuals))
+    given = root_mean_square_sigma(seen, observation.positions) if known else 1.0
     found = Identification(
         model=model,
         before=before,
@@ -193,19 +202,19 @@ def identify(
         sigma_m=given if known else estimated,
         sigma_known=known,
         residual_sigma_m=given * estimated,
-        freedom=freedom,
+        dof=dof,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
-        residuals=data.points - model.points(seen.settings, solution.values),
-        spread=_spread_to_drawing(sight, seen, before, nominal),
+        residuals=data.points - model.points(seen.inputs, solution.values),
+        spread=_spread_to_drawing(observation, seen, before, nominal),
         warnings=data.warnings,
-        further=further,
+        extra_residuals=extra_residuals,
     )
-    return replace(found, warnings=(*data.warnings, *_warnings(found, weighed_prior=wishes.tolerance is not None)))
+    return replace(found, warnings=(*data.warnings, *_warnings(found, weighed_prior=request.tolerance is not None)))
 
 
-def _refuse_impossible(sight: Sighting, data: Measurements, seen: Observations, nominal: Array) -> None:
+def _refuse_impossible(observation: Observation, data: Measurements, seen: Observations, nominal: Array) -> None:
     """A LabError for measured poses at which the drawing has no answer, as its loops do not close there."""
-    silent = np.isnan(sight.model.points(seen.settings, nominal)) & np.isfinite(seen.points)
+    silent = np.isnan(observation.model.points(seen.inputs, nominal)) & np.isfinite(seen.points)
     if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
         raise LabError(
             f"{len(lost)} of {len(data)} measured poses cannot be of this robot as drawn, {data.where(int(lost[0]))} "
@@ -213,23 +222,25 @@ def _refuse_impossible(sight: Sighting, data: Measurements, seen: Observations, 
         )
 
 
-def _all_at_once(further: Further, sight: Sighting, seen: Observations, free: Sequence[int], start: Array) -> Fit:
-    return fit(sight.model, seen, free, start, further=further)
+def _all_at_once(
+    extra_residuals: Further, observation: Observation, seen: Observations, free: Sequence[int], start: Array
+) -> Fit:
+    return fit(observation.model, seen, free, start, extra_residuals=extra_residuals)
 
 
-def _residual_sigma(sight: Sighting, seen: Observations, solution: Fit) -> tuple[int, float]:
+def _residual_sigma(observation: Observation, seen: Observations, solution: Fit) -> tuple[int, float]:
     """Residual degrees of freedom, and the sigma that residuals say; NaN where nothing is left over."""
-    residuals = seen.apply(seen.points - sight.model.points(seen.settings, solution.values))
-    freedom = len(residuals) + len(sight.further(solution.values)[0]) - len(solution.free)
-    return freedom, float(np.sqrt(residuals @ residuals / freedom)) if freedom > 0 else float("nan")
+    residuals = seen.apply(seen.points - observation.model.points(seen.inputs, solution.values))
+    dof = len(residuals) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
+    return dof, float(np.sqrt(residuals @ residuals / dof)) if dof > 0 else float("nan")
 
 
 def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet, known: Array) -> tuple[int, ...]:
     """Those of the base set that the measured poses tell apart, at the nominal links."""
-    _, jacobian = model.observe(seen.settings, model.structural(before))
+    _, jacobian = model.observe(seen.inputs, model.rank_point(before))
     rows = np.concatenate([jacobian[seen_mask(seen.points)].reshape(-1, len(model.names)), known])
     kept = list(structure.kept)
-    order = [kept.index(i) for i in model.preferred() if i in structure.kept]
+    order = [kept.index(i) for i in model.column_priority() if i in structure.kept]
     return tuple(kept[i] for i in independent_columns(rows[:, kept], order))
 
 
@@ -255,12 +266,12 @@ def _canonical(model: Model, solution: Fit) -> Fit:
     return replace(solution, values=values, triangle=triangle, scale=scale, singular_values=sizes)
 
 
-def _spread_to_drawing(sight: Sighting, seen: Observations, before: Array, nominal: Array) -> float:
+def _spread_to_drawing(observation: Observation, seen: Observations, before: Array, nominal: Array) -> float:
     """The spread of what was measured, to that of the drawing with its tool in the same poses; 1 where all is zero."""
-    drawing, tool = before.copy(), list(columns_of(sight.model, ("tool",)))
+    drawing, tool = before.copy(), list(columns_of(observation.model, ("tool",)))
     drawing[tool] = nominal[tool]
-    compared = seen.points[:, : sight.positions or None]
-    drawn = sight.model.points(seen.settings, drawing)[:, : sight.positions or None]
+    compared = seen.points[:, : observation.positions or None]
+    drawn = observation.model.points(seen.inputs, drawing)[:, : observation.positions or None]
     if not np.nan_to_num(compared).any():  # places are touched: nothing but zeros is observed
         return 1.0
     return spread(compared) / spread(np.where(np.isnan(compared), np.nan, drawn))

@@ -24,7 +24,7 @@ def columns_of(model: Model, groups: Sequence[str]) -> tuple[int, ...]:
     return tuple(i for i, name in enumerate(model.names) if name.split(".")[0] in groups)
 
 
-def locate(model: Model, seen: Observations, values: Array, groups: Sequence[str] = ("base", "tool")) -> Array:
+def initial_guess(model: Model, seen: Observations, values: Array, groups: Sequence[str] = ("base", "tool")) -> Array:
     """Values with the base, the targets, or both placed anew, near enough for Gauss-Newton.
 
     Args:
@@ -33,7 +33,7 @@ def locate(model: Model, seen: Observations, values: Array, groups: Sequence[str
     base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
     placed = values.copy()
     placed[list(base)] = 0.0
-    origins, rotations = _flange_poses(model, seen.settings, placed, tool)
+    origins, rotations = _flange_poses(model, seen.inputs, placed, tool)
     offsets = values[list(tool)].reshape(-1, 3)  # (k, 3)
     mask = seen_mask(seen.points)
     if "base" not in groups:

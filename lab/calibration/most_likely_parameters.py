@@ -8,8 +8,8 @@ spread over each aliased group by their variances. It is the same whichever of a
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.calibration.prior import Tolerance, gather, standard_deviations
-from lab.core.random import stream
+from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.kinematics.model import is_link
@@ -20,11 +20,11 @@ SAME_M = 1e-9  # what predictions may differ by
 ANYWHERE = 1e3  # standard deviation of what has no drawing, m or rad
 
 
-def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
+def most_likely_parameters(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
     """Parameters ``(p,)`` of least prior-weighted norm that predict what the identified ones do.
 
     They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the drawing's
-    predictions change (``prior.gather``): w is found by Gauss-Newton on the predictions themselves,
+    predictions change (``prior.alias_matrix``): w is found by Gauss-Newton on the predictions themselves,
     so that these are equal to rounding, not to first order. What has no drawing gives way freely; effects
     stay as they are. With links held on request the arm is what was asked for, and stays as it is; and so where
     the iteration does not settle, because the measurements hardly told the parameters apart.
@@ -36,20 +36,20 @@ def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -
     links = [i for i, name in enumerate(model.names) if is_link(name)]
     if set(structure.held) & set(links):
         return identification.values
-    settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
-    wanted = model.points(settings, identification.values)
+    inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    wanted = model.points(inputs, identification.values)
     answered = np.isfinite(wanted).all(axis=(1, 2))
-    settings, wanted = settings[answered], wanted[answered]
+    inputs, wanted = inputs[answered], wanted[answered]
     sigma = standard_deviations(model, tolerance)
     sigma[[i for i in range(len(sigma)) if i not in links and np.isfinite(sigma[i])]] = 0.0
     sigma[np.isinf(sigma)] = ANYWHERE
-    directions = sigma[:, None] ** 2 * gather(structure, len(model.names)).T
+    directions = sigma[:, None] ** 2 * alias_matrix(structure, len(model.names)).T
     directions = directions[:, directions.any(axis=0)]
     directions /= np.linalg.norm(directions / np.where(sigma > 0, sigma, 1.0)[:, None], axis=0)
     values = identification.values.copy()
     values[links] = nominal[links]
     for _ in range(STEPS):
-        points, jacobian = model.observe(settings, values)
+        points, jacobian = model.observe(inputs, values)
         if np.isnan(points).any():
             return identification.values
         rows = jacobian.reshape(-1, len(values)) @ directions
@@ -58,5 +58,5 @@ def lift(identification: Identification, nominal: Array, tolerance: Tolerance) -
         values += directions @ step
         if np.abs(directions @ step).max() < SETTLED:
             break
-    missed = np.abs(model.points(settings, values) - wanted).max(initial=0.0)
+    missed = np.abs(model.points(inputs, values) - wanted).max(initial=0.0)
     return values if missed < SAME_M else identification.values

@@ -83,14 +83,14 @@ def prior_of(model: Model, structure: BaseSet, nominal: Array, tolerance: Tolera
     sigma = standard_deviations(model, tolerance)
     of = tuple(i for i in structure.kept if np.isfinite(sigma[i]))
     drawn = np.isfinite(sigma)
-    wide = gather(structure, len(model.names))[[structure.kept.index(i) for i in of]][:, drawn]
+    wide = alias_matrix(structure, len(model.names))[[structure.kept.index(i) for i in of]][:, drawn]
     covariance = (wide * sigma[drawn] ** 2) @ wide.T
     size = np.sqrt(np.diag(covariance))
     factor = np.linalg.cholesky(covariance / np.outer(size, size))
     return Prior(nominal, of, np.linalg.inv(factor) / size)
 
 
-def gather(structure: BaseSet, count: int) -> Array:
+def alias_matrix(structure: BaseSet, count: int) -> Array:
     """B ``(kept, p)``: what errors of all parameters look like in the kept ones, ``z = B x``."""
     wide = np.zeros((len(structure.kept), count))
     wide[:, list(structure.kept)] = np.eye(len(structure.kept))

@@ -14,7 +14,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import Fit, Observations, Status, fit
 from lab.calibration.observations.full_pose import Poses
-from lab.calibration.observations.protocol import Sighting
+from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
@@ -39,19 +39,19 @@ class Split:
     rest: Array
 
 
-def split_of(sight: Poses, seen: Observations, free: Sequence[int], values: Array) -> Split:
+def split_of(observation: Poses, seen: Observations, free: Sequence[int], values: Array) -> Split:
     """The split of the ``free`` parameters at nominal links.
 
     An angle that orientations do not tell apart changes them as those do that are kept, with coefficients c:
     moving it by 1 and them by -c is invisible.
     """
-    _, jacobian = sight.observe(seen.settings, sight.structural(values))
-    rows = jacobian[:, -1][seen_mask(seen.points)[:, -1]].reshape(-1, len(sight.names))
-    turning = [i for i in free if is_angle(sight.names[i])]
-    order = [i for i in sight.preferred() if i in turning]
+    _, jacobian = observation.observe(seen.inputs, observation.rank_point(values))
+    rows = jacobian[:, -1][seen_mask(seen.points)[:, -1]].reshape(-1, len(observation.names))
+    turning = [i for i in free if is_angle(observation.names[i])]
+    order = [i for i in observation.column_priority() if i in turning]
     angles = tuple(order[i] for i in independent_columns(rows[:, order], range(len(order))))
     lost = [i for i in order if i not in angles]
-    single = np.eye(len(sight.names))
+    single = np.eye(len(observation.names))
     coefficients = np.linalg.lstsq(rows[:, angles], rows[:, lost])[0]
     coefficients[np.abs(coefficients) < 1e-9] = 0.0
     hidden = single[:, lost]
@@ -61,7 +61,7 @@ def split_of(sight: Poses, seen: Observations, free: Sequence[int], values: Arra
     return Split(angles, directions)
 
 
-def fit_sequentially(sight: Sighting, seen: Observations, free: Sequence[int], start: Array) -> Fit:
+def fit_sequentially(observation: Observation, seen: Observations, free: Sequence[int], start: Array) -> Fit:
     """Alternate angles from orientations with lengths from positions until neither changes.
 
     Args:
@@ -75,31 +75,31 @@ def fit_sequentially(sight: Sighting, seen: Observations, free: Sequence[int], s
     Raises:
         LabError: no orientation was seen.
     """
-    if not isinstance(sight, Poses):
+    if not isinstance(observation, Poses):
         raise LabError("the sequential method takes its angles from orientations: say --observe pose")
     if not seen_mask(seen.points)[:, -1].any():
         raise LabError("no orientation was seen: the sequential method takes its angles from them")
-    split = split_of(sight, seen, free, start)
+    split = split_of(observation, seen, free, start)
     alone = np.eye(len(start))[:, list(split.angles)]
     values, costs, change = start.copy(), [], np.inf
     status: Status = "not converged"
     for _ in range(MOST_ROUNDS):
-        turned = values + _step(sight, seen, slice(-1, None), values, alone)
-        moved = turned + _step(sight, seen, slice(None, -1), turned, split.rest)
+        turned = values + _step(observation, seen, slice(-1, None), values, alone)
+        moved = turned + _step(observation, seen, slice(None, -1), turned, split.rest)
         last, change = change, float(np.abs(moved - values).max())
         values = moved
-        costs.append(0.5 * float((seen.apply(seen.points - sight.points(seen.settings, values)) ** 2).sum()))
+        costs.append(0.5 * float((seen.apply(seen.points - observation.points(seen.inputs, values)) ** 2).sum()))
         if change < SETTLED or (change < ROUNDING and change >= 0.5 * last):
             status = "converged"
             break
-    linear = fit(sight, seen, free, values, tolerance_m=np.inf)  # its step is not wanted, its triangle is
+    linear = fit(observation, seen, free, values, tolerance_m=np.inf)  # its step is not wanted, its triangle is
     return replace(linear, values=values, status=status, cost_trace=tuple(costs))
 
 
-def _step(sight: Poses, seen: Observations, things: slice, values: Array, directions: Array) -> Array:
+def _step(observation: Poses, seen: Observations, things: slice, values: Array, directions: Array) -> Array:
     """Gauss and Newton's step ``(p,)`` along ``directions`` ``(p, r)`` from some of the observed things."""
-    part = Observations(seen.settings, seen.points[:, things], seen.whiten[:, things])
-    predicted, jacobian = sight.observe(seen.settings, values)
+    part = Observations(seen.inputs, seen.points[:, things], seen.whiten[:, things])
+    predicted, jacobian = observation.observe(seen.inputs, values)
     rows = part.apply(jacobian[:, things] @ directions)
     size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     residual = part.apply(part.points - predicted[:, things])

@@ -15,12 +15,12 @@ from scipy.spatial import cKDTree
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification
-from lab.calibration.initial_guess import columns_of, locate
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.initial_guess import columns_of, initial_guess
+from lab.calibration.observations.protocol import observation_of
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
@@ -45,7 +45,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Validation:
     """By what a calibration was judged, and the errors found there; ``errors`` is None if by nothing."""
 
     judged_by: JudgedBy | None
@@ -70,17 +70,17 @@ class TruthComparison:
     coverage_95: float
 
 
-def errors_at(identification: Identification, settings: Array, points: Array) -> Errors:
-    """Errors of the identified and the nominal arm at ``settings``, where the targets are at ``points`` (n, k, 3)."""
+def errors_at(identification: Identification, inputs: Array, points: Array) -> Errors:
+    """Errors of the identified and the nominal arm at ``inputs``, where the targets are at ``points`` (n, k, 3)."""
     model, both = identification.model, (identification.before, identification.values)
-    before, after = (np.linalg.norm(model.points(settings, v) - points, axis=2) for v in both)
+    before, after = (np.linalg.norm(model.points(inputs, v) - points, axis=2) for v in both)
     return Errors(before, after)
 
 
 def errors_of(identification: Identification, test: Measurements) -> Errors:
     """Errors at rows that were not fitted, as their kind of sighting counts them."""
-    sight = sighting_of(identification.model)
-    return Errors(sight.errors(test, identification.before), sight.errors(test, identification.values))
+    observation = observation_of(identification.model)
+    return Errors(observation.errors(test, identification.before), observation.errors(test, identification.values))
 
 
 def configurations(joints: Array) -> Rows:
@@ -93,13 +93,13 @@ def configurations(joints: Array) -> Rows:
 
 def kept_together(model: Model, data: Measurements) -> Rows:
     """``(n,)`` labels of rows that are fitted or held out as one: of a place, or repeats of a configuration."""
-    labels = sighting_of(model).held_together(data)
+    labels = observation_of(model).cv_groups(data)
     return configurations(data.joints) if labels is None else labels
 
 
 def split_by_label(labels: Rows, share: float, seed: int) -> tuple[Rows, Rows]:
     """Rows to fit and rows to hold out: all rows of a label, labels at random, until the share is reached."""
-    order = stream(seed, "split").permutation(labels.max() + 1)
+    order = rng_for(seed, "split").permutation(labels.max() + 1)
     sizes = np.bincount(labels)[order]
     held = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
     test = np.isin(labels, held)
@@ -108,7 +108,7 @@ def split_by_label(labels: Rows, share: float, seed: int) -> tuple[Rows, Rows]:
 
 def folds(labels: Rows, seed: int) -> Rows:
     """``(n,)`` the fold of each row, five or as many as there are labels: all rows of a label, labels at random."""
-    order = stream(seed, "split").permutation(labels.max() + 1)
+    order = rng_for(seed, "split").permutation(labels.max() + 1)
     fold_of = np.empty(len(order), dtype=np.int_)
     fold_of[order] = np.arange(len(order)) % FOLDS
     return np.asarray(fold_of[labels])
@@ -124,12 +124,12 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
     return data.take(fitted), data.take(held)
 
 
-def judge_rows(identification: Identification, test: Measurements) -> Judgement:
+def validate_rows(identification: Identification, test: Measurements) -> Validation:
     """Judge on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
-    return Judgement("holdout", errors_of(identification, test))
+    return Validation("holdout", errors_of(identification, test))
 
 
-def judge_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Judgement:
+def validate_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Validation:
     """Five-fold cross-validation by configuration or place; by nothing where a fold would leave too little to fit."""
     labels, numbers = kept_together(identification.model, data), data.points.shape[2]
     rows = folds(labels, seed)
@@ -140,7 +140,7 @@ def judge_folds(identify: Identify, identification: Identification, data: Measur
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
         why = f"too few poses to hold any out: not judged on fresh poses, which takes about {wanted}"
-        return Judgement(None, None, (why,))
+        return Validation(None, None, (why,))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
     for fold in range(count):
@@ -149,16 +149,16 @@ def judge_folds(identify: Identify, identification: Identification, data: Measur
         unseen = {part.model.names[i] for i in part.unseen}
         blind = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unseen]
         if len(unseen) > 3 * len(blind):
-            return Judgement(
+            return Validation(
                 None, None, ("without a fold, the other poses do not tell all parameters apart: not judged",)
             )
         errors = errors_of(part, data.take(test))
         errors.before[:, blind] = errors.after[:, blind] = np.nan  # targets that only this fold's poses saw
         before[test], after[test] = errors.before, errors.after
-    return Judgement("cross-validation", Errors(before, after))
+    return Validation("cross-validation", Errors(before, after))
 
 
-def judge_file(identification: Identification, model: Model, data: Measurements, refit: Sequence[str]) -> Judgement:
+def validate_file(identification: Identification, model: Model, data: Measurements, refit: Sequence[str]) -> Validation:
     """Judge on another file, where each session may place its base or its targets anew.
 
     The rows with use ``reference`` (every third one where the file does not mark them) place
@@ -174,13 +174,13 @@ def judge_file(identification: Identification, model: Model, data: Measurements,
     for session in dict.fromkeys(data.sessions):
         part = data.take([i for i, s in enumerate(data.sessions) if s == session])
         reference, test = _reference_and_test(part, refit)
-        settings, points = part.settings(model.conditions)[test], part.points[test]
+        inputs, points = part.inputs(model.conditions)[test], part.points[test]
         for values, out in ((identification.before, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
             if refit:
                 moved = _placed(model, part.take(reference), moved, refit, session)
-            out.append(np.linalg.norm(model.points(settings, moved) - points, axis=2))
-    return Judgement("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused))
+            out.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
+    return Validation("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused))
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
@@ -244,9 +244,9 @@ def _transfer(source: Model, target: Model, values: Array) -> Array:
 
 def _placed(model: Model, reference: Measurements, values: Array, refit: Sequence[str], session: str) -> Array:
     ones = np.ones(reference.points.shape[:2])
-    seen = Observations(reference.settings(model.conditions), reference.points, ones)
+    seen = Observations(reference.inputs(model.conditions), reference.points, ones)
     free = columns_of(model, refit)
-    moved = locate(model, seen, values, refit)
+    moved = initial_guess(model, seen, values, refit)
     solution = fit(model, seen, free, moved)
     equations = 3 * int(reference.seen.sum())
     linear = "base" not in refit  # a tool alone is found by as many equations as it has coordinates

@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import sighting_of
-from lab.calibration.validation import Judgement
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.validation import Validation
 from lab.kinematics.model import is_link, unit_of
 
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the drawing's: below, it does not change from pose to pose
@@ -23,7 +23,7 @@ class Verdict:
     reason: str = ""
 
 
-def verdict(identification: Identification, judgement: Judgement, gate_m: float) -> Verdict:
+def verdict(identification: Identification, validation: Validation, gate_m: float) -> Verdict:
     """Bad: what cannot be of this arm, not converged, rank short of the base set, or a mean error above the gate."""
     if identification.spread < CONSTANT_SPREAD:
         return Verdict("bad", "what was measured is the same in every pose: wrong column?")
@@ -40,9 +40,9 @@ def verdict(identification: Identification, judgement: Judgement, gate_m: float)
     if identification.unseen:
         names = ", ".join(identification.model.names[i] for i in identification.unseen)
         return Verdict("bad", f"these poses do not tell {names} apart from the others")
-    if judgement.errors is None:
+    if validation.errors is None:
         return Verdict("not judged")
-    mean = float(np.nanmean(judgement.errors.after))
+    mean = float(np.nanmean(validation.errors.after))
     if mean > gate_m:
         guess = "" if np.isnan(rotation_noise_rad(identification)) else "; wrong --orientation?"
         reason = f"does not fit: {1e3 * mean:.3g} mm on poses not fitted, above the gate of {1e3 * gate_m:g} mm{guess}"
@@ -52,16 +52,16 @@ def verdict(identification: Identification, judgement: Judgement, gate_m: float)
 
 def rotation_noise_rad(identification: Identification) -> float:
     """Noise of a measured rotation beside ``sigma_m``, that of a position; NaN where no orientation is observed."""
-    sight = sighting_of(identification.model)
-    turning = sight.units[sight.positions :] if sight.positions else np.empty(0)
+    observation = observation_of(identification.model)
+    turning = observation.units[observation.positions :] if observation.positions else np.empty(0)
     return float(identification.sigma_m * turning[0]) if len(turning) else float("nan")
 
 
 def _implausible(identification: Identification) -> str:
     """What a fit gives that is of nothing measured, though it converged; empty if nothing does."""
-    model, sight = identification.model, sighting_of(identification.model)
-    if sight.positions:
-        turned = identification.residuals[:, sight.positions :]
+    model, observation = identification.model, observation_of(identification.model)
+    if observation.positions:
+        turned = identification.residuals[:, observation.positions :]
         off = float(np.sqrt(np.nanmean(turned**2))) if np.isfinite(turned).any() else 0.0
         words = f"measured orientations do not fit ({1e3 * off:.3g} mrad): wrong --orientation or columns?"
         return words if off > LARGEST_ROTATION_RAD else ""

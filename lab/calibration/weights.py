@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.gauss_newton import Further, Observations, typical_weight, whitening
-from lab.calibration.observations.protocol import Sighting
+from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements, seen_mask
@@ -25,9 +25,9 @@ class Noise:
     readings: int = 1
 
 
-def weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
+def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
     """The points with their weights, and whether these stand on a known sigma."""
-    settings, units = data.settings(sight.model.conditions), sight.units
+    inputs, units = data.inputs(observation.model.conditions), observation.units
     given = np.isfinite(data.sigma_m)
     instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None
     shape = data.points.shape[:2]
@@ -35,30 +35,30 @@ def weighed(sight: Sighting, data: Measurements, noise: Noise) -> tuple[Observat
         if given.any() and not given.all():
             raise LabError("sigma_mm is empty in some rows; fill it in, or say --noise-mm or --instrument for those")
         if not given.any():
-            return Observations(settings, data.points, np.broadcast_to(1 / units, shape)), False
+            return Observations(inputs, data.points, np.broadcast_to(1 / units, shape)), False
     rows = np.broadcast_to(data.sigma_m[:, None], shape)
     if instrument is not None and instrument.kind == "spherical":
-        covariance = _instrument_covariance(sight, instrument, data.points, noise.readings)
+        covariance = _instrument_covariance(observation, instrument, data.points, noise.readings)
         covariance = np.where(given[:, None, None, None], (rows * units)[..., None, None] ** 2 * np.eye(3), covariance)
-        return Observations(settings, data.points, whitening(covariance)), True
+        return Observations(inputs, data.points, whitening(covariance)), True
     default = noise.sigma_m
     if instrument is not None:
         default = instrument.radial_m / np.sqrt(noise.readings)
     sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
-    return Observations(settings, data.points, 1 / (sigma * units)), True
+    return Observations(inputs, data.points, 1 / (sigma * units)), True
 
 
-def _instrument_covariance(sight: Sighting, device: Instrument, points: Array, readings: int) -> Array:
+def _instrument_covariance(observation: Observation, device: Instrument, points: Array, readings: int) -> Array:
     """``(n, k, 3, 3)``: of positions the instrument's; of what else is seen, by its unit, from their mean."""
-    if not sight.positions:
+    if not observation.positions:
         raise LabError(f"{device.name} measures points, of which none are observed: say --noise-mm in its place")
-    seen = np.nan_to_num(points[:, : sight.positions], nan=1.0)
+    seen = np.nan_to_num(points[:, : observation.positions], nan=1.0)
     covariance = np.asarray(device.covariance(seen, readings))
-    if sight.positions == len(sight.units):
+    if observation.positions == len(observation.units):
         return covariance
     mean = float(np.trace(covariance, axis1=2, axis2=3).mean()) / 3
-    further = (mean * sight.units[sight.positions :, None, None] ** 2) * np.eye(3)
-    return np.concatenate([covariance, np.broadcast_to(further, (len(points), *further.shape))], axis=1)
+    extra_residuals = (mean * observation.units[observation.positions :, None, None] ** 2) * np.eye(3)
+    return np.concatenate([covariance, np.broadcast_to(extra_residuals, (len(points), *extra_residuals.shape))], axis=1)
 
 
 def root_mean_square_sigma(seen: Observations, positions: int) -> float:
@@ -70,12 +70,12 @@ def root_mean_square_sigma(seen: Observations, positions: int) -> float:
     return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
 
 
-def known_beside(sight: Sighting, seen: Observations) -> Further:
+def weighted_constraints(observation: Observation, seen: Observations) -> Further:
     """What is known beside the measurements, weighed as these are."""
     weight = typical_weight(seen)
 
     def rows(values: Array) -> tuple[Array, Array]:
-        residual, jacobian = sight.further(values)
+        residual, jacobian = observation.extra_residuals(values)
         return weight * residual, weight * jacobian
 
     return rows

@@ -17,8 +17,8 @@ from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import Arm, affected
-from lab.kinematics.effects.groups import Course, effect
-from lab.kinematics.joints import Joints
+from lab.kinematics.effects.groups import SessionInfo, effect
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.build_serial import table_model
@@ -42,7 +42,7 @@ class Robot:
     """
 
     name: str
-    chain: Joints
+    chain: JointSpec
     tool: dict[str, Array]
     model: RobotModel
     sha256: str
@@ -73,7 +73,7 @@ class Robot:
         self,
         targets: tuple[str, ...],
         groups: Sequence[str],
-        course: Course = Course(),  # noqa: B008
+        course: SessionInfo = SessionInfo(),  # noqa: B008
     ) -> Arm:
         """The arm with groups of effects (``geometry.effects``), by name, for measurements of such a course.
 
@@ -98,8 +98,8 @@ class Robot:
 
     def refuse_impossible(self, path: Path, data: Measurements) -> None:
         """A LabError for readings of a file at which the drawing cannot stand."""
-        if (lost := np.flatnonzero(~self.chain.stands(data.joints))).size:
-            why = self.chain.why_not(data.joints[lost[0]])
+        if (lost := np.flatnonzero(~self.chain.is_assemblable(data.joints))).size:
+            why = self.chain.infeasibility_reason(data.joints[lost[0]])
             more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
             raise LabError(f"{path}: {data.where(int(lost[0]))}{more}: {why}; mend the readings, or use = skip")
 

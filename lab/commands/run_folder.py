@@ -15,7 +15,7 @@ from typing import Any
 import lab
 from lab.calibration.identify import Identification
 from lab.commands.calibrate.result import likely, parameters, rigid, summary
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrated_files import MJCF, TABLE, arm_files
 from lab.commands.options import MeasuredCampaign, Options, VirtualCampaign
 from lab.commands.payload.known_payload import LOAD_FILE, read_hand_load
@@ -120,7 +120,7 @@ def _swap(draft: Path, out: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def write_run(folder: Path, outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) -> None:
+def write_run(folder: Path, outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign) -> None:
     """Everything of a run but its recording."""
     robot = outcome.robot
     command = "calibrate" if isinstance(options, VirtualCampaign) else "identify"

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from lab.compensation.ik_results import LIMIT_SLACK, Attempts
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import SINGULAR_M
 from lab.kinematics.effects.arm import Arm, rigid_part
 from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import Drawing, nearest_turns, ordered
-from lab.kinematics.inverse.newton import FREEDOMS, Wanted, reach, shortest_step, tool_at, within_reach
+from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, shortest_step, tool_at, within_reach
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
 AIMINGS = 3  # of the drawing's inverse at what the arm misses, before Newton's method begins
@@ -59,7 +59,7 @@ class Compensation:
     reasons: tuple[str, ...]
     differential: Array
     cartesian: Array
-    apart_m: Array
+    scheme_disagreement_m: Array
     singular_rad: Array
     singular_joint: NDArray[np.int_]
     steps: NDArray[np.int_]
@@ -89,7 +89,7 @@ class Compensator:
 
     def __post_init__(self) -> None:
         arm, chain = self.drawing.arm, self.drawing.arm.chain
-        _, jacobian = self.drawing.tool(chain.random_joints(TRIED, stream(0, "structure")))
+        _, jacobian = self.drawing.tool(chain.random_joints(TRIED, rng_for(0, "structure")))
         ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
         if ways < 3:
             raise LabError(
@@ -98,7 +98,7 @@ class Compensator:
                 "place that is off by a little; compensation takes three joints that do"
             )
 
-    def __call__(self, wanted: Wanted, conditions: Array, reference: Array) -> Compensation:
+    def __call__(self, wanted: PoseTarget, conditions: Array, reference: Array) -> Compensation:
         """Correct targets, each by itself.
 
         Args:
@@ -134,7 +134,7 @@ class Compensator:
             np.where(found.fits & (chain.size < FREEDOMS), np.linalg.norm(found.errors[:, 3:], axis=1), 0.0),
         )
 
-    def _first_that_fits(self, wanted: Wanted, conditions: Array, reference: Array) -> Attempts:
+    def _first_that_fits(self, wanted: PoseTarget, conditions: Array, reference: Array) -> Attempts:
         """The identified arm's inverse, by the first way of the drawing that ends within limits; else the best."""
         chain = self.drawing.arm.chain
         ways = self.drawing.ways(wanted, reference)
@@ -150,7 +150,7 @@ class Compensator:
             found.take_better(rows, other)
         return found
 
-    def _near_singular(self, wanted: Wanted, ways: Solutions) -> NDArray[np.bool_]:
+    def _near_singular(self, wanted: PoseTarget, ways: Solutions) -> NDArray[np.bool_]:
         """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
         near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
         joints = ways.joints[rows]
@@ -160,7 +160,7 @@ class Compensator:
         near[rows] = (distance < CLEAR_RAD).reshape(near[rows].shape)
         return near
 
-    def _tried(self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
+    def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
         """Newton's method from one way of the drawing, aimed a few times at what the arm misses there."""
         chain = self.drawing.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
@@ -175,7 +175,7 @@ class Compensator:
         excess = chain.excess(turned)
         return Attempts(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
 
-    def _differential(self, wanted: Wanted, conditions: Array, start: Array) -> Array:
+    def _differential(self, wanted: PoseTarget, conditions: Array, start: Array) -> Array:
         """Scheme (b)."""
 
         def moved(rows: NDArray[np.int_], joints: Array, missing: Array) -> Array:
@@ -184,10 +184,10 @@ class Compensator:
         return self._iterated(wanted, conditions, start, moved)
 
     def _cartesian(
-        self, wanted: Wanted, conditions: Array, start: Array, branch: NDArray[np.int_]
-    ) -> tuple[Wanted, Array]:
+        self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]
+    ) -> tuple[PoseTarget, Array]:
         """Scheme (c): the corrected targets, and the readings that the controller finds for them."""
-        aimed = Wanted(wanted.places.copy(), wanted.turns.copy())
+        aimed = PoseTarget(wanted.places.copy(), wanted.turns.copy())
 
         def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
             corrected = self._aimed(wanted.take(rows), joints, conditions[rows])
@@ -196,14 +196,14 @@ class Compensator:
 
         return aimed, self._iterated(wanted, conditions, start, moved)
 
-    def _as_poses(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
+    def _as_poses(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
         """Where any rotation will do, or that which is wanted may not, the one that scheme (a) ends with: a controller
         is to be told one.
         """
         Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
-        return Wanted(wanted.places, np.where(kept[:, None, None], wanted.turns, Ts[:, :3, :3]))
+        return PoseTarget(wanted.places, np.where(kept[:, None, None], wanted.turns, Ts[:, :3, :3]))
 
-    def _iterated(self, wanted: Wanted, conditions: Array, start: Array, moved: Moved) -> Array:
+    def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: Moved) -> Array:
         """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted."""
         joints, going = start.copy(), np.arange(len(wanted))
         for _ in range(ROUNDS):
@@ -217,11 +217,11 @@ class Compensator:
             joints[going] = moved(going, joints[going], missing[far])
         return joints
 
-    def _aimed(self, wanted: Wanted, joints: Array, conditions: Array) -> Wanted:
+    def _aimed(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
         """X_C = X_R - dX: where to aim the drawing, by what the arm misses at these readings."""
         real, drawn = self._tool(joints, conditions)[0], self.drawing.tool(joints)[0]
         places = wanted.places - (real[:, :3, 3] - drawn[:, :3, 3])
-        return Wanted(places, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.turns)
+        return PoseTarget(places, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.turns)
 
     def _tool(self, joints: Array, conditions: Array) -> tuple[Array, Array]:
         return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.drawing.target)
@@ -231,7 +231,7 @@ class Compensator:
         Ts = [self._tool(joints, conditions)[0] for joints in schemes]
         apart = np.zeros(len(turned))
         for other in Ts[1:]:
-            missing = Wanted(Ts[0][:, :3, 3], Ts[0][:, :3, :3]).errors(other)
+            missing = PoseTarget(Ts[0][:, :3, 3], Ts[0][:, :3, :3]).errors(other)
             missing[~turned, 3:] = 0.0
             apart = np.maximum(apart, np.abs(missing).max(axis=1))
         return apart

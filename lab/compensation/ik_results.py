@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
@@ -47,14 +47,14 @@ class Attempts:
         for name in ("start", "branch", "joints", "errors", "arrived", "excess", "steps"):
             getattr(self, name)[rows[better]] = getattr(other, name)[better]
 
-    def reason(self, i: int, chain: Joints, singular: tuple[float, int], apart_m: float) -> str:
+    def reason(self, i: int, chain: JointSpec, singular: tuple[float, int], scheme_disagreement_m: float) -> str:
         """Why a target is not reached; empty if it is.
 
         Args:
             singular: how far it is from a singularity (rad, m of a slide), and the joint that leads there.
             apart_m: how far apart the schemes of compensation end; NaN where they were not tried.
         """
-        if apart_m <= AGREED_M:
+        if scheme_disagreement_m <= AGREED_M:
             return ""
         beyond = int(self.excess[i].argmax())
         if self.arrived[i] and self.excess[i, beyond] > LIMIT_SLACK:
@@ -72,7 +72,7 @@ class Attempts:
         return f"out of reach by {missed}{edge}"
 
 
-def _beyond_limit(chain: Joints, joints: Array, joint: int) -> str:
+def _beyond_limit(chain: JointSpec, joints: Array, joint: int) -> str:
     """Where a joint would be, and its limit, for a person."""
     at = joints[joint]
     limit = chain.upper[joint] if at > chain.upper[joint] else chain.lower[joint]

@@ -9,7 +9,7 @@ class LabError(ValueError):
 
 
 @contextmanager
-def naming(place: object) -> Iterator[None]:
+def error_context(place: object) -> Iterator[None]:
     """Say in what happens here which file or option it comes from."""
     try:
         yield

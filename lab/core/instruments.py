@@ -15,7 +15,7 @@ from lab.core.se3 import Array
 
 
 @dataclass(frozen=True)
-class Sight:
+class FieldOfView:
     """Where an instrument can see a target; everywhere, if nothing is given.
 
     Attributes:
@@ -51,7 +51,7 @@ class Instrument:
     ``gaussian`` and ``uniform`` are isotropic: each coordinate has standard deviation
     ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
     line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
-    first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``sight`` is where it
+    first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``field_of_view`` is where it
     sees a target at all.
     """
 
@@ -61,7 +61,7 @@ class Instrument:
     radial_per_m: float = 0.0
     transverse_m: float = 0.0
     transverse_per_m: float = 0.0
-    sight: Sight = field(default_factory=Sight)
+    field_of_view: FieldOfView = field(default_factory=FieldOfView)
 
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
         """Noisy positions of ``points`` ``(..., 3)`` (m), each the mean of some readings."""
@@ -78,10 +78,10 @@ class Instrument:
             isotropic = np.broadcast_to(np.eye(3), (*points.shape, 3))
             return isotropic * self.radial_m**2 / readings
         reach = np.linalg.norm(points, axis=-1)[..., None, None]
-        sight = points[..., :, None] * points[..., None, :] / reach**2
+        field_of_view = points[..., :, None] * points[..., None, :] / reach**2
         along = (self.radial_m + self.radial_per_m * reach) ** 2
         across = (self.transverse_m + self.transverse_per_m * reach) ** 2
-        covariance: Array = (along * sight + across * (np.eye(3) - sight)) / readings
+        covariance: Array = (along * field_of_view + across * (np.eye(3) - field_of_view)) / readings
         return covariance
 
     def _one_reading(self, points: Array, rng: np.random.Generator) -> Array:
@@ -92,15 +92,17 @@ class Instrument:
         if self.kind == "gaussian":
             return points + self.radial_m * draw
         reach = np.linalg.norm(points, axis=-1, keepdims=True)
-        sight = points / reach
-        level = np.hypot(sight[..., :1], sight[..., 1:2])
+        field_of_view = points / reach
+        level = np.hypot(field_of_view[..., :1], field_of_view[..., 1:2])
         straight_up = level < 1e-12  # there azimuth has no direction of its own: any will do
         sideways = np.where(
-            straight_up, np.array([0.0, 1.0, 0.0]), _turned_left(sight) / np.where(straight_up, 1.0, level)
+            straight_up, np.array([0.0, 1.0, 0.0]), _turned_left(field_of_view) / np.where(straight_up, 1.0, level)
         )
         along = (self.radial_m + self.radial_per_m * reach) * draw[..., :1]
         across = self.transverse_m + self.transverse_per_m * reach
-        error: Array = along * sight + across * (draw[..., 1:2] * sideways + draw[..., 2:] * np.cross(sight, sideways))
+        error: Array = along * field_of_view + across * (
+            draw[..., 1:2] * sideways + draw[..., 2:] * np.cross(field_of_view, sideways)
+        )
         return points + error
 
 
@@ -118,9 +120,9 @@ _MICRON = 1e-6
 # calibration certificate). Trackers are given a cat's eye reflector, which takes beams up to 75 degrees off its
 # axis: a corner cube takes 30, and a rigid tool then faces the head in few poses. The two ideal instruments see
 # everything that nothing hides.
-_LEICA = Sight(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(75.0))
-_VANTAGE = Sight(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(75.0))
-_CAMERA = Sight(1.0, 5.0, np.deg2rad(-45.0), np.deg2rad(45.0), np.deg2rad(60.0))
+_LEICA = FieldOfView(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(75.0))
+_VANTAGE = FieldOfView(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(75.0))
+_CAMERA = FieldOfView(1.0, 5.0, np.deg2rad(-45.0), np.deg2rad(45.0), np.deg2rad(60.0))
 INSTRUMENTS = {
     instrument.name: instrument
     for instrument in (
@@ -129,7 +131,7 @@ INSTRUMENTS = {
         Instrument("leica-at960", "spherical", 0.0, 0.25 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA),
         Instrument("leica-at500", "spherical", 5 * _MICRON, 0.15 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA),
         Instrument("faro-vantage", "spherical", 8 * _MICRON, 0.4 * _MICRON, 10 * _MICRON, 2.5 * _MICRON, _VANTAGE),
-        Instrument("optical-cmm", "gaussian", radial_m=30 * _MICRON, sight=_CAMERA),
+        Instrument("optical-cmm", "gaussian", radial_m=30 * _MICRON, field_of_view=_CAMERA),
     )
 }
 

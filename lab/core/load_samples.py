@@ -15,7 +15,7 @@ _TURNED = 1e-9  # of a rotation: how far from orthonormal
 
 
 @dataclass(frozen=True)
-class LoadRecords:
+class PayloadSamples:
     """Rows of a loaded and an unloaded run, in the order of the file.
 
     Attributes:
@@ -55,11 +55,11 @@ class LoadRecords:
         times = self.time_s[self.loaded] if self.loaded.any() else self.time_s
         return float((times[-1] - times[0]) / (len(times) - 1))
 
-    def run(self, loaded: bool) -> "LoadRecords":
+    def run(self, loaded: bool) -> "PayloadSamples":
         """The rows of one run."""
         return self.take(np.flatnonzero(self.loaded == loaded))
 
-    def take(self, rows: NDArray[np.int_]) -> "LoadRecords":
+    def take(self, rows: NDArray[np.int_]) -> "PayloadSamples":
         """Some rows."""
         return replace(
             self,

@@ -83,7 +83,7 @@ class Measurements:
         """Where a row stands, as an error says it: its line in the file, else its id."""
         return f"line {self.lines[row]}" if self.lines else f"row {self.ids[row]}"
 
-    def settings(self, conditions: Sequence[str]) -> Array:
+    def inputs(self, conditions: Sequence[str]) -> Array:
         """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
 
         Where nothing is said of a payload there is none. ``session NAME`` is 1 in the rows of that session, else 0.

@@ -33,8 +33,8 @@ Purpose = Literal[
 ]
 
 
-def stream(seed: int, purpose: Purpose, *of: int) -> np.random.Generator:
-    """The generator of one purpose, e.g. ``stream(7, "noise")``; of one thing of many, by its numbers."""
+def rng_for(seed: int, purpose: Purpose, *of: int) -> np.random.Generator:
+    """The generator of one purpose, e.g. ``rng_for(7, "noise")``; of one thing of many, by its numbers."""
     return np.random.default_rng(_sequence(seed, purpose, *of))
 
 

@@ -13,7 +13,7 @@ SHARE = 0.95  # of the fresh poses, and of the campaigns
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedAccuracy:
     """Predicted position errors over the test poses, as lengths of the 3D error (m).
 
     Attributes:
@@ -22,10 +22,10 @@ class Prediction:
     """
 
     rms: Array
-    reached: float
+    coverage_radius: float
 
 
-def predict(information: Array, test: Array, rng: np.random.Generator) -> Prediction:
+def predict(information: Array, test: Array, rng: np.random.Generator) -> PredictedAccuracy:
     """Prediction from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
 
     The promise is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C).
@@ -40,10 +40,10 @@ def predict(information: Array, test: Array, rng: np.random.Generator) -> Predic
         (draws @ spread.transpose(2, 0, 1).reshape(len(information), -1)).reshape(DRAWS, -1, 3), axis=2
     )
     kept = np.quantile(errors, SHARE, axis=1)
-    return Prediction(rms, float(np.quantile(kept, SHARE)))
+    return PredictedAccuracy(rms, float(np.quantile(kept, SHARE)))
 
 
-def smallest_count(reached: Callable[[int], float], wanted: float, least: int, most: int) -> int:
+def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least: int, most: int) -> int:
     """The least number of poses whose promise is within ``wanted`` (m).
 
     Args:
@@ -55,7 +55,7 @@ def smallest_count(reached: Callable[[int], float], wanted: float, least: int, m
     """
     most = max(most, least)
     low, high = least, least
-    while (error := reached(high)) > wanted:
+    while (error := coverage_radius(high)) > wanted:
         if high == most:
             raise LabError(
                 f"{1e3 * wanted:g} mm is out of reach: {most} poses promise {1e3 * error:.3g} mm; "
@@ -64,7 +64,7 @@ def smallest_count(reached: Callable[[int], float], wanted: float, least: int, m
         low, high = high + 1, min(2 * high, most)
     while low < high:
         middle = (low + high) // 2
-        if reached(middle) <= wanted:
+        if coverage_radius(middle) <= wanted:
             high = middle
         else:
             low = middle + 1

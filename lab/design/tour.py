@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.design.tsp import improve, kicked, lengths, random_starts
-from lab.kinematics.joints import Joints
+from lab.design.tsp import double_bridge, improve, lengths, random_starts
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.kinematics.trajectory.trajectory import Trajectory, common_phases, joined
 
@@ -49,7 +49,7 @@ class Tour:
     seconds: float
 
 
-class Roads:
+class RoadmapGraph:
     """What it takes to move between home (place 0) and the poses (places 1 to m), as far as looked at.
 
     Detours pass through home, through ``safe`` poses, or through poses of the plan.
@@ -146,7 +146,7 @@ class Roads:
         return bool(np.isfinite(self._graph[a, b]))
 
 
-def rated(chain: Joints) -> tuple[Joints, tuple[str, ...]]:
+def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:
     """The chain with representative speeds and accelerations where they are unknown, and a warning then."""
     slow, sudden = np.isnan(chain.speed), np.isnan(chain.acceleration)
     speed = np.where(slow, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
@@ -161,7 +161,7 @@ def rated(chain: Joints) -> tuple[Joints, tuple[str, ...]]:
     return replace(chain, speed=speed, acceleration=acceleration), words
 
 
-def _named(chain: Joints, which: NDArray[np.bool_]) -> str:
+def _named(chain: JointSpec, which: NDArray[np.bool_]) -> str:
     return "any joint" if which.all() else ", ".join(np.array(chain.joint_names)[which])
 
 
@@ -170,7 +170,7 @@ def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
     return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
 
 
-def day_of(chain: Joints, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
+def tour_trajectory(chain: JointSpec, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
     """How the joints move through stops, and when they arrive at each ``(s,)`` s.
 
     Args:
@@ -213,7 +213,7 @@ def plan_tour(
     Raises:
         LabError: a pose cannot be reached, or a speed or an acceleration is unknown.
     """
-    roads = Roads(joints, speed, acceleration, free, home, safe)
+    roads = RoadmapGraph(joints, speed, acceleration, free, home, safe)
     tours = improve(roads.cost, random_starts(roads.cost, rng))
     quiet = 0
     while True:
@@ -224,7 +224,7 @@ def plan_tour(
             continue
         if quiet == _PATIENCE:
             break
-        tried = improve(roads.cost, kicked(tours, rng))
+        tried = improve(roads.cost, double_bridge(tours, rng))
         after = lengths(roads.cost, tried)
         tours = np.where((after < before)[:, None], tried, tours)
         quiet = 0 if after.min() < before.min() - _GAIN_S else quiet + 1

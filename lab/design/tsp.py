@@ -42,7 +42,7 @@ def improve(cost: Array, tours: Tours) -> Tours:
     return tours
 
 
-def kicked(tours: Tours, rng: np.random.Generator) -> Tours:
+def double_bridge(tours: Tours, rng: np.random.Generator) -> Tours:
     """Each tour with two neighbouring stretches of it exchanged (a double bridge)."""
     size = tours.shape[1]
     if size < 5:

@@ -4,24 +4,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.most_likely_parameters import lift
-from lab.commands.calibrate.run import Outcome
+from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.robot import Robot
 from lab.compensation.compensator import CLEAR_RAD, Compensator
 from lab.compensation.iso9283 import CYCLES, SIDES_M, circle_places, cube_places, line_places
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.effects.arm import rigid_part
-from lab.kinematics.effects.groups import OF_ITS_CAMPAIGN
+from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import Drawing, ordered
-from lab.kinematics.inverse.newton import Wanted
+from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel
-from lab.simulation.true_robot import RealArm, track
+from lab.simulation.true_robot import TrueRobot, track
 
 PATH_POINTS = 100  # of the circle, and of the line
 READINGS = 25  # that a measured point is the mean of: the tracker's noise is not to be taken for the robot's
@@ -30,7 +30,7 @@ MARGIN_RAD = np.deg2rad(5.0)  # from the joint limits
 
 
 @dataclass(frozen=True)
-class Course:
+class VisitedPath:
     """Targets that were run on the real arm, uncorrected and corrected.
 
     Attributes:
@@ -54,12 +54,14 @@ class Course:
         return before, after
 
 
-def compensator_of(outcome: Outcome, target: str = "p1") -> Compensator:
+def compensator_of(outcome: CalibrationResult, target: str = "p1") -> Compensator:
     """The correction that a campaign's result makes, for one of its targets."""
     found = outcome.identification
-    groups = [name for name in outcome.fit.groups if name not in OF_ITS_CAMPAIGN]
+    groups = [name for name in outcome.fit.groups if name not in CAMPAIGN_SPECIFIC]
     arm = outcome.robot.arm_with(outcome.fitted.targets, groups)
-    likely = dict(zip(found.model.names, lift(found, outcome.nominal, outcome.tolerance), strict=True))
+    likely = dict(
+        zip(found.model.names, most_likely_parameters(found, outcome.nominal, outcome.tolerance), strict=True)
+    )
     before = dict(zip(found.model.names, found.before, strict=True))
     rigid = rigid_part(arm)
     drawing = Drawing(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
@@ -79,11 +81,11 @@ class Cube:
     centre: Array
     turn: Array
 
-    def poses(self, places: Array, drawing: Drawing) -> Wanted:
+    def poses(self, places: Array, drawing: Drawing) -> PoseTarget:
         """Places ``(n, 3)`` from the centre as targets in the tracker's frame, where the drawing's base has it."""
         T_tracker_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
         turns = np.broadcast_to(T_tracker_frame0[:3, :3] @ self.turn, (len(places), 3, 3))
-        return Wanted(se3.transform(T_tracker_frame0, self.centre + places), turns)
+        return PoseTarget(se3.transform(T_tracker_frame0, self.centre + places), turns)
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,10 @@ class ClosedLoop:
     """
 
     cube: Cube
-    poses: Course
-    targets: Course
-    circle: Course
-    line: Course
+    poses: VisitedPath
+    targets: VisitedPath
+    circle: VisitedPath
+    line: VisitedPath
 
 
 def reachable_cube(robot: Robot, target: str) -> Cube:
@@ -111,7 +113,7 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
     model = robot.model
     arm = robot.arm((target,))
     drawing = Drawing(arm, arm.nominal(robot.tool))
-    centres = drawing.tool(random_poses(model, CENTRES, stream(0, "structure")))[0]
+    centres = drawing.tool(random_poses(model, CENTRES, rng_for(0, "structure")))[0]
     aside = np.abs(centres[:, 1, 3]) + ROTATION_M * np.abs(centres[:, 1, 2])
     centres = centres[np.argsort(aside)]  # those straight ahead first
     for side in SIDES_M:
@@ -125,7 +127,7 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
     raise LabError(f"robot {robot.name}: no test cube of {SIDES_M[-1]:g} m is within its reach")
 
 
-def _clear(model: RobotModel, drawing: Drawing, wanted: Wanted) -> bool:
+def _clear(model: RobotModel, drawing: Drawing, wanted: PoseTarget) -> bool:
     """Whether the drawing reaches all poses, clear of its limits, of singularities and of collisions."""
     chain, anywhere = drawing.arm.chain, np.full((len(wanted), drawing.arm.chain.size), np.nan)
     ways = drawing.ways(wanted, anywhere)
@@ -137,7 +139,12 @@ def _clear(model: RobotModel, drawing: Drawing, wanted: Wanted) -> bool:
 
 
 def close_loop(
-    outcome: Outcome, cube: Cube, instrument: Instrument, seed: int, payload_kg: float = 0.0, targets: int = 1000
+    outcome: CalibrationResult,
+    cube: Cube,
+    instrument: Instrument,
+    seed: int,
+    payload_kg: float = 0.0,
+    targets: int = 1000,
 ) -> ClosedLoop:
     """Correct targets by what a virtual campaign found, run them on its arm, and measure with its tracker.
 
@@ -148,11 +155,11 @@ def close_loop(
     assert outcome.real is not None
     compensator = compensator_of(outcome)
     runner, drawing = _Runner(outcome.real, compensator, instrument, payload_kg, seed), compensator.drawing
-    poses = drawing.tool(random_poses(outcome.real.robot, targets, stream(seed, "targets")))[0]
+    poses = drawing.tool(random_poses(outcome.real.robot, targets, rng_for(seed, "targets")))[0]
     return ClosedLoop(
         cube,
         runner.run(cube.poses(cube_places(cube.side_m), drawing), CYCLES),
-        runner.run(Wanted(poses[:, :3, 3], poses[:, :3, :3])),
+        runner.run(PoseTarget(poses[:, :3, 3], poses[:, :3, :3])),
         runner.run(cube.poses(circle_places(cube.side_m, PATH_POINTS), drawing)),
         runner.run(cube.poses(line_places(cube.side_m, PATH_POINTS), drawing)),
     )
@@ -162,13 +169,13 @@ def close_loop(
 class _Runner:
     """The real arm, what is known of it, and what measures it."""
 
-    real: RealArm
+    real: TrueRobot
     compensator: Compensator
     instrument: Instrument
     payload_kg: float
     seed: int
 
-    def run(self, wanted: Wanted, cycles: int = 1) -> Course:
+    def run(self, wanted: PoseTarget, cycles: int = 1) -> VisitedPath:
         """Correct the targets, and visit them before and after."""
         count, conditions = len(wanted), self.compensator.arm.conditions
         setting = {name: self.payload_kg if name == "payload_kg" else 0.0 for name in conditions}
@@ -178,12 +185,12 @@ class _Runner:
         done = np.flatnonzero(found.converged)
         uncorrected, corrected = found.uncorrected[done], found.joints[done]
         before, after = (self._visited(joints, cycles) for joints in (uncorrected, corrected))
-        return Course(wanted.places[done], count - len(done), uncorrected, corrected, before, after)
+        return VisitedPath(wanted.places[done], count - len(done), uncorrected, corrected, before, after)
 
     def _visited(self, joints: Array, cycles: int) -> Array:
         """Places ``(cycles, n, 3)`` that the tracker measures, one cycle after the other."""
         drawing, every = self.compensator.drawing, np.tile(joints, (cycles, 1))
         load = {"payload_kg": np.full(len(every), self.payload_kg)}
-        name, rng = drawing.arm.targets[drawing.target], stream(self.seed, "visits")
+        name, rng = drawing.arm.targets[drawing.target], rng_for(self.seed, "visits")
         data = track(self.real, every, (name,), self.instrument, rng, READINGS, load)
         return data.points.reshape(cycles, len(joints), 3)

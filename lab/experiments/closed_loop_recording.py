@@ -11,8 +11,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from lab.commands.calibrate.recording_layout import AFTER, BEFORE, SUMMARY, backdrop, layout, main_view
-from lab.commands.calibrate.recording_text import times
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.recording_text import format_magnification
+from lab.commands.calibrate.run import CalibrationResult
 from lab.compensation.iso9283 import accuracy, repeatability
 from lab.experiments.closed_loop import ClosedLoop
 from lab.experiments.closed_loop_scene import HOLD, LoopScene, ShownCourse, loop_scene
@@ -25,7 +25,7 @@ _COLOURS = {"before": BEFORE, "after": AFTER}
 _BEADS = 2  # every how many points of a path one is drawn
 
 
-def record_loop(path: Path, outcome: Outcome, loop: ClosedLoop) -> None:
+def record_loop(path: Path, outcome: CalibrationResult, loop: ClosedLoop) -> None:
     """Write a closed loop's recording, with the blueprint that shows it, to ``path``.
 
     Raises:
@@ -48,7 +48,7 @@ def record_loop(path: Path, outcome: Outcome, loop: ClosedLoop) -> None:
         recording.log(SUMMARY, markdown(_summary(outcome, loop, shown)), static=True)
 
 
-def _identity(outcome: Outcome, loop: ClosedLoop) -> str:
+def _identity(outcome: CalibrationResult, loop: ClosedLoop) -> str:
     """The same for the same content, so that the same loop gives the same recording."""
     digest = hashlib.sha256(outcome.robot.sha256.encode())
     for course in (loop.poses, loop.targets, loop.circle, loop.line):
@@ -86,7 +86,9 @@ def _attained(recording: rr.RecordingStream, when: str, shown: LoopScene) -> Non
             recording.log(f"{entity}/{name}", lines, static=True)
     below = np.array([0.0, 0.0, (0.62 if when == "before" else 0.71) * shown.side_m])
     place = shown.edges.mean(axis=(0, 1)) - below
-    tag = rr.Points3D(place, labels=f"{when} {times(shown.factor)}", colors=colour, radii=0.0005, show_labels=True)
+    tag = rr.Points3D(
+        place, labels=f"{when} {format_magnification(shown.factor)}", colors=colour, radii=0.0005, show_labels=True
+    )
     recording.log(f"{entity}/factor", tag, static=True)
 
 
@@ -140,16 +142,17 @@ def _mm(metres: float) -> str:
     return f"{1e3 * metres:.2f}" if metres >= 1e-4 else f"{1e3 * metres:.4f}"
 
 
-def _summary(outcome: Outcome, loop: ClosedLoop, shown: LoopScene) -> str:
+def _summary(outcome: CalibrationResult, loop: ClosedLoop, shown: LoopScene) -> str:
     """How far off everything was, before and after, and what the picture magnifies, in markdown."""
     before, after = (float(errors.mean()) for errors in (shown.whole.error_before, shown.whole.error_after))
     legend = [
         "## What is shown",
         "- **arm**: at the corrected joint values",
         "- **white**: what was commanded: circle, line from P2 to P3, the cube's poses P1 to P5",
-        f"- **red**: attained before, with the drawing's joint values; deviations {times(shown.factor)}",
-        f"- **green**: attained after, with corrected ones; deviations {times(shown.factor)} beside the arm, "
-        f"{times(shown.factor_close)} by itself",
+        f"- **red**: attained before, with the drawing's joint values; deviations {format_magnification(shown.factor)}",
+        f"- **green**: attained after, with corrected ones; deviations {format_magnification(shown.factor)} beside "
+        f"the arm, "
+        f"{format_magnification(shown.factor_close)} by itself",
     ]
     parts = [f"# {outcome.robot.name}: {_mm(before)} → {_mm(after)} mm on corrected targets", _course_table(loop)]
     if shown.names:
@@ -205,7 +208,7 @@ def _blueprint(shown: LoopScene) -> rrb.Blueprint:
     )
     close = rrb.Spatial3DView(
         origin=CLOSE,
-        name=f"What is left after, {times(shown.factor_close)}",
+        name=f"What is left after, {format_magnification(shown.factor_close)}",
         contents=f"/{CLOSE}/**",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(

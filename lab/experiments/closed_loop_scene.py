@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.calibrate.result import rigid
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import LARGEST_FACTOR, magnification, moved, world_of
 from lab.compensation.iso9283 import cube_places
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.experiments.closed_loop import ClosedLoop, Course, Cube, compensator_of
+from lab.experiments.closed_loop import ClosedLoop, Cube, VisitedPath, compensator_of
 from lab.render.skeleton import frame_origins
 from lab.simulation.meshes import Shell, body_poses, shells
 
@@ -84,7 +84,7 @@ class LoopScene:
         return ShownCourse(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def loop_scene(outcome: Outcome, loop: ClosedLoop) -> LoopScene:
+def loop_scene(outcome: CalibrationResult, loop: ClosedLoop) -> LoopScene:
     """The scene of a closed loop, arm and tracker as they were identified.
 
     Raises:
@@ -123,7 +123,7 @@ def loop_scene(outcome: Outcome, loop: ClosedLoop) -> LoopScene:
     )
 
 
-def _shown(course: Course, T_world_tracker: Array, start: int, hold: int) -> ShownCourse:
+def _shown(course: VisitedPath, T_world_tracker: Array, start: int, hold: int) -> ShownCourse:
     """A course, its first target at step ``start``, each for ``hold`` steps."""
     return ShownCourse(
         start + hold * np.arange(len(course.wanted)),
@@ -132,6 +132,6 @@ def _shown(course: Course, T_world_tracker: Array, start: int, hold: int) -> Sho
     )
 
 
-def _in_world(outcome: Outcome, cube: Cube, offsets: Array) -> Array:
+def _in_world(outcome: CalibrationResult, cube: Cube, offsets: Array) -> Array:
     """Places ``(n, 3)`` m from the cube's centre, in the world."""
     return moved(world_of(outcome), cube.poses(offsets, compensator_of(outcome).drawing).places)

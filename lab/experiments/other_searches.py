@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.commands.robot import load_virtual
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.simulation.collisions import random_poses
@@ -29,7 +29,7 @@ def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
     def rates(joints: Array) -> Array:
         return arm.observe(joints, values)[1][..., kept].reshape(-1, len(kept))
 
-    fresh = random_poses(model, study.fresh, stream(study.seed, "fresh"))
+    fresh = random_poses(model, study.fresh, rng_for(study.seed, "fresh"))
     flat, places = rates(fresh), len(fresh) * len(study.targets)
     spread = flat.T @ flat / places
     seen = [rates(joints) for joints in designs]

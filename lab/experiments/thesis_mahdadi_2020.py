@@ -14,7 +14,7 @@ import numpy as np
 from lab.calibration.batch import Campaigns, fit_many
 from lab.commands.robot import load_robot
 from lab.core.instruments import instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.design.criteria import Scaling, criterion
 from lab.design.exchange import Design, ascend, exchange
@@ -102,7 +102,7 @@ def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = Fa
         rates: Array = case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] * scale
         return rates
 
-    goal, rng = criterion(name, len(OFF)), stream(seed, "design")
+    goal, rng = criterion(name, len(OFF)), rng_for(seed, "design")
     chain, turn = case.arm.chain, np.full(case.arm.chain.size, np.pi)
     lower, upper = (chain.lower, chain.upper) if limits else (-turn, turn)
     candidates = rng.uniform(lower, upper, (count, chain.size))
@@ -123,7 +123,7 @@ def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = Fa
 def aliasing() -> dict[str, dict[str, float]]:
     """What of the 19 each dropped parameter looks like: mm or rad of theirs for one mm or rad of its own."""
     case = thesis_case()
-    joints = case.arm.chain.random_joints(200, stream(0, "structure"))
+    joints = case.arm.chain.random_joints(200, rng_for(0, "structure"))
     names = (*OFF, *DROPPED)
     columns = [case.arm.names.index(name) for name in names]
     found = base_set_of(case.arm.observe(joints, case.nominal)[1][..., columns].reshape(-1, len(names)), range(24))
@@ -151,12 +151,12 @@ def errors(
         rates = case.arm.observe(joints, case.nominal)[1].reshape(-1, len(truth))
         inverse = np.linalg.pinv(rates[:, free] * case.mm) * case.mm[:, None]
         silent = np.zeros((len(joints), 1, 3))
-        noise = np.array([device.sample(silent, stream(seed, "noise", draw)).ravel() for draw in range(draws)])
+        noise = np.array([device.sample(silent, rng_for(seed, "noise", draw)).ravel() for draw in range(draws)])
         off = truth - case.nominal
         found = (noise + rates @ off) @ inverse.T - off[free]
     else:
         exact = case.arm.points(joints, truth)
-        seen = np.array([device.sample(exact, stream(seed, "noise", draw)) for draw in range(draws)])
+        seen = np.array([device.sample(exact, rng_for(seed, "noise", draw)) for draw in range(draws)])
         campaigns = Campaigns(joints, seen.transpose(0, 2, 3, 1), np.tile(np.eye(4), (draws, 1, 1)))
         fits = fit_many(StackedArm(case.arm), campaigns, case.nominal, case.free)
         assert fits.converged.all()

@@ -12,7 +12,7 @@ from rich.table import Table
 from lab.commands.study.text import effect_words
 from lab.studies.analysis import Comparison, Mean, Pair, compared, means
 from lab.studies.grid import ANY, Cell, Study
-from lab.studies.table import Arranged, groups
+from lab.studies.table import CampaignArray, groups
 
 CRITERIA = ("random", "O1", "O2", "O3", "O4", "O5")  # the condition number is O2 turned over: the same poses
 SCALINGS = ("raw", "unit", "length", "whitened")
@@ -59,7 +59,7 @@ class Answer:
         return None if cell == own else comparison.against(own, cell)
 
 
-def answered(arranged: Arranged, searches: Mapping[Cell, tuple[float, ...]]) -> Answer:
+def answered(arranged: CampaignArray, searches: Mapping[Cell, tuple[float, ...]]) -> Answer:
     """Means, and all pairs of criteria and scalings for each number of poses."""
     cells = arranged.cells
     together = {cells[group.cells[0]].poses: group for group in groups(cells, ["criterion", "scaling"])}

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
-from lab.core.errors import LabError, naming
-from lab.core.load_samples import GRAVITY, LoadRecords, Mounting
+from lab.core.errors import LabError, error_context
+from lab.core.load_samples import GRAVITY, Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.formats.csv_table import LARGEST
 from lab.formats.measurement_csv import PoseReader
@@ -34,7 +34,7 @@ _TOML_KEYS = {"base": ("tilt_x_deg", "tilt_y_deg", "gravity_m_per_s2"), "sensor"
 Limits = tuple[Array, Array]
 
 
-def write_loads(path: Path, records: LoadRecords, joint_names: Sequence[str], prismatic: Sequence[bool]) -> None:
+def write_loads(path: Path, records: PayloadSamples, joint_names: Sequence[str], prismatic: Sequence[bool]) -> None:
     """Write the CSV that ``read_loads`` reads back to the bit."""
     columns: dict[str, list[str]] = {}
     if records.time_s is not None:
@@ -63,7 +63,7 @@ def _torque_columns(prismatic: Sequence[bool]) -> list[str]:
 
 def read_loads(
     path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: Limits | None = None
-) -> LoadRecords:
+) -> PayloadSamples:
     """Read a file of a loaded and an unloaded run.
 
     Args:
@@ -82,7 +82,7 @@ class _LoadReader(PoseReader):
 
     unknown_are = "passed over"
 
-    def read_records(self, limits: Limits | None) -> LoadRecords:
+    def read_records(self, limits: Limits | None) -> PayloadSamples:
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
         self._refuse_degrees(joints, limits)
@@ -101,7 +101,7 @@ class _LoadReader(PoseReader):
             for run in (True, False):
                 self._refuse_uneven(time_s, np.flatnonzero(loaded == run))
         self._rest([])
-        return LoadRecords(time_s, joints, torques, wrench, loaded, tuple(self.lines), tuple(self.warnings))
+        return PayloadSamples(time_s, joints, torques, wrench, loaded, tuple(self.lines), tuple(self.warnings))
 
     def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
         """As every table's, but a column of plain numbers at once: runs have ten thousands of rows."""
@@ -244,7 +244,7 @@ def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
     if (np.abs(tilt) > np.pi).any():
         raise LabError(f"{path}: [base] the tilt is more than half a turn; give degrees, -180 to 180")
     sign = _number(path, "sensor", wrist, "sign", 1.0)
-    with naming(path):
+    with error_context(path):
         return Mounting.tilted(tilt, gravity, sign, np.deg2rad(turn))
 
 

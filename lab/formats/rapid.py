@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 AXES = 6
 SPEED, WAIT_S = "v200", 3
@@ -21,7 +21,7 @@ _SAME = "[[0,0,0],[1,0,0,0]]"  # the object's frame is the user's
 _NO_AXES = "[" + ",".join(["9E+09"] * AXES) + "]"  # external axes that are not there
 
 
-def why_no_rapid(chain: Joints) -> str | None:
+def why_no_rapid(chain: JointSpec) -> str | None:
     """None for six revolute joints, which is what a RAPID joint target holds; else the reason."""
     if chain.size == AXES and not any(chain.prismatic):
         return None

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.core import se3
-from lab.core.errors import LabError, naming
+from lab.core.errors import LabError, error_context
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import PoseReader
@@ -117,7 +117,7 @@ class _TargetReader(PoseReader):
         if not {f"{name}_{end}" for end in ENDS}.union(ENDS).intersection(rest):
             return turns
         seen = measured((), np.empty((len(places), 0)), (name,), places[:, None])
-        with naming(self.path):
+        with error_context(self.path):
             quaternions = read_orientations(replace(seen, other=rest, lines=tuple(self.lines)), name, meaning)
         given = np.isfinite(quaternions).all(axis=1)
         turns[given] = se3.rotation_from_quaternion(quaternions[given])

@@ -12,7 +12,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.serial.chain import Chain
@@ -43,13 +43,13 @@ class BaseSet:
 def base_set(
     model: Model,
     values: Array,
-    settings: Array | None = None,
+    inputs: Array | None = None,
     *,
     fix: Sequence[str] = (),
     free: Sequence[str] = (),
     known: Array | None = None,
 ) -> BaseSet:
-    """The identifiable parameters at ``values``, from ``settings`` or 200 random ones in the limits.
+    """The identifiable parameters at ``values``, from ``inputs`` or 200 random ones in the limits.
 
     Take ``values`` at the nominal links: away from them the null directions are only nearly
     null, and no tolerance repairs that.
@@ -62,10 +62,10 @@ def base_set(
     Raises:
         LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
     """
-    if settings is None:
-        settings = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
-    _, jacobian = model.observe(settings, model.structural(values))
-    flat, order = jacobian.reshape(-1, len(model.names)), model.preferred()
+    if inputs is None:
+        inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    _, jacobian = model.observe(inputs, model.rank_point(values))
+    flat, order = jacobian.reshape(-1, len(model.names)), model.column_priority()
     if known is not None:
         flat = np.concatenate([flat, known])
     if not (fix or free):

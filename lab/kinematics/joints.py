@@ -10,7 +10,7 @@ from lab.core.se3 import Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joints:
+class JointSpec:
     """The n measured joints of a robot, as drawn.
 
     Attributes:
@@ -56,7 +56,7 @@ class Joints:
         """Readings ``(count, n)`` uniform within the limits."""
         return rng.uniform(self.lower, self.upper, (count, self.size))
 
-    def stands(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
+    def is_assemblable(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
         """``(m,)`` whether the drawing can stand at readings ``(m, n)``, limits aside; a chain always can.
 
         Args:
@@ -64,7 +64,7 @@ class Joints:
         """
         return np.ones(len(joints), dtype=bool)
 
-    def why_not(self, joints: Array) -> str:
+    def infeasibility_reason(self, joints: Array) -> str:
         """Why it cannot stand at readings ``(n,)``, in words; empty if it can."""
         return ""
 

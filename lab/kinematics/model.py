@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 _UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset", "length"), "m")
 _UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta"), "rad")
@@ -44,7 +44,8 @@ class Model(Protocol):
     """Joints and parameters in, positions and their derivatives out.
 
     A chain is one (``serial.SerialArm``), a mechanism with loops another (``closed.ClosedArm``), either with joint
-    effects a third (``affected.AffectedArm``), and nothing above asks which. Where readings cannot be met (loops that
+    effects a third (``effects.arm.ArmWithEffects``), and nothing above asks which. Where the joint positions cannot be
+    met (loops that
     do not close) its answers are NaN. Parameters named ``base.*`` (place and rotation
     vector in the tracker's frame) and ``tool.*`` (a target's place in the last frame) are
     located with no initial guess; all others start at the drawing's values.
@@ -62,19 +63,19 @@ class Model(Protocol):
     def conditions(self) -> tuple[str, ...]:
         """What it asks of a pose beside the readings: columns of ``Measurements.conditions``, after the joints."""
 
-    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Observations ``(n, k, d)`` at settings ``(n, joints + conditions)``; derivatives ``(n, k, d, p)``.
 
         Of points they are positions (m, in the tracker's frame), d = 3.
         """
 
-    def points(self, settings: Array, values: Array) -> Array:
+    def points(self, inputs: Array, values: Array) -> Array:
         """The observations alone."""
 
-    def preferred(self) -> tuple[int, ...]:
+    def column_priority(self) -> tuple[int, ...]:
         """All parameters in the order in which they are kept if they can be told apart."""
 
-    def structural(self, values: Array) -> Array:
+    def rank_point(self, values: Array) -> Array:
         """``values`` where the rank is decided: exactly as the drawing means them."""
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
@@ -85,7 +86,7 @@ class RigidArm(Model, Protocol):
     """A robot's geometry alone, serial or closed, before joint effects."""
 
     @property
-    def chain(self) -> Joints:
+    def chain(self) -> JointSpec:
         """The drawing, whose joints are measured."""
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
@@ -94,7 +95,7 @@ class RigidArm(Model, Protocol):
     def T_tracker_frame0(self, values: Array) -> Array:
         """Pose ``(4, 4)`` of the base's frame in the tracker's: what the base's parameters say."""
 
-    def by_joints(self, jacobian: Array) -> Array:
+    def joint_derivatives(self, jacobian: Array) -> Array:
         """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
 
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:

@@ -7,8 +7,8 @@ import numpy as np
 
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, elements, inertia_about_centre, is_physical, symmetric
-from lab.payload.least_squares import Solution
-from lab.payload.residual_tests import Verdict
+from lab.payload.least_squares import LinearSolution
+from lab.payload.residual_tests import ResidualVerdict
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class LoadEstimate:
     residual: Array
     unseen: tuple[str, ...]
     nuisance: tuple[Nuisance, ...]
-    verdict: Verdict
+    verdict: ResidualVerdict
 
     @property
     def identified(self) -> tuple[str, ...]:
@@ -117,10 +117,10 @@ class LoadEstimate:
 
 def estimate_of(
     method: str,
-    solution: Solution,
+    solution: LinearSolution,
     nuisance: dict[str, tuple[float, str]],
     unseen: tuple[str, ...],
-    verdict: Verdict,
+    verdict: ResidualVerdict,
     reading: float,
 ) -> LoadEstimate:
     """The load whose ten parameters come first in a solution.
@@ -148,7 +148,7 @@ def estimate_of(
     )  # fmt: skip
 
 
-def widths_of(solution: Solution, slopes: Array) -> Array:
+def widths_of(solution: LinearSolution, slopes: Array) -> Array:
     """Half-widths ``(k,)`` of what moves by ``slopes`` ``(k, 10)`` with the load's parameters."""
     padded = np.zeros((len(slopes), len(solution.names)))
     padded[:, :10] = slopes

@@ -31,7 +31,7 @@ _UNSHOWN = 1e-12  # least eigenvalue of the information of unit columns, of the 
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedUncertainty:
     """How well parameters will be known.
 
     Attributes:
@@ -50,7 +50,7 @@ class Prediction:
         return np.sqrt(np.diag(self.covariance))
 
     @classmethod
-    def of(cls, information: Array) -> "Prediction":
+    def of(cls, information: Array) -> "PredictedUncertainty":
         """From an information matrix ``(p, p)``.
 
         Raises:
@@ -70,7 +70,7 @@ class PathDesign:
     """A path, and how well it will show the parameters."""
 
     path: FourierPath
-    prediction: Prediction
+    prediction: PredictedUncertainty
 
 
 @dataclass(frozen=True)
@@ -78,19 +78,19 @@ class PoseDesign:
     """Static poses ``(n, J)``, and how well they will show the parameters."""
 
     joints: Array
-    prediction: Prediction
+    prediction: PredictedUncertainty
 
 
 def predicted(
     path: FourierPath, regressor: Regressor, sigma: Array, seconds: float = SECONDS, rate_hz: float = RATE_HZ
-) -> Prediction:
+) -> PredictedUncertainty:
     """What a path will show of the parameters.
 
     Args:
         sigma: ``(r,)``, standard deviation of a sample's rows.
     """
     rows = regressor(*path.at(path.period_s * np.arange(CHECKED) / CHECKED)) / sigma[:, None]
-    return Prediction.of(seconds * rate_hz / CHECKED * information(rows))
+    return PredictedUncertainty.of(seconds * rate_hz / CHECKED * information(rows))
 
 
 def design_path(
@@ -189,7 +189,7 @@ def design_poses(
     goal = criterion("O1", jacobian.shape[2])
     chosen = exchange(candidates, jacobian, count, goal, rng)
     best = ascend(chosen, rows, goal, may, limits.lower, limits.upper)
-    return PoseDesign(best.joints, Prediction.of(information(best.jacobian)))
+    return PoseDesign(best.joints, PredictedUncertainty.of(information(best.jacobian)))
 
 
 def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> Allowed:

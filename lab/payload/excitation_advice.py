@@ -5,13 +5,13 @@ import numpy as np
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, hand_jacobian
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.least_squares import Solution
+from lab.payload.least_squares import LinearSolution
 
 _AXES = "xyz"
 _SHOWN = 200  # samples to tell by which joints turn the hand
 
 
-def unseen_of(solution: Solution, moving: bool, arm: SerialArm, values: Array, joints: Array) -> tuple[str, ...]:
+def unseen_of(solution: LinearSolution, moving: bool, arm: SerialArm, values: Array, joints: Array) -> tuple[str, ...]:
     """A sentence for each group of parameters that is not identified, or only to more than its own size."""
     told, found = solution.told[:10], []
     joints = joints[:: max(1, len(joints) // _SHOWN)]
@@ -38,7 +38,7 @@ def unseen_of(solution: Solution, moving: bool, arm: SerialArm, values: Array, j
     return tuple(found)
 
 
-def _vague(solution: Solution) -> Array:
+def _vague(solution: LinearSolution) -> Array:
     """``(6,)`` whether the interval of an element of the inertia is wider than the largest that is found."""
     widths = solution.half_widths(np.eye(len(solution.names)))[4:10]
     return np.asarray(widths > np.abs(solution.values[4:7]).max())

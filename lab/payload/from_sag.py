@@ -12,7 +12,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.payload.estimate import LoadEstimate, estimate_of
 from lab.payload.excitation_advice import unseen_of
 from lab.payload.least_squares import least_squares
-from lab.payload.residual_tests import Suspect, verdict
+from lab.payload.residual_tests import BiasCandidate, verdict
 
 _ROUNDS, _SETTLED = 20, 1e-9  # kg, kg m
 _NEWTON = 4
@@ -74,7 +74,7 @@ def from_sag(
         if step < _SETTLED:
             break
     bend = lever * (sag + joints - without)[:, None, :]
-    suspects = [Suspect(bend, "compliances other than those given; identify them with a load that was weighed")]
+    suspects = [BiasCandidate(bend, "compliances other than those given; identify them with a load that was weighed")]
     unseen = unseen_of(solution, False, arm, values, joints)
     return estimate_of("sag", solution, {}, unseen, verdict(solution, suspects), float(np.sqrt(2)))
 

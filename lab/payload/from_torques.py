@@ -5,16 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords
+from lab.core.load_samples import PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload.estimate import LoadEstimate, estimate_of
 from lab.payload.excitation_advice import unseen_of
 from lab.payload.filtering import BAND_HZ, Filter
-from lab.payload.least_squares import Solution, least_squares
+from lab.payload.least_squares import LinearSolution, least_squares
 from lab.payload.paired_runs import Compared, compared, diagonal, refuse_apart
-from lab.payload.residual_tests import Series, Suspect, verdict
+from lab.payload.residual_tests import BiasCandidate, Series, verdict
 
 _ROUNDS, _SETTLED = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
 _DELAY = "a delay between torques and positions; estimate it (delay)"
@@ -26,7 +26,7 @@ _PATHS = "the difference between the two runs' paths; subtract the arm's own dyn
 def from_torques(
     arm: SerialArm,
     values: Array,
-    records: LoadRecords,
+    records: PayloadSamples,
     gravity: Array,
     *,
     own: Dynamics | None = None,
@@ -64,11 +64,14 @@ def from_torques(
     known = None if sigma is None else reading * np.asarray(sigma)
     solution, late, columns = _fitted(runs, names, delay, known)
     fitted = solution.values[: columns.shape[3]]
-    suspects = [Suspect((columns[2, ..., :10] @ fitted[:10])[..., None], _FILTERED), Suspect(runs.apart, _PATHS)]
+    suspects = [
+        BiasCandidate((columns[2, ..., :10] @ fitted[:10])[..., None], _FILTERED),
+        BiasCandidate(runs.apart, _PATHS),
+    ]
     if not delay:
-        suspects.append(Suspect((columns[1] @ fitted)[..., None], _DELAY))
+        suspects.append(BiasCandidate((columns[1] @ fitted)[..., None], _DELAY))
     if not friction:
-        suspects.append(Suspect(runs.rubbing(fitted[:10])[0], _FRICTION))
+        suspects.append(BiasCandidate(runs.rubbing(fitted[:10])[0], _FRICTION))
     nuisance = {name: (float(value), "") for name, value in zip(solution.names[10:], solution.values[10:], strict=True)}
     nuisance |= {"delay": (late, "s")} if delay else {}
     unseen = unseen_of(solution, True, arm, values, runs.joints)
@@ -78,7 +81,7 @@ def from_torques(
 
 def _fitted(
     runs: Compared, joint_names: Sequence[str], delay: bool, sigma: Array | None
-) -> tuple[Solution, float, Array]:
+) -> tuple[LinearSolution, float, Array]:
     """Gauss-Newton in the delay, while the columns of friction follow the load that is found.
 
     With y(t + late) = X(t) p, where X holds the regressor and the friction's columns, a step of the delay has the
@@ -111,7 +114,12 @@ def _fitted(
 
 
 def _static(
-    arm: SerialArm, values: Array, loaded: LoadRecords, unloaded: LoadRecords, gravity: Array, own: Dynamics | None,
+    arm: SerialArm,
+    values: Array,
+    loaded: PayloadSamples,
+    unloaded: PayloadSamples,
+    gravity: Array,
+    own: Dynamics | None,
     sigma: Array | None,
 ) -> LoadEstimate:  # fmt: skip
     assert loaded.torques is not None and unloaded.torques is not None
@@ -129,15 +137,15 @@ def _static(
     solution = least_squares(LOAD, regressor, seen, [0] * seen.shape[1], known)
     steady = np.broadcast_to(np.eye(seen.shape[1]), (*seen.shape, seen.shape[1]))
     suspects = [
-        Suspect(steady, "a steady torque of each joint, as stiction leaves; approach each pose from both sides"),
-        Suspect(diagonal(regressor @ solution.values), "gains of the joints' torques"),
+        BiasCandidate(steady, "a steady torque of each joint, as stiction leaves; approach each pose from both sides"),
+        BiasCandidate(diagonal(regressor @ solution.values), "gains of the joints' torques"),
     ]
     unseen = unseen_of(solution, False, arm, values, loaded.joints)
     said = verdict(solution, suspects)
     return estimate_of("torque difference, static", solution, {}, unseen, said, float(np.sqrt(2)))
 
 
-def _runs(records: LoadRecords) -> tuple[LoadRecords, LoadRecords]:
+def _runs(records: PayloadSamples) -> tuple[PayloadSamples, PayloadSamples]:
     if records.torques is None:
         raise LabError("there are no torques: give those of every joint, or identify from the wrench")
     loaded, unloaded = records.run(True), records.run(False)

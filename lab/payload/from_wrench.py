@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, HandMotion, hand_motion, wrench_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload.estimate import LoadEstimate, estimate_of
 from lab.payload.excitation_advice import unseen_of
 from lab.payload.filtering import BAND_HZ, Band, band_of
-from lab.payload.least_squares import Solution, least_squares
+from lab.payload.least_squares import LinearSolution, least_squares
 from lab.payload.paired_runs import same_step
-from lab.payload.residual_tests import Series, Suspect, verdict
+from lab.payload.residual_tests import BiasCandidate, Series, verdict
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 OFFSETS = tuple(f"offset.{name}" for name in WRENCH)
@@ -28,7 +28,7 @@ _ROUNDS, _SETTLED = 20, 1e-10  # rad and s
 
 
 @dataclass(frozen=True)
-class Standing:
+class MountingEstimate:
     """How arm and sensor stand, as far as it is estimated.
 
     Attributes:
@@ -77,7 +77,7 @@ class _Readings:
 def from_wrench(
     arm: SerialArm,
     values: Array,
-    records: LoadRecords,
+    records: PayloadSamples,
     mounting: Mounting,
     *,
     tilt: bool = False,
@@ -127,7 +127,7 @@ def from_wrench(
     return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unseen, said, reading)
 
 
-def _readings(arm: SerialArm, values: Array, records: LoadRecords, mounting: Mounting, band_hz: float) -> _Readings:
+def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting, band_hz: float) -> _Readings:
     loaded, unloaded = records.run(True), records.run(False)
     assert loaded.wrench is not None and unloaded.wrench is not None
     raw, still = mounting.sign * loaded.wrench, mounting.sign * unloaded.wrench
@@ -153,9 +153,9 @@ def _regressors(motion: HandMotion) -> tuple[Array, Array]:
 
 def _fitted(
     readings: _Readings, labels: Sequence[str], mounting: Mounting, sigma: Array | None
-) -> tuple[Solution, Standing]:
+) -> tuple[LinearSolution, MountingEstimate]:
     """Gauss-Newton in how arm and sensor stand; the rest is linear."""
-    standing = Standing(mounting.gravity, mounting.rotation, np.zeros(2))
+    standing = MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
     linear = labels[:16]
     seen = np.concatenate([readings.seen(0.0), readings.still])
     solution = least_squares(linear, _columns(readings, standing), seen, _FORCE_AND_MOMENT, sigma)
@@ -172,18 +172,18 @@ def _fitted(
     return solution, standing
 
 
-def _loaded(readings: _Readings, standing: Standing, order: int = 0) -> Array:
+def _loaded(readings: _Readings, standing: MountingEstimate, order: int = 0) -> Array:
     """The load's columns ``(k, 6, 10)`` in the sensor's axes."""
     return _turned(standing, readings.at_rest[order] + readings.by_gravity[order] @ standing.gravity)
 
 
-def _columns(readings: _Readings, standing: Standing) -> Array:
+def _columns(readings: _Readings, standing: MountingEstimate) -> Array:
     """Of the load and the offsets, ``(k + m, 6, 16)``."""
     columns = _padded(readings, _loaded(readings, standing))
     return np.concatenate([columns, np.broadcast_to(np.eye(6), (len(columns), 6, 6))], axis=2)
 
 
-def _freed(readings: _Readings, standing: Standing, phi: Array) -> dict[str, Array]:
+def _freed(readings: _Readings, standing: MountingEstimate, phi: Array) -> dict[str, Array]:
     """By name, one column ``(k + m, 6, 1)`` of what is fitted by steps, at a load ``phi``.
 
     Frame 0 tilted by d turns gravity in it by -d, and a sensor turned by d reads w - d x w.
@@ -198,10 +198,10 @@ def _freed(readings: _Readings, standing: Standing, phi: Array) -> dict[str, Arr
     return {name: _padded(readings, column[..., None]) for name, column in found.items()}
 
 
-def _stepped(standing: Standing, steps: dict[str, float]) -> Standing:
+def _stepped(standing: MountingEstimate, steps: dict[str, float]) -> MountingEstimate:
     tilt = np.array([steps.get(name, 0.0) for name in TILT])
     turn = np.array([steps.get(name, 0.0) for name in TURN])
-    return Standing(
+    return MountingEstimate(
         se3.exp(-tilt @ _horizontal(standing.gravity)) @ standing.gravity,
         standing.rotation @ se3.exp(turn),
         standing.tilt + tilt,
@@ -209,7 +209,9 @@ def _stepped(standing: Standing, steps: dict[str, float]) -> Standing:
     )
 
 
-def _suspects(readings: _Readings, solution: Solution, standing: Standing, labels: Sequence[str]) -> list[Suspect]:
+def _suspects(
+    readings: _Readings, solution: LinearSolution, standing: MountingEstimate, labels: Sequence[str]
+) -> list[BiasCandidate]:
     phi = solution.values[:10]
     freed = _freed(readings, standing, phi)
     named = {
@@ -218,14 +220,14 @@ def _suspects(readings: _Readings, solution: Solution, standing: Standing, label
         ("delay",): "a delay between wrench and positions; estimate it (delay)",
     }
     found = [
-        Suspect(np.concatenate([freed[name] for name in names], axis=2), words)
+        BiasCandidate(np.concatenate([freed[name] for name in names], axis=2), words)
         for names, words in named.items()
         if names[0] not in labels
     ]
     wrench = _padded(readings, (_loaded(readings, standing) @ phi)[:, :, None] * np.eye(6))
-    found.append(Suspect(wrench, "gains of the sensor's axes; calibrate the sensor"))
+    found.append(BiasCandidate(wrench, "gains of the sensor's axes; calibrate the sensor"))
     bent = _loaded(readings, standing, 2) @ phi
-    found.append(Suspect(_padded(readings, bent[..., None]), "a filter that the wrench came through"))
+    found.append(BiasCandidate(_padded(readings, bent[..., None]), "a filter that the wrench came through"))
     return found
 
 
@@ -242,7 +244,7 @@ def _horizontal(gravity: Array) -> NDArray[np.float64]:
     return np.array([x, np.cross(up, x)])
 
 
-def _turned(standing: Standing, columns: Array) -> Array:
+def _turned(standing: MountingEstimate, columns: Array) -> Array:
     """Forces and moments ``(k, 6, ...)`` from the last frame's axes to the sensor's."""
     halves = columns.reshape(len(columns), 2, 3, -1)
     turned: Array = np.einsum("ji,nhjc->nhic", standing.rotation, halves)

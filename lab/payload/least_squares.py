@@ -18,7 +18,7 @@ _ROUNDS, _SETTLED = 20, 1e-6
 
 
 @dataclass(frozen=True)
-class Solution:
+class LinearSolution:
     """What least squares found.
 
     Attributes:
@@ -41,7 +41,7 @@ class Solution:
     told: NDArray[np.bool_]
     rank: int
     parts: Array
-    freedom: Array
+    dof: Array
     sigma: Array
     seen: Array
     residual: Array
@@ -57,7 +57,7 @@ class Solution:
     @property
     def known(self) -> bool:
         """Whether sigma was given."""
-        return bool(np.isinf(self.freedom).all())
+        return bool(np.isinf(self.dof).all())
 
     def half_widths(self, slopes: Array) -> Array:
         """Half-widths ``(k,)`` of 95 % intervals of what moves by ``slopes`` ``(k, p)`` with the parameters.
@@ -66,16 +66,16 @@ class Solution:
         """
         shares = np.einsum("kp,gpq,kq->kg", slopes, self.parts, slopes)
         variance = shares.sum(axis=1)
-        spread = (shares**2 / self.freedom).sum(axis=1)
-        freedom = np.full(len(variance), np.inf)
-        np.divide(variance**2, spread, out=freedom, where=spread > 0)
-        half: Array = stats.t.ppf(0.975, freedom) * np.sqrt(variance)
+        spread = (shares**2 / self.dof).sum(axis=1)
+        dof = np.full(len(variance), np.inf)
+        np.divide(variance**2, spread, out=dof, where=spread > 0)
+        half: Array = stats.t.ppf(0.975, dof) * np.sqrt(variance)
         return half
 
 
 def least_squares(
     names: Sequence[str], columns: Array, seen: Array, groups: Sequence[int], sigma: Array | None = None
-) -> Solution:
+) -> LinearSolution:
     """Parameters from ``columns`` ``(n, d, p)`` and what was ``seen`` ``(n, d)``.
 
     Without sigma, channels of a group share one, found from the residuals in turn with the parameters: the sum of
@@ -106,20 +106,20 @@ def least_squares(
             found = _solved(names, columns, seen, np.maximum(before * scale[label], least))
             if np.abs(found.sigma / before - 1).max() < _SETTLED:
                 break
-        freedom = np.maximum(_freedom(found, label, count), 1.0)
+        dof = np.maximum(_freedom(found, label, count), 1.0)
         rounding = bool((found.sigma <= 1.001 * least).any())
-        return replace(found, parts=_parts(found, label, freedom), freedom=freedom, rounding=rounding)
-    found, freedom = _solved(names, columns, seen, np.maximum(sigma, least)), np.full(count, np.inf)
-    return replace(found, parts=_parts(found, label, freedom), freedom=freedom)
+        return replace(found, parts=_parts(found, label, dof), dof=dof, rounding=rounding)
+    found, dof = _solved(names, columns, seen, np.maximum(sigma, least)), np.full(count, np.inf)
+    return replace(found, parts=_parts(found, label, dof), dof=dof)
 
 
-def _freedom(found: Solution, label: NDArray[np.int_], count: int) -> Array:
+def _freedom(found: LinearSolution, label: NDArray[np.int_], count: int) -> Array:
     """Rows of each group less its leverages."""
     left = 1 - (found.basis**2).sum(axis=1).reshape(found.residual.shape).sum(axis=0) / len(found.residual)
     return np.array([left[label == g].sum() for g in range(count)]) * len(found.residual)
 
 
-def _parts(found: Solution, label: NDArray[np.int_], freedom: Array) -> Array:
+def _parts(found: LinearSolution, label: NDArray[np.int_], dof: Array) -> Array:
     """The covariance ``(g, p, p)`` by groups, larger for weights that were estimated (Kenward & Roger 1997).
 
     In the coordinates of the basis the information of group j is H_j, and all of it 1: the covariance has its part
@@ -127,13 +127,13 @@ def _parts(found: Solution, label: NDArray[np.int_], freedom: Array) -> Array:
     """
     rows = found.basis.reshape(*found.residual.shape, -1)
     parts = []
-    for g, nu in enumerate(freedom):
+    for g, nu in enumerate(dof):
         own = np.einsum("ndr,nds->rs", rows[:, label == g], rows[:, label == g])
         parts.append(found.back @ (own + 4 / nu * (own - own @ own)) @ found.back.T)
     return np.array(parts)
 
 
-def _solved(names: Sequence[str], columns: Array, seen: Array, sigma: Array) -> Solution:
+def _solved(names: Sequence[str], columns: Array, seen: Array, sigma: Array) -> LinearSolution:
     """For a given sigma; parts and freedom are left open."""
     p = columns.shape[2]
     rows, target = (columns / sigma[:, None]).reshape(-1, p), (seen / sigma).ravel()
@@ -148,4 +148,4 @@ def _solved(names: Sequence[str], columns: Array, seen: Array, sigma: Array) -> 
     values = np.where(told, inverse @ (basis.T @ target), 0.0)
     residual = (target - basis @ (basis.T @ target)).reshape(seen.shape)
     back, nothing = np.where(told[:, None], inverse, 0.0), np.empty(0)
-    return Solution(tuple(names), values, told, rank, nothing, nothing, sigma, seen, residual, basis, back, False)
+    return LinearSolution(tuple(names), values, told, rank, nothing, nothing, sigma, seen, residual, basis, back, False)

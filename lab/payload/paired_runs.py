@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords
+from lab.core.load_samples import PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
@@ -18,7 +18,7 @@ _PASSED = 1e-2  # of the power at rest: frequencies of which a filter has left l
 
 
 @dataclass(frozen=True)
-class Common:
+class SharedFilter:
     """The one filter that torques and regressor pass.
 
     Attributes:
@@ -62,14 +62,14 @@ def passed_hz(came_through: Filter, step_s: float) -> float:
     return float(np.fft.rfftfreq(len(impulse), step_s)[weak[0] if weak.size else -1])
 
 
-def common_of(band: Band, rows: int, came_through: Filter | None) -> Common:
+def common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilter:
     """The filter for runs of so many rows (those of ``Band.motion``).
 
     Noise that has passed ``came_through`` and the band's own kernel, with the response g to an impulse, has the
     autocorrelation g * g at the steps that are kept; the inverse of its Cholesky factor whitens it.
     """
     if came_through is None:
-        return Common(band, float(np.linalg.norm(band.impulse)))
+        return SharedFilter(band, float(np.linalg.norm(band.impulse)))
     settled = round(SETTLING_S / band.step_s)
     if rows < 4 * settled:
         raise LabError(f"the run is too short to let the filter settle: give at least {5 * SETTLING_S:g} s")
@@ -82,7 +82,7 @@ def common_of(band: Band, rows: int, came_through: Filter | None) -> Common:
     lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:kept]
     lags = np.pad(lags, (0, kept - len(lags))) / (response @ response)
     factor = np.linalg.cholesky(linalg.toeplitz(lags))
-    return Common(band, gain, came_through, linalg.solve_triangular(factor, np.eye(kept), lower=True))
+    return SharedFilter(band, gain, came_through, linalg.solve_triangular(factor, np.eye(kept), lower=True))
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Compared:
         apart: ``(k, J, 3 J)`` columns of the two paths' differences in reading, speed and acceleration.
     """
 
-    common: Common
+    common: SharedFilter
     joints: Array
     direction: Array
     torque: Array
@@ -124,7 +124,12 @@ class Compared:
 
 
 def compared(
-    arm: SerialArm, values: Array, loaded: LoadRecords, unloaded: LoadRecords, gravity: Array, own: Dynamics | None,
+    arm: SerialArm,
+    values: Array,
+    loaded: PayloadSamples,
+    unloaded: PayloadSamples,
+    gravity: Array,
+    own: Dynamics | None,
     came_through: Filter | None, band_hz: float,
 ) -> Compared:  # fmt: skip
     """Bring two runs together, row by row from their beginnings."""
@@ -147,7 +152,7 @@ def compared(
     )  # fmt: skip
 
 
-def same_step(band: Band, unloaded: LoadRecords) -> None:
+def same_step(band: Band, unloaded: PayloadSamples) -> None:
     """A LabError where the unloaded run has another time step than the loaded one's."""
     step = unloaded.step_s or 0.0
     if abs(step / band.step_s - 1) > _SAME_STEP:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft, stats
 
 from lab.core.se3 import Array
-from lab.payload.least_squares import Solution
+from lab.payload.least_squares import LinearSolution
 
 LEVEL = 0.05
 SLOW_HZ = 5.0  # below it a quick arm's torques change
@@ -25,7 +25,7 @@ _NEW = 1e-6  # of a suspect's column: what the fit's own columns must leave of i
 
 
 @dataclass(frozen=True)
-class Suspect:
+class BiasCandidate:
     """What a residual may follow.
 
     Attributes:
@@ -57,7 +57,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ResidualVerdict:
     """Whether the residuals are what noise explains.
 
     Attributes:
@@ -71,7 +71,9 @@ class Verdict:
     words: str
 
 
-def verdict(solution: Solution, suspects: Sequence[Suspect], series: Sequence[Series] = ()) -> Verdict:
+def verdict(
+    solution: LinearSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
+) -> ResidualVerdict:
     """All tests that there are numbers for; rows that are in no series are poses, or anything in no order."""
     outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.words) for suspect in suspects]
     outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
@@ -81,16 +83,18 @@ def verdict(solution: Solution, suspects: Sequence[Suspect], series: Sequence[Se
         )
     tested = [(p, words) for p, words in outcomes if not np.isnan(p)]
     if not tested:
-        return Verdict(None, np.nan, "whether the residuals are noise cannot be said: there are too few of them")
+        return ResidualVerdict(
+            None, np.nan, "whether the residuals are noise cannot be said: there are too few of them"
+        )
     least, words = min(tested)
     p = min(1.0, len(tested) * least)
     counted = f"(p = {p:.2g}, the least of {len(tested)} tests)"
     if p >= LEVEL:
-        return Verdict(True, p, f"the residuals are what independent noise explains {counted}")
-    return Verdict(False, p, f"the intervals are too small: the residuals follow {words} {counted}")
+        return ResidualVerdict(True, p, f"the residuals are what independent noise explains {counted}")
+    return ResidualVerdict(False, p, f"the intervals are too small: the residuals follow {words} {counted}")
 
 
-def _added(solution: Solution, columns: Array) -> float:
+def _added(solution: LinearSolution, columns: Array) -> float:
     """The p of F for further columns; NaN where the fit's own columns or the numbers leave nothing of them."""
     rows = (columns / solution.sigma[:, None]).reshape(solution.residual.size, -1)
     length = np.linalg.norm(rows, axis=0)
@@ -99,13 +103,13 @@ def _added(solution: Solution, columns: Array) -> float:
     u, sizes, _ = np.linalg.svd(rows, full_matrices=False)
     pull = u[:, sizes > _NEW].T @ solution.residual.ravel()
     squares, gained = float((solution.residual**2).sum()), float(pull @ pull)
-    freedom = solution.residual.size - solution.rank - len(pull)
-    if len(pull) == 0 or freedom < 3:
+    dof = solution.residual.size - solution.rank - len(pull)
+    if len(pull) == 0 or dof < 3:
         return float("nan")
     if solution.known:
         return float(stats.chi2.sf(gained, len(pull)))
-    noise = max((squares - gained) / freedom, 1.0 if solution.rounding else 1e-300)
-    return float(stats.f.sf(gained / len(pull) / noise, len(pull), freedom))
+    noise = max((squares - gained) / dof, 1.0 if solution.rounding else 1e-300)
+    return float(stats.f.sf(gained / len(pull) / noise, len(pull), dof))
 
 
 def _slow(columns: Array, series: Sequence[Series]) -> Array:
@@ -119,9 +123,9 @@ def _slow(columns: Array, series: Sequence[Series]) -> Array:
     return slow
 
 
-def _slowness(solution: Solution, series: Sequence[Series]) -> float:
+def _slowness(solution: LinearSolution, series: Sequence[Series]) -> float:
     """The p of F of the residuals' slow part against their quick one, each by its rows less its leverages."""
-    squares, freedom = np.zeros(2), np.zeros(2)
+    squares, dof = np.zeros(2), np.zeros(2)
     basis = solution.basis.reshape(*solution.residual.shape, -1)
     for part in series:
         rows = slice(part.first, part.last)
@@ -129,14 +133,14 @@ def _slowness(solution: Solution, series: Sequence[Series]) -> float:
         left = 1 - (fft.dct(basis[rows], axis=0, norm="ortho") ** 2).sum(axis=2)
         for i, which in enumerate((slice(0, part.slow), slice(part.slow, None))):
             squares[i] += power[which].sum()
-            freedom[i] += left[which].sum()
-    if freedom.min() < 3:
+            dof[i] += left[which].sum()
+    if dof.min() < 3:
         return float("nan")
-    mean = np.maximum(squares / freedom, 1.0 if solution.rounding else 1e-300)
-    return float(stats.f.sf(mean[0] / mean[1], *freedom))
+    mean = np.maximum(squares / dof, 1.0 if solution.rounding else 1e-300)
+    return float(stats.f.sf(mean[0] / mean[1], *dof))
 
 
-def _too_large(solution: Solution) -> float:
+def _too_large(solution: LinearSolution) -> float:
     """The p of chi squared of all residuals, by the given sigma."""
-    freedom = solution.residual.size - solution.rank
-    return float(stats.chi2.sf((solution.residual**2).sum(), freedom)) if freedom > 0 else float("nan")
+    dof = solution.residual.size - solution.rank
+    return float(stats.chi2.sf((solution.residual**2).sum(), dof)) if dof > 0 else float("nan")

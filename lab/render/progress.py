@@ -13,7 +13,7 @@ from lab.studies.executors import local_executor
 from lab.studies.grid import Study
 from lab.studies.run import StudyDone, run_study
 from lab.studies.store import read_campaigns
-from lab.studies.table import Arranged
+from lab.studies.table import CampaignArray
 
 
 @contextlib.contextmanager
@@ -34,11 +34,11 @@ def bars() -> Iterator[Callable[[str, int, int], None]]:
         yield progress
 
 
-Running = Callable[[Study, Path], tuple[Arranged, StudyDone]]
+Running = Callable[[Study, Path], tuple[CampaignArray, StudyDone]]
 
 
 @contextlib.contextmanager
-def at_work(workers: int) -> Iterator[Running]:
+def study_runner(workers: int) -> Iterator[Running]:
     """Processes of this machine that run studies, one after another, each into a folder or on with what is there.
 
     What is yielded gives a study's campaigns in order, and how long it took; a LabError where the folder holds another
@@ -46,13 +46,13 @@ def at_work(workers: int) -> Iterator[Running]:
     """
     with local_executor(workers) as executor:
 
-        def run(study: Study, folder: Path) -> tuple[Arranged, StudyDone]:
+        def run(study: Study, folder: Path) -> tuple[CampaignArray, StudyDone]:
             folder.parent.mkdir(parents=True, exist_ok=True)
             with bars() as progress:
                 there = (folder / "config.json").is_file()
                 done = run_study(study, folder, executor, resume=there, progress=progress)
             table = read_campaigns(folder)
             columns = {name: table[name].to_numpy() for name in table.column_names}
-            return Arranged.of(columns, study.cells, study.seed), done
+            return CampaignArray.of(columns, study.cells, study.seed), done
 
         yield run

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from lab.commands.calibrate.recording_text import times
+from lab.commands.calibrate.recording_text import format_magnification
 from lab.commands.calibrate.scene import Drawn
 from lab.core import se3
 from lab.core.se3 import Array
@@ -127,7 +127,7 @@ def draw_ellipsoid(recording: rr.RecordingStream, name: str, at: Times, drawn: D
         f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=(245, 245, 250), radii=0.002), static=True
     )
     above = drawn.centers + np.array([0.0, 0.0, 1.1]) * drawn.half_sizes[:, :1]
-    draw_tag(recording, f"world/ellipsoid/{name}/factor", at, above, times(drawn.factor), colour)
+    draw_tag(recording, f"world/ellipsoid/{name}/factor", at, above, format_magnification(drawn.factor), colour)
 
 
 def draw_tag(

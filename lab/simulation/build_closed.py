@@ -15,7 +15,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.closed.configuration import Dimensions, Posture
+from lab.kinematics.closed.configuration import Configuration, Dimensions
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Step
 from lab.simulation.link_shapes import DENSITY
@@ -104,11 +104,13 @@ class _Body:
     driven: int
 
 
-def _rest(mechanism: Mechanism) -> Posture:
+def _rest(mechanism: Mechanism) -> Configuration:
     """The mechanism as drawn, with its loops closed, if it has any."""
     if mechanism.tree.passive:
         return mechanism.assembled(mechanism.home[None], mechanism.drawn).posture
-    return Posture.of(mechanism.tree, mechanism.dimensions(mechanism.drawn), mechanism.home[None], np.empty((0, 1)))
+    return Configuration.of(
+        mechanism.tree, mechanism.dimensions(mechanism.drawn), mechanism.home[None], np.empty((0, 1))
+    )
 
 
 def _bodies(mechanism: Mechanism, dimensions: Dimensions, passive: Array) -> list[_Body]:

@@ -18,7 +18,7 @@ from lab.core.errors import LabError
 from lab.core.instruments import Instrument
 from lab.core.se3 import Array
 from lab.simulation.closed_robot import ClosedModel
-from lab.simulation.collisions import contacts, standing
+from lab.simulation.collisions import collision_flags, standing
 from lab.simulation.model import TRACKER, RobotModel
 
 MARGIN = 0.02  # of a joint's range, kept from each limit
@@ -99,7 +99,7 @@ def path_check(robot: RobotModel) -> FreePath:
         steps = max(1, int(np.ceil(np.abs(end - start) @ reach / STEP_M)))
         # evenly spread from the first look on, so that an obstacle is met early
         order = np.argsort(np.argsort(np.arange(steps + 1) * _GOLDEN % 1.0))
-        return not any(contacts(robot, start + (order / steps)[:, None] * (end - start), data))
+        return not any(collision_flags(robot, start + (order / steps)[:, None] * (end - start), data))
 
     return is_free
 
@@ -110,16 +110,16 @@ def _judge(
     """A callable: the first of ``_REASONS`` against each of the readings ``(n, joints)``, -1 for none."""
     if not 0 <= margin < 0.5:
         raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
-    sees, data = sight(robot, targets, instrument), mujoco.MjData(robot.model)
+    sees, data = field_of_view(robot, targets, instrument), mujoco.MjData(robot.model)
     chain = robot.chain
     keep_off = margin * (chain.upper - chain.lower)
 
     def first_reason(joints: Array) -> NDArray[np.int_]:
         reasons = np.where(chain.beyond_limits(joints, -keep_off).any(axis=1), 0, -1)
         left = np.flatnonzero(reasons < 0)
-        reasons[left[~chain.stands(joints[left], well=True)]] = 1
+        reasons[left[~chain.is_assemblable(joints[left], well=True)]] = 1
         left = np.flatnonzero(reasons < 0)
-        reasons[left[np.fromiter(contacts(robot, joints[left], data), bool, len(left))]] = 2
+        reasons[left[np.fromiter(collision_flags(robot, joints[left], data), bool, len(left))]] = 2
         left = np.flatnonzero(reasons < 0)
         reasons[left[~sees(joints[left])]] = 3
         return reasons
@@ -127,7 +127,7 @@ def _judge(
     return first_reason
 
 
-def sight(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
+def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
     """A callable: whether the tracker sees every one of the targets at readings ``(n, joints)``."""
     for target in targets:
         if target not in robot.tool:
@@ -151,7 +151,7 @@ def sight(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> 
         points, axes = np.empty((2, len(joints), len(sites), 3))
         for i, stand in enumerate(standing(robot, joints, data)):
             points[i], axes[i] = stand.site_xpos[sites], stand.site_xmat[sites, 2::3]
-        admitted = instrument.sight.admits((points - head) @ turn, axes @ turn)
+        admitted = instrument.field_of_view.admits((points - head) @ turn, axes @ turn)
         seen: NDArray[np.bool_] = np.all(admitted, axis=1)
         rays = (reached(stand) for stand in standing(robot, joints[seen], data))
         seen[seen] = np.fromiter(rays, bool, int(seen.sum()))
@@ -192,7 +192,7 @@ def _refuse_tracker_in_arm(robot: RobotModel) -> None:
     head, up = robot.T_world_tracker[:3, 3].copy(), np.array([0.0, 0.0, 1.0])
     joints, data = robot.chain.random_joints(256, np.random.default_rng(0)), mujoco.MjData(model)
     hits = 0
-    for _ in contacts(robot, joints, data):
+    for _ in collision_flags(robot, joints, data):
         touches = body > 0 and bool((model.geom_bodyid[data.contact.geom] == body).any())
         normal = np.zeros(3)  # outward: along the ray where it leaves a shape that it began in
         mujoco.mj_ray(model, data, head, up, None, True, body or -1, None, normal)

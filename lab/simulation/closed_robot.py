@@ -10,7 +10,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.mechanism_toml import MechanismFile
 from lab.kinematics.closed.arm import ClosedArm
@@ -20,7 +20,7 @@ from lab.simulation.build_closed import BASE_BODY, closed_mjcf, closed_spec
 from lab.simulation.effects import Effects
 from lab.simulation.loop_constraints import closed_qpos
 from lab.simulation.model import FLANGE, TRACKER, RobotModel, compiled, coordinates
-from lab.simulation.true_robot import RealArm
+from lab.simulation.true_robot import TrueRobot
 from lab.simulation.write_mjcf import place_tracker
 
 _LOOKS = 1000  # random poses
@@ -47,8 +47,8 @@ class ClosedModel(RobotModel):
     def speeds(self) -> Array:
         """``(joints,)``: how far a joint moves a target (m per m or rad), the most of many random poses."""
         arm = ClosedArm(self.chain, tuple(self.tool))
-        joints = arm.structure_joints(_LOOKS, stream(0, "structure"))
-        moved = arm.by_joints(arm.observe(joints, arm.nominal(self.tool))[1])
+        joints = arm.structure_joints(_LOOKS, rng_for(0, "structure"))
+        moved = arm.joint_derivatives(arm.observe(joints, arm.nominal(self.tool))[1])
         return np.asarray(np.linalg.norm(moved, axis=2).max(axis=(0, 1)))
 
     def with_values(self, values: Array, tool: Mapping[str, Array]) -> mujoco.MjSpec:
@@ -99,7 +99,7 @@ def _legs(mechanism: Mechanism) -> list[str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RealMechanism(RealArm):
+class RealMechanism(TrueRobot):
     """A mechanism whose dimensions are off.
 
     Attributes:
@@ -126,7 +126,7 @@ class RealMechanism(RealArm):
         return found
 
 
-def real_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> RealMechanism:
+def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> RealMechanism:
     """The robot with other dimensions, before a tracker."""
     model = robot.with_values(values, robot.tool).compile()
     place_tracker(model, robot, T_world_tracker)

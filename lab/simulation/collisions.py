@@ -27,7 +27,7 @@ def standing(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None
         yield data
 
 
-def contacts(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[bool]:
+def collision_flags(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[bool]:
     """Whether the nominal arm touches itself or its surroundings, one reading of ``(n, joints)`` after the other.
 
     So does, as it were, a mechanism whose loops do not close.
@@ -48,7 +48,7 @@ def contacts(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None
 
 def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:
     """``(n,)``: whether the nominal arm touches itself or its surroundings at readings ``(n, joints)``."""
-    return np.fromiter(contacts(robot, joints), bool, len(joints))
+    return np.fromiter(collision_flags(robot, joints), bool, len(joints))
 
 
 def random_poses(robot: RobotModel, count: int, rng: np.random.Generator) -> Array:

@@ -1,6 +1,6 @@
 """What makes a real arm stand elsewhere than its geometry and its readings say, as one value with physical units.
 
-``RealArm.points`` composes what is the same at every visit, ``track`` adds what is not. An effect is off at zero.
+``TrueRobot.points`` composes what is the same at every visit, ``track`` adds what is not. An effect is off at zero.
 A slide's entries are in m where a hinge's are in rad, and in N where those are in Nm. Rates are per hour (h).
 """
 

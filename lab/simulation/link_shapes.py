@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from lab.core import se3
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.link_tree import link_tree
 from lab.kinematics.serial.arm import SerialArm
@@ -45,7 +45,7 @@ class Rod:
 def reach_of(chain: Chain) -> float:
     """How far (m) the last frame gets from frame 0, in random poses within the limits."""
     arm = SerialArm(chain)
-    joints = chain.random_joints(_POSES, stream(0, "structure"))
+    joints = chain.random_joints(_POSES, rng_for(0, "structure"))
     return float(np.linalg.norm(arm.flange(joints, arm.nominal())[:, :3, 3], axis=1).max())
 
 
@@ -162,7 +162,7 @@ def _let_touch(path: Path, spec: mujoco.MjSpec, chain: Chain) -> None:
     data = mujoco.MjData(model)
     addresses = [int(model.joint(name).qposadr[0]) for name in chain.joint_names]
     counts: dict[tuple[int, int], int] = {}
-    for reading in chain.random_joints(_POSES, stream(0, "structure")):
+    for reading in chain.random_joints(_POSES, rng_for(0, "structure")):
         data.qpos[addresses] = reading
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)

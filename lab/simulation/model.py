@@ -12,7 +12,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes
@@ -41,7 +41,7 @@ class RobotModel:
     path: Path
     spec: mujoco.MjSpec
     model: mujoco.MjModel
-    chain: Joints
+    chain: JointSpec
     T_world_frame0: Array
     base_body: str
     tool: dict[str, Array]

@@ -13,7 +13,7 @@ from scipy.interpolate import make_interp_spline
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.simulation.model import SerialModel
 from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
@@ -91,7 +91,7 @@ class LoadBench:
         self._sign, self._errors, self._size = mounting.sign, errors, robot.chain.size
         self._noise_nm = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
 
-    def moving(self, path: Path, seconds: float, rate_hz: float, rng: np.random.Generator) -> LoadRecords:
+    def moving(self, path: Path, seconds: float, rate_hz: float, rng: np.random.Generator) -> PayloadSamples:
         """A loaded and then an unloaded run along a path, sampled at a rate from time zero on."""
         times = np.arange(round(seconds * rate_hz)) / rate_hz
         if len(times) < 2:
@@ -101,7 +101,7 @@ class LoadBench:
         runs = [self._run(way, times, loaded, chance) for loaded, way in ((True, shifted), (False, path))]
         return self._recorded(np.concatenate([times, times]), runs)
 
-    def resting(self, joints: Array, rng: np.random.Generator) -> LoadRecords:
+    def resting(self, joints: Array, rng: np.random.Generator) -> PayloadSamples:
         """Static poses ``(n, J)``, first all with the load, then all without it."""
         zero = np.zeros_like(joints)
         chance, errors = _Chance(rng), self._errors
@@ -113,7 +113,7 @@ class LoadBench:
             runs.append(self._read(stand, torques + stuck, wrench, loaded, chance))
         return self._recorded(None, runs)
 
-    def _run(self, path: Path, times: Array, loaded: bool, chance: "_Chance") -> LoadRecords:
+    def _run(self, path: Path, times: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
         arm, late = self._arms[loaded], self._errors.lag_s
         motion = path(times)
         torques, wrench = arm.torques_and_wrench(*motion)
@@ -129,14 +129,14 @@ class LoadBench:
         dry: Array = errors.coulomb_nm + errors.load_friction * np.abs(torques)
         return dry * np.sign(speeds) + errors.viscous_nm_s * speeds
 
-    def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, chance: "_Chance") -> LoadRecords:
+    def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
         """What encoders, drives and sensor show of one run; ``wrench`` is the hand's on the load, in the last frame."""
         errors = self._errors
         turned = (wrench.reshape(-1, 2, 3) @ self._T_last_sensor).reshape(-1, 6)  # rows: R' f
         noise = np.repeat([errors.force_noise_n, errors.moment_noise_nm], 3) * chance.wrench.standard_normal(
             wrench.shape
         )
-        return LoadRecords(
+        return PayloadSamples(
             None,
             joints + errors.encoder_rad * chance.encoder.standard_normal(joints.shape),
             torques + self._noise_nm * chance.torque.standard_normal(torques.shape),
@@ -144,9 +144,9 @@ class LoadBench:
             np.full(len(joints), loaded),
         )
 
-    def _recorded(self, times: Array | None, runs: list[LoadRecords]) -> LoadRecords:
+    def _recorded(self, times: Array | None, runs: list[PayloadSamples]) -> PayloadSamples:
         torques, wrench = ([getattr(run, name) for run in runs] for name in ("torques", "wrench"))
-        return LoadRecords(
+        return PayloadSamples(
             times,
             np.concatenate([run.joints for run in runs]),
             np.concatenate(torques),

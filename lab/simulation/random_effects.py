@@ -7,7 +7,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 from lab.simulation.effects import BUMPED, Effects
 
 LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad times this, Nm/rad over its square
@@ -51,7 +51,7 @@ class EffectSizes:
     bad_range_m: tuple[float, float] = (1e-3, 50e-3)
 
 
-def random_effects(chain: Joints, sizes: EffectSizes, rng: np.random.Generator) -> Effects:
+def random_effects(chain: JointSpec, sizes: EffectSizes, rng: np.random.Generator) -> Effects:
     """The effects of one arm.
 
     Each effect has a child of ``rng`` for itself, in an order that stays, so that turning one on or making it larger
@@ -89,7 +89,7 @@ def random_effects(chain: Joints, sizes: EffectSizes, rng: np.random.Generator) 
 
 
 def random_conditions(
-    chain: Joints,
+    chain: JointSpec,
     effects: Effects,
     poses: int,
     rng: np.random.Generator,
@@ -114,7 +114,7 @@ def random_conditions(
     return {name: columns[name] for name in wanted if name in columns}
 
 
-def _compliance(chain: Joints, stiffness: Mapping[int, float]) -> Array:
+def _compliance(chain: JointSpec, stiffness: Mapping[int, float]) -> Array:
     """``(n,)`` rad/Nm, zero for a stiff joint."""
     compliance = np.zeros(chain.size)
     for joint, value in stiffness.items():
@@ -126,7 +126,7 @@ def _compliance(chain: Joints, stiffness: Mapping[int, float]) -> Array:
     return compliance
 
 
-def _coupled(chain: Joints) -> Array:
+def _coupled(chain: JointSpec) -> Array:
     """``(n, n)``, 1 where the last two hinges go along with their inner neighbour, itself a hinge, else 0."""
     coupled = np.zeros((chain.size, chain.size))
     for i in range(max(1, chain.size - 2), chain.size):

@@ -72,7 +72,7 @@ def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: fl
 
 
 @dataclass(frozen=True, kw_only=True)
-class RealArm:
+class TrueRobot:
     """A perturbed arm before a tracker: what may be measured, and what it truly is.
 
     Attributes:
@@ -143,7 +143,7 @@ class RealArm:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RealSerialArm(RealArm):
+class TrueSerialRobot(TrueRobot):
     """A perturbed serial arm.
 
     Attributes:
@@ -178,7 +178,7 @@ class RealSerialArm(RealArm):
         return parameters_from_axes(arm, axes, self.robot.values_before(arm, self.T_world_tracker))
 
 
-def real_arm(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Array) -> RealSerialArm:
+def true_robot(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Array) -> TrueSerialRobot:
     """The robot with its bodies off, before a tracker."""
     model = copy.deepcopy(robot.model)
     known = perturbed_bodies(robot)
@@ -196,7 +196,7 @@ def real_arm(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Ar
     return _before_tracker(robot, model, T_world_tracker, perturbation.joint_offset)
 
 
-def real_arm_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> RealSerialArm:
+def true_robot_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> TrueSerialRobot:
     """The robot with its bodies where a Denavit-Hartenberg chain puts them; the base stays."""
     model = copy.deepcopy(robot.model)
     place_bodies(model, robot, arm, values)
@@ -213,7 +213,7 @@ def random_tracker(robot: RobotModel, rng: np.random.Generator) -> Array:
 
 
 def track(
-    real: RealArm,
+    real: TrueRobot,
     joints: Array,
     targets: tuple[str, ...],
     instrument: Instrument,
@@ -222,11 +222,11 @@ def track(
     conditions: Mapping[str, Array] = NOTHING_SET,
 ) -> Measurements:
     """What the tracker reads where these joint readings settle: each point the mean of some readings."""
-    return track_knowing(real, joints, targets, instrument, rng, readings, conditions)[0]
+    return measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)[0]
 
 
-def track_knowing(
-    real: RealArm,
+def measure_with_outlier_mask(
+    real: TrueRobot,
     joints: Array,
     targets: tuple[str, ...],
     instrument: Instrument,
@@ -246,7 +246,7 @@ def track_knowing(
 
 
 def recorded(
-    real: RealArm, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
+    real: TrueRobot, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
 ) -> Measurements:
     """Measurements of points ``(m, k, 3)`` under these conditions; those after a bump are a session of their own."""
     data = measured(real.robot.chain.joint_names, joints, targets, points)
@@ -257,10 +257,12 @@ def recorded(
     return replace(data, conditions=rest, sessions=sessions)
 
 
-def _before_tracker(robot: SerialModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> RealSerialArm:
+def _before_tracker(
+    robot: SerialModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array
+) -> TrueSerialRobot:
     place_tracker(model, robot, T_world_tracker)
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    return RealSerialArm(
+    return TrueSerialRobot(
         robot=robot,
         model=model,
         T_world_tracker=T_world_tracker,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lab.core.se3 import Array
 from lab.studies.bootstrap import Resampled, holm, resampled
 from lab.studies.grid import ANY, FACTORS, Cell
-from lab.studies.table import KEYS, Arranged, Group, groups
+from lab.studies.table import KEYS, CampaignArray, CellGroup, groups
 
 LEVEL = 0.05
 COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
@@ -110,7 +110,7 @@ class Comparison:
         ranks: best first; a cell that never converged has none.
     """
 
-    group: Group
+    group: CellGroup
     metric: str
     kind: Kind
     pairs: tuple[Pair, ...]
@@ -131,7 +131,7 @@ class Analysis:
     comparisons: tuple[Comparison, ...]
 
 
-def means(campaigns: Arranged, metric: str) -> tuple[Mean, ...]:
+def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
     """Of every cell."""
     values, failed = campaigns.values(metric), campaigns.not_converged()
     by_robot = _over_draws(values)
@@ -154,7 +154,7 @@ def means(campaigns: Arranged, metric: str) -> tuple[Mean, ...]:
     )
 
 
-def compared(campaigns: Arranged, group: Group, metric: str, kind: Kind = "ratio") -> Comparison:
+def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind = "ratio") -> Comparison:
     """All pairs of a group's cells, and the ranks that follow.
 
     A campaign counts in a pair where it converged in both cells (and, for a ratio, the metric is positive in both).
@@ -186,7 +186,7 @@ def compared(campaigns: Arranged, group: Group, metric: str, kind: Kind = "ratio
 
 
 def _ranks(
-    group: Group, numbers: Sequence[tuple[int, int]], found: Resampled, pairs: Sequence[Pair]
+    group: CellGroup, numbers: Sequence[tuple[int, int]], found: Resampled, pairs: Sequence[Pair]
 ) -> tuple[Rank, ...]:
     """Ranks by the scores that fit the pairs' effects best; with no campaign left out these are the cells' means."""
     known = np.isfinite(found.mean)
@@ -239,7 +239,7 @@ def analysed(
         metrics: of which less is better.
         factors: those that vary where not given.
     """
-    campaigns = Arranged.of(columns, cells, seed)
+    campaigns = CampaignArray.of(columns, cells, seed)
     chosen = factors or [name for name in FACTORS if len({getattr(cell, name) for cell in cells} - {ANY}) > 1]
     found = [group for factor in chosen for group in groups(cells, [factor]) if len(group.cells) > 1]
     return Analysis(

@@ -21,13 +21,13 @@ from lab.commands.shared_options import ArmEffects, Fitting
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
-from lab.core.random import Purpose, seed_of, stream
+from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import is_angle, is_link
 from lab.kinematics.serial.batch import Stacked, stacked
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import RealArm, track
+from lab.simulation.true_robot import TrueRobot, track
 from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
 
 RANDOM = "random"
@@ -66,7 +66,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
     if cell.poses < needed:
         raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
     if cell.criterion == RANDOM:
-        return random_poses(robot.model, cell.poses, stream(study.seed, "poses"))
+        return random_poses(robot.model, cell.poses, rng_for(study.seed, "poses"))
     asked = PlannedCampaign(
         robot=study.robot,
         poses=cell.poses,
@@ -96,7 +96,7 @@ def run_task(study: Study, task: Task, joints: Array) -> Columns:
     """
     robot, cell = load_virtual(study.robot), study.cells[task.cell]
     fitted = _Fitted.of(study, cell, robot)
-    fresh = random_poses(robot.model, study.fresh, stream(study.seed, "fresh"))
+    fresh = random_poses(robot.model, study.fresh, rng_for(study.seed, "fresh"))
     rows = [_of_robot(study, fitted, number, joints, fresh) for number in range(task.first, task.last)]
     columns = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     numbers = np.repeat(np.arange(task.first, task.last, dtype=np.int32), study.draws)
@@ -183,15 +183,15 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
     return {**judged, "before_mm": np.full(study.draws, before), "lost": np.full(study.draws, lost, dtype=np.int32)}
 
 
-def _conditions(real: RealArm, asked: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
-    return drawn_conditions(real, asked, len(joints), stream(asked.seed, purpose), ())
+def _conditions(real: TrueRobot, asked: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
+    return drawn_conditions(real, asked, len(joints), rng_for(asked.seed, purpose), ())
 
 
-def _measured(real: RealArm, device: Instrument, asked: VirtualCampaign, joints: Array, draws: int) -> Array:
+def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joints: Array, draws: int) -> Array:
     """What the tracker reads in each draw, ``(draws, n, k, 3)`` m; what is the same in all is worked out once."""
     effects = real.effects
     conditions = _conditions(real, asked, joints, "conditions")
-    noises = [stream(asked.seed, "noise", draw) for draw in range(draws)]
+    noises = [rng_for(asked.seed, "noise", draw) for draw in range(draws)]
     if effects.repeatability_rad.any() or effects.bad_share:
         seen = [track(real, joints, asked.targets, device, rng, conditions=conditions).points for rng in noises]
         return np.array(seen)
@@ -199,7 +199,7 @@ def _measured(real: RealArm, device: Instrument, asked: VirtualCampaign, joints:
     return np.array([device.sample(exact, rng) for rng in noises])
 
 
-def _turned(fitted: _Fitted, real: RealArm, joints: Array, measured: Array) -> Campaigns:
+def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> Campaigns:
     """The campaigns turned onto the drawing: by what was measured, or where the base is known, by that."""
     shown, device = real.effects.shown(joints), fitted.device
     if fitted.placed:
@@ -215,7 +215,7 @@ def _turned(fitted: _Fitted, real: RealArm, joints: Array, measured: Array) -> C
     return replace(campaigns, whiten=whiten.transpose(0, 2, 3, 4, 1))
 
 
-def _judged(fitted: _Fitted, real: RealArm, found: Fits, campaigns: Campaigns, fresh: Array, exact: Array) -> Columns:
+def _judged(fitted: _Fitted, real: TrueRobot, found: Fits, campaigns: Campaigns, fresh: Array, exact: Array) -> Columns:
     """What came out of the campaigns with one robot.
 
     Args:
@@ -263,7 +263,7 @@ def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array
     return errors[:, np.isfinite(errors).all(axis=0)]  # where a fit's loops do not close it says nothing
 
 
-def _true_values(fitted: _Fitted, real: RealArm, Ts_instrument_drawing: Array) -> Array:
+def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_drawing: Array) -> Array:
     """The robot's parameters ``(b, p)`` in the canonical gauge, the base as each campaign was turned."""
     arm = fitted.stacked.arm
     known = truth_of(real, arm)

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, get_args, get_type_hints
 
 from lab.commands.config_file import options_from
 from lab.commands.shared_options import ArmEffects, Fitting, positive, whole
-from lab.core.errors import LabError, naming
+from lab.core.errors import LabError, error_context
 from lab.formats.toml import read_toml
 
 ANY: Final = "any"  # the scaling of what is the same in each
@@ -156,7 +156,7 @@ def read_study(path: Path) -> Study:
         LabError: the file cannot be read, or asks for what there is not.
     """
     content = read_toml(path)
-    with naming(path):
+    with error_context(path):
         return study_from(content)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.studies.grid import ANY, FACTORS, Cell
 
@@ -17,7 +17,7 @@ RESAMPLES = 9999
 
 
 @dataclass(frozen=True)
-class Group:
+class CellGroup:
     """Cells that agree in all factors but some.
 
     Attributes:
@@ -31,19 +31,19 @@ class Group:
     cells: tuple[int, ...]
 
 
-def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[Group, ...]:
+def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...]:
     """Cells that agree in all factors but the free ones; a cell whose level is "any" is in each group it agrees with.
 
     Groups that are a part of another one are not told.
     """
     rest = [name for name in FACTORS if name not in free]
     varying = [name for name in rest if len({getattr(cell, name) for cell in cells}) > 1]
-    found: dict[tuple[int, ...], Group] = {}
+    found: dict[tuple[int, ...], CellGroup] = {}
     for key in dict.fromkeys(tuple(getattr(cell, name) for name in rest) for cell in cells):
         wanted = dict(zip(rest, key, strict=True))
         members = tuple(i for i, cell in enumerate(cells) if _agrees(cell, wanted))
         shared = {name: wanted[name] for name in varying}
-        found.setdefault(members, Group(tuple(free), shared, members))
+        found.setdefault(members, CellGroup(tuple(free), shared, members))
     return tuple(each for each in found.values() if not any(set(each.cells) < set(other) for other in found))
 
 
@@ -52,7 +52,7 @@ def _agrees(cell: Cell, wanted: Mapping[str, Any]) -> bool:
 
 
 @dataclass(frozen=True)
-class Arranged:
+class CampaignArray:
     """A study's rows by cell, robot and draw, in whatever order they came, and how robots are resampled.
 
     Attributes:
@@ -70,7 +70,7 @@ class Arranged:
     @classmethod
     def of(
         cls, columns: Mapping[str, NDArray[Any]], cells: Sequence[Cell], seed: int = 0, resamples: int = RESAMPLES
-    ) -> "Arranged":
+    ) -> "CampaignArray":
         """From the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics.
 
         Raises:
@@ -89,7 +89,7 @@ class Arranged:
         place = np.ravel_multi_index((cell, robot, draw), shape)
         if len(np.unique(place)) < len(place):
             raise LabError("campaigns: a cell's robot and draw is there twice; give each campaign once")
-        drawn = stream(seed, "bootstrap").multinomial(len(robots), np.full(len(robots), 1 / len(robots)), resamples)
+        drawn = rng_for(seed, "bootstrap").multinomial(len(robots), np.full(len(robots), 1 / len(robots)), resamples)
         return cls(tuple(cells), columns, shape, place, drawn.astype(float))
 
     def values(self, metric: str) -> Array:

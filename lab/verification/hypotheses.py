@@ -15,7 +15,7 @@ Kind = Literal["base", "tool", "joint", "reading"]
 
 
 @dataclass(frozen=True)
-class Extent:
+class Displacement:
     """How far something has moved, each with its standard deviation; NaN where that does not apply or is not told."""
 
     shift_m: float = float("nan")
@@ -38,7 +38,7 @@ class Extent:
 
 
 @dataclass(frozen=True)
-class Movement:
+class ChangeHypothesis:
     """One way in which an arm may have changed.
 
     Attributes:
@@ -63,7 +63,7 @@ def _with_std(size: float, std: float) -> str:
     return f"{size:.{digits}f} ± {std:.{digits}f}"
 
 
-def movements(arm: Arm, values: Array, without: Sequence[str]) -> list[Movement]:
+def movements(arm: Arm, values: Array, without: Sequence[str]) -> list[ChangeHypothesis]:
     """All that is tried: of base, tool and joints, without the kinds that are fitted anew anyhow.
 
     Args:
@@ -79,48 +79,48 @@ def refitted(arm: Arm, refit: Sequence[str]) -> Array:
     return np.eye(len(arm.names))[:, list(columns_of(arm, refit))]
 
 
-def of_base(arm: Arm) -> list[Movement]:
+def of_base(arm: Arm) -> list[ChangeHypothesis]:
     """Instrument and base moved against each other: it is the same to the measurements."""
     what, one = "the base (or the instrument)", refitted(arm, ("base",))
     return [
-        Movement("base", what, "has shifted by", one[:, :3]),
-        Movement("base", what, "has moved by", one, turns=3),
+        ChangeHypothesis("base", what, "has shifted by", one[:, :3]),
+        ChangeHypothesis("base", what, "has moved by", one, turns=3),
     ]
 
 
-def _of_tool(arm: Arm, values: Array) -> list[Movement]:
+def _of_tool(arm: Arm, values: Array) -> list[ChangeHypothesis]:
     """Each target moved alone; of several, the tool moved as one (by little: v + w x t), or each by its own."""
     one, count, found = refitted(arm, ("tool",)), len(arm.targets), of_targets(arm)
     if count > 1:
         places = values[list(columns_of(arm, ("tool",)))].reshape(-1, 3)
         turned = -se3.skew(places - places.mean(axis=0))  # (k, 3, 3) of w x t
         as_one = np.concatenate([np.tile(np.eye(3), (count, 1)), turned.reshape(-1, 3)], axis=1)
-        found.append(Movement("tool", "the tool", "has moved by", one @ as_one, turns=3))
-        found.append(Movement("tool", "the tool's targets", "have each moved, on average by", one))
+        found.append(ChangeHypothesis("tool", "the tool", "has moved by", one @ as_one, turns=3))
+        found.append(ChangeHypothesis("tool", "the tool's targets", "have each moved, on average by", one))
     return found
 
 
-def of_targets(arm: Arm) -> list[Movement]:
+def of_targets(arm: Arm) -> list[ChangeHypothesis]:
     """Each target moved alone."""
     one, count = refitted(arm, ("tool",)), len(arm.targets)
     return [
-        Movement("tool", f"target {target}", "has moved on the tool by", one[:, 3 * k : 3 * k + 3], alike=count)
+        ChangeHypothesis("tool", f"target {target}", "has moved on the tool by", one[:, 3 * k : 3 * k + 3], alike=count)
         for k, target in enumerate(arm.targets)
     ]
 
 
-def of_joints(arm: Arm) -> list[Movement]:
+def of_joints(arm: Arm) -> list[ChangeHypothesis]:
     """The zero of each joint: it stands further than its reading says."""
     chain, found = rigid_part(arm).chain, []
-    directions = rigid_part(arm).by_joints(np.eye(len(arm.names)))  # (p, joints)
+    directions = rigid_part(arm).joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
         what = f"the zero of joint {k + 1} ({chain.joint_names[k]})"
         direction = directions[:, k : k + 1]
-        found.append(Movement("joint", what, "has moved by", direction, int(not slides), chain.size))
+        found.append(ChangeHypothesis("joint", what, "has moved by", direction, int(not slides), chain.size))
     return found
 
 
-def extent(arm: Arm, movement: Movement, before: Array, after: Array, covariance: Array) -> Extent:
+def extent(arm: Arm, movement: ChangeHypothesis, before: Array, after: Array, covariance: Array) -> Displacement:
     """How far a movement went.
 
     Args:
@@ -139,7 +139,7 @@ def extent(arm: Arm, movement: Movement, before: Array, after: Array, covariance
     first = len(numbers) - movement.turns
     shift = sized(numbers[:first], spread[:first, :first])
     turn = sized(numbers[first:], spread[first:, first:])
-    return Extent(*shift, *turn)
+    return Displacement(*shift, *turn)
 
 
 def sized(vector: Array, covariance: Array) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.initial_guess import locate
+from lab.calibration.initial_guess import initial_guess
 from lab.calibration.weights import root_mean_square_sigma
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
@@ -27,7 +27,7 @@ FULL_RANK = 1e-8  # of the largest singular value of unit columns
 
 
 @dataclass(frozen=True)
-class Promise:
+class CalibrationPrediction:
     """What a run says of an arm.
 
     Attributes:
@@ -42,37 +42,37 @@ class Promise:
     values: Array
     free: tuple[int, ...]
     covariance: Array
-    freedom: int | None = None
+    dof: int | None = None
     strange: tuple[str, ...] = ()
 
     def test(self, numbers: int, p: float) -> str:
         """The test of so many numbers and its outcome, for a person."""
-        name, freedom = ("chi2", f"{numbers}") if self.freedom is None else ("F", f"{numbers} and {self.freedom}")
+        name, dof = ("chi2", f"{numbers}") if self.dof is None else ("F", f"{numbers} and {self.dof}")
         chance = f"p = {p:.2g}" if p > 0 else "p < 1e-300"
-        return f"{name} test at {100 * LEVEL:g} %, {freedom} degrees of freedom, {chance}"
+        return f"{name} test at {100 * LEVEL:g} %, {dof} degrees of freedom, {chance}"
 
     def p(self, square: float, numbers: int) -> float:
         """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none."""
         if numbers < 1:
             return 1.0
-        if self.freedom is None:
+        if self.dof is None:
             return float(stats.chi2.sf(square, numbers))
-        return float(stats.f.sf(square / numbers, numbers, self.freedom))
+        return float(stats.f.sf(square / numbers, numbers, self.dof))
 
     def deviance(self, square: float, numbers: int) -> float:
         """Minus twice the logarithm of the likelihood, up to a constant: of a Gaussian, or of Student's t."""
-        if self.freedom is None:
+        if self.dof is None:
             return square
-        return (self.freedom + numbers) * float(np.log1p(square / self.freedom))
+        return (self.dof + numbers) * float(np.log1p(square / self.dof))
 
     def noticeable(self, numbers: int) -> float:
         """How large a change of r, as r' S^-1 r, the test of so many numbers notices in 95 of 100 files."""
 
         def missed(shift: float) -> float:
-            if self.freedom is None:
+            if self.dof is None:
                 return float(stats.ncx2.cdf(stats.chi2.isf(LEVEL, numbers), numbers, shift)) - (1 - POWER)
-            bound = stats.f.isf(LEVEL, numbers, self.freedom)
-            return float(stats.ncf.cdf(bound, numbers, self.freedom, shift)) - (1 - POWER)
+            bound = stats.f.isf(LEVEL, numbers, self.dof)
+            return float(stats.ncf.cdf(bound, numbers, self.dof, shift)) - (1 - POWER)
 
         enough = 1.0
         while missed(enough) > 0:  # no larger than that: far out the distribution is not to be had
@@ -81,7 +81,7 @@ class Promise:
 
 
 @dataclass(frozen=True)
-class There:
+class WhitenedSystem:
     """The problem at some parameters, in units of the noise.
 
     Attributes:
@@ -109,7 +109,7 @@ class There:
 
 
 @dataclass(frozen=True)
-class Solution:
+class RefitSolution:
     """Where r' S^-1 r is least.
 
     Attributes:
@@ -123,7 +123,7 @@ class Solution:
     square: float
     basis: Array
     covariance: Array
-    there: There
+    there: WhitenedSystem
 
     @property
     def rank(self) -> int:
@@ -143,13 +143,13 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Problem:
+class VerificationProblem:
     """New measurements, weighed by the instrument's noise, against a promise."""
 
-    promise: Promise
+    prediction: CalibrationPrediction
     seen: Observations
 
-    def fitted(self, start: Array, directions: Array) -> Solution:
+    def fitted(self, start: Array, directions: Array) -> RefitSolution:
         """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
 
         S is that of the parameters reached: a base may be turned by any angle.
@@ -160,22 +160,22 @@ class Problem:
             if moved < SETTLED:
                 break
             values = values + step
-            if np.isnan(self.promise.arm.points(self.seen.settings, values)).any():  # too far: loops do not close
+            if np.isnan(self.prediction.arm.points(self.seen.inputs, values)).any():  # too far: loops do not close
                 break
             here, step, moved = self._step(values, directions)
             best = here if here.square < best.square else best
         return best
 
-    def placed(self, start: Array, directions: Array, groups: Sequence[str]) -> Solution:
+    def placed(self, start: Array, directions: Array, groups: Sequence[str]) -> RefitSolution:
         """The same for base or tool, which may be anywhere: from ``start``, or from where the points alone put them."""
         near = self.fitted(start, directions)
         enough = int(seen_mask(self.seen.points).sum()) >= 3
-        if "base" not in groups or not enough or self.promise.p(near.square, near.left) >= LEVEL:
+        if "base" not in groups or not enough or self.prediction.p(near.square, near.left) >= LEVEL:
             return near
-        far = self.fitted(locate(self.promise.arm, self.seen, start, groups), directions)
+        far = self.fitted(initial_guess(self.prediction.arm, self.seen, start, groups), directions)
         return far if far.square < near.square else near
 
-    def promised_m(self, fit: Solution) -> float:
+    def promised_m(self, fit: RefitSolution) -> float:
         """Root mean square length of the errors to be expected where ``fit`` was made.
 
         Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted.
@@ -194,14 +194,14 @@ class Problem:
         metres = blocks / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, blocks)
         return np.asarray(metres.reshape(rows.shape))
 
-    def _at(self, values: Array) -> There:
-        points, slopes = self.promise.arm.observe(self.seen.settings, values)
+    def _at(self, values: Array) -> WhitenedSystem:
+        points, slopes = self.prediction.arm.observe(self.seen.inputs, values)
         jacobian = self.seen.apply(slopes)
-        known = jacobian[:, list(self.promise.free)] @ _root(self.promise.covariance)
+        known = jacobian[:, list(self.prediction.free)] @ _root(self.prediction.covariance)
         axes, sizes, _ = np.linalg.svd(known, full_matrices=False)
-        return There(self.seen.apply(self.seen.points - points), jacobian, axes, sizes)
+        return WhitenedSystem(self.seen.apply(self.seen.points - points), jacobian, axes, sizes)
 
-    def _step(self, values: Array, directions: Array) -> tuple[Solution, Array, float]:
+    def _step(self, values: Array, directions: Array) -> tuple[RefitSolution, Array, float]:
         """The fit if it were solved here, the step ``(p,)`` to a better one, and how far that leads."""
         there = self._at(values)
         residual, columns = there.white(there.residual), there.white(there.jacobian @ directions)
@@ -212,7 +212,7 @@ class Problem:
         back = (directions / scale) @ (vt[told].T / sizes[told])  # (p, rank)
         basis = axes[:, told]
         pull = basis.T @ residual
-        here = Solution(values, float(residual @ residual), basis, back @ back.T, there)
+        here = RefitSolution(values, float(residual @ residual), basis, back @ back.T, there)
         return here, back @ pull, float(np.linalg.norm(pull))
 
 

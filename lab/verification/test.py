@@ -1,6 +1,6 @@
 """Whether a calibrated arm is still good, from a few new measurements, and what has moved where it is not.
 
-The test holds measured less predicted against what the run promised (``promise``). Where it rejects, whatever may
+The test holds measured less predicted against what the run promised (``prediction``). Where it rejects, whatever may
 have moved alone is fitted by generalized least squares, and compared by Schwarz's criterion (1978).
 """
 
@@ -12,12 +12,12 @@ import numpy as np
 from lab.calibration.gauss_newton import Observations
 from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.verification.hypotheses import (
-    Extent,
+    ChangeHypothesis,
+    Displacement,
     Kind,
-    Movement,
     extent,
     movements,
     of_base,
@@ -26,7 +26,7 @@ from lab.verification.hypotheses import (
     refitted,
     sized,
 )
-from lab.verification.prediction import FULL_RANK, LEVEL, Problem, Promise, Solution
+from lab.verification.prediction import FULL_RANK, LEVEL, CalibrationPrediction, RefitSolution, VerificationProblem
 
 GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
 STRUCTURE_POSES = 50
@@ -51,7 +51,7 @@ class Hypothesis:
 
     kind: Kind
     words: str
-    extent: Extent
+    extent: Displacement
     parameters: int
     chi2: float
     p: float
@@ -84,12 +84,14 @@ class Verified:
     promised_m: float
     hypotheses: tuple[Hypothesis, ...]
     moved: tuple[Kind, ...]
-    refit: tuple[tuple[str, Extent], ...]
+    refit: tuple[tuple[str, Displacement], ...]
     would_notice: tuple[tuple[str, float], ...]
     words: str
 
 
-def verify(promise: Promise, seen: Observations, refit: Sequence[str] = (), poses: Sequence[str] = ()) -> Verified:
+def verify(
+    prediction: CalibrationPrediction, seen: Observations, refit: Sequence[str] = (), poses: Sequence[str] = ()
+) -> Verified:
     """Test new measurements against what a run promised; where they contradict it, say what has moved.
 
     Args:
@@ -100,56 +102,60 @@ def verify(promise: Promise, seen: Observations, refit: Sequence[str] = (), pose
     Raises:
         LabError: the measurements are too few for what is to be fitted anew.
     """
-    arm, problem = promise.arm, Problem(promise, seen)
+    arm, problem = prediction.arm, VerificationProblem(prediction, seen)
     anew = refitted(arm, refit)
-    fit = problem.placed(promise.values, anew, refit)
-    if refit and (fit.left < 1 or fit.rank < _structural_rank(promise, anew)):
+    fit = problem.placed(prediction.values, anew, refit)
+    if refit and (fit.left < 1 or fit.rank < _structural_rank(prediction, anew)):
         count = f"{len(seen.points)} pose{'' if len(seen.points) == 1 else 's'}"
         raise LabError(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
             "measure more, or refit less"
         )
-    p = promise.p(fit.square, fit.left)
+    p = prediction.p(fit.square, fit.left)
     found = [] if p >= LEVEL else _hypotheses(problem, fit, refit, poses)
     alike = _not_told_apart(found, len(fit.there.residual))
-    errors = np.linalg.norm(seen.points - arm.points(seen.settings, fit.values), axis=2)
+    errors = np.linalg.norm(seen.points - arm.points(seen.inputs, fit.values), axis=2)
     promised = problem.promised_m(fit)
     rms = float(np.sqrt(np.nanmean(errors**2)))
-    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are promised ({promise.test(fit.left, p)})"
+    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are promised ({prediction.test(fit.left, p)})"
     return Verified(
         good=p >= LEVEL,
         statistic=fit.square,
         numbers=fit.left,
-        sigma_freedom=promise.freedom,
+        sigma_freedom=prediction.dof,
         p=p,
         errors=errors,
         promised_m=promised,
         hypotheses=tuple(found),
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
-        refit=_placed_anew(promise, fit, refit),
-        would_notice=_would_notice(promise, fit, refit),
+        refit=_placed_anew(prediction, fit, refit),
+        would_notice=_would_notice(prediction, fit, refit),
         words=f"still good: {words}" if p >= LEVEL else f"changed: {words}: {_diagnosis(alike)}",
     )
 
 
-def _structural_rank(promise: Promise, directions: Array) -> int:
+def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> int:
     """How many numbers of ``directions`` ``(p, h)`` enough poses could tell."""
-    settings = promise.arm.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
-    _, jacobian = promise.arm.observe(settings, promise.values)
+    inputs = prediction.arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    _, jacobian = prediction.arm.observe(inputs, prediction.values)
     columns = jacobian.reshape(-1, len(directions)) @ directions
     return int(np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), rtol=FULL_RANK))
 
 
-def _hypotheses(problem: Problem, fit: Solution, refit: Sequence[str], poses: Sequence[str]) -> list[Hypothesis]:
+def _hypotheses(
+    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], poses: Sequence[str]
+) -> list[Hypothesis]:
     """All that may have changed alone, the best first."""
-    tried = movements(problem.promise.arm, fit.values, refit)
+    tried = movements(problem.prediction.arm, fit.values, refit)
     found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
     return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
 
 
-def _tried(problem: Problem, fit: Solution, refit: Sequence[str], movement: Movement) -> Hypothesis | None:
+def _tried(
+    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], movement: ChangeHypothesis
+) -> Hypothesis | None:
     """One movement, beside what is fitted anew; None where the measurements say nothing more of it."""
-    arm = problem.promise.arm
+    arm = problem.prediction.arm
     directions = np.concatenate([refitted(arm, refit), movement.directions], axis=1)
     anywhere = movement.kind == "base" and movement.turns > 0
     moved = problem.placed(fit.values, directions, (*refit, "base") if anywhere else ())
@@ -157,12 +163,12 @@ def _tried(problem: Problem, fit: Solution, refit: Sequence[str], movement: Move
     if told < 1:
         return None
     whole = told == np.linalg.matrix_rank(movement.directions)
-    size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Extent()
+    size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
     words = f"{movement.what} {movement.did} {size.words}"
     return _judged(problem, movement.kind, words, size, told, (moved.square, moved.left), movement.alike)
 
 
-def _bad_reading(problem: Problem, fit: Solution, poses: Sequence[str]) -> list[Hypothesis]:
+def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequence[str]) -> list[Hypothesis]:
     """The pose without which r' S^-1 r is least, as a reading of its own.
 
     With M = S^-1 less what is fitted and g = M r, leaving out rows i lowers it by g_i' M_ii^-1 g_i, and M_ii^-1 g_i
@@ -188,19 +194,25 @@ def _bad_reading(problem: Problem, fit: Solution, poses: Sequence[str]) -> list[
     units = np.zeros((len(of_row), len(inverse)))
     units[of_row == i] = np.eye(len(inverse))
     metres = problem.in_metres(units)[of_row == i]
-    size = Extent(*sized(metres @ inverse @ pull[of_row == i], metres @ inverse @ metres.T))
+    size = Displacement(*sized(metres @ inverse @ pull[of_row == i], metres @ inverse @ metres.T))
     words = f"the reading of {poses[i] if poses else f'pose {i}'} alone is off by {size.words}"
     left = fit.square - drop, fit.left - told
     return [_judged(problem, "reading", words, size, told, left, len(np.unique(pose)))]
 
 
 def _judged(
-    problem: Problem, kind: Kind, words: str, size: Extent, told: int, left: tuple[float, int], alike: int
+    problem: VerificationProblem,
+    kind: Kind,
+    words: str,
+    size: Displacement,
+    told: int,
+    left: tuple[float, int],
+    alike: int,
 ) -> Hypothesis:
     """A hypothesis of ``told`` numbers that leaves a square of so many degrees of freedom."""
-    promise, numbers = problem.promise, 3 * int(seen_mask(problem.seen.points).sum())
-    bic = promise.deviance(left[0], numbers) + told * np.log(numbers) + 2 * np.log(alike)
-    p = promise.p(*left)
+    prediction, numbers = problem.prediction, 3 * int(seen_mask(problem.seen.points).sum())
+    bic = prediction.deviance(left[0], numbers) + told * np.log(numbers) + 2 * np.log(alike)
+    p = prediction.p(*left)
     return Hypothesis(kind, words, size, told, left[0], p, float(bic), p >= LEVEL)
 
 
@@ -230,29 +242,33 @@ def _diagnosis(alike: Sequence[Hypothesis]) -> str:
     return alike[0].words if alike else SEVERAL
 
 
-def _placed_anew(promise: Promise, fit: Solution, refit: Sequence[str]) -> tuple[tuple[str, Extent], ...]:
+def _placed_anew(
+    prediction: CalibrationPrediction, fit: RefitSolution, refit: Sequence[str]
+) -> tuple[tuple[str, Displacement], ...]:
     """How far base and targets have moved that were fitted anew; a target that the run did not have is left out."""
-    arm, tried = promise.arm, []
+    arm, tried = prediction.arm, []
     if "base" in refit:
         tried.append(("base", of_base(arm)[1]))
     if "tool" in refit:
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
     whole = fit.rank == refitted(arm, refit).shape[1]
     return tuple(
-        (name, extent(arm, each, promise.values, fit.values, fit.covariance) if whole else Extent())
+        (name, extent(arm, each, prediction.values, fit.values, fit.covariance) if whole else Displacement())
         for name, each in tried
-        if name.removeprefix("tool.") not in promise.strange
+        if name.removeprefix("tool.") not in prediction.strange
     )
 
 
-def _would_notice(promise: Promise, fit: Solution, refit: Sequence[str]) -> tuple[tuple[str, float], ...]:
+def _would_notice(
+    prediction: CalibrationPrediction, fit: RefitSolution, refit: Sequence[str]
+) -> tuple[tuple[str, float], ...]:
     """How far the base, a target or a joint's zero would have to be off, in the worst direction, to be noticed."""
-    arm = promise.arm
+    arm = prediction.arm
     tried = [] if "base" in refit else [("base", of_base(arm)[0])]
     if "tool" not in refit:
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
     tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
-    bound = np.sqrt(promise.noticeable(fit.left))
+    bound = np.sqrt(prediction.noticeable(fit.left))
     found = []
     for name, each in tried:
         whole = np.linalg.norm(fit.there.white(fit.there.jacobian @ each.directions))

@@ -7,9 +7,9 @@ from test_identify import truth_of
 
 from lab.calibration import most_likely_parameters as lift_module
 from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
-from lab.calibration.identify import Wishes, identify
-from lab.calibration.most_likely_parameters import lift
-from lab.calibration.prior import Tolerance, gather, prior_of, standard_deviations
+from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.calibration.prior import Tolerance, alias_matrix, prior_of, standard_deviations
 from lab.calibration.weights import Noise
 from lab.commands.inspect.run import Question, inspection, print_inspection
 from lab.core.errors import LabError
@@ -20,7 +20,7 @@ from lab.kinematics.serial.arm import SerialArm
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)
 PLACED = ("base", "tool")
-SWAPPED = Wishes(fix=("link3.d",), free=("link2.d",))
+SWAPPED = IdentifyOptions(fix=("link3.d",), free=("link2.d",))
 SIGMA = 5e-6
 
 
@@ -32,8 +32,8 @@ def campaign(seed: int, poses: int = 50, noise: float = SIGMA) -> Measurements:
     return measured(IRB120.chain.joint_names, joints, ("p1",), points)
 
 
-def identified(data: Measurements, wishes: Wishes | None = None, nominal: np.ndarray = NOMINAL):
-    return identify(ARM, data, nominal, Noise(sigma_m=SIGMA), wishes)
+def identified(data: Measurements, request: IdentifyOptions | None = None, nominal: np.ndarray = NOMINAL):
+    return identify(ARM, data, nominal, Noise(sigma_m=SIGMA), request)
 
 
 FRESH = IRB120.chain.random_joints(300, np.random.default_rng(99))
@@ -51,7 +51,7 @@ def test_another_representative_predicts_the_same() -> None:
 
 
 def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
-    found = identified(campaign(1), Wishes(fix=("link4.d", "link2.a")))
+    found = identified(campaign(1), IdentifyOptions(fix=("link4.d", "link2.a")))
     assert found.fit.rank == 25 and not found.unseen
     held = [ARM.names[i] for i in found.base_set.held]
     assert held == ["link2.a", "link4.d"]
@@ -62,30 +62,30 @@ def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
 
 
 def test_patterns_name_parameters() -> None:
-    found = identified(campaign(2), Wishes(fix=("tool.*",)))
+    found = identified(campaign(2), IdentifyOptions(fix=("tool.*",)))
     assert [ARM.names[i] for i in found.base_set.fixed if ARM.names[i].startswith("tool.")] == list(ARM.names[-3:])
 
 
 @pytest.mark.parametrize(
     ("wishes", "says"),
     [
-        (Wishes(free=("link2.d",)), ("link2.d cannot be told apart", "hidden in link3.d", "fix")),
-        (Wishes(free=("link1.theta",)), ("hidden in base.rx, base.ry, base.rz",)),
+        (IdentifyOptions(free=("link2.d",)), ("link2.d cannot be told apart", "hidden in link3.d", "fix")),
+        (IdentifyOptions(free=("link1.theta",)), ("hidden in base.rx, base.ry, base.rz",)),
         (
-            Wishes(free=("joint2.compliance",)),
+            IdentifyOptions(free=("joint2.compliance",)),
             ("--free joint2.compliance", "no such parameter; the groups are base.*, link1.*", "tool.p1.*"),
         ),
         (
-            Wishes(fix=("link7.d",)),
+            IdentifyOptions(fix=("link7.d",)),
             ("--fix link7.d: no such parameter; the nearest are link6.d,", "the groups are base.*"),
         ),
-        (Wishes(fix=("*",)), ("--fix", "no parameter")),
-        (Wishes(fix=("link3.d",), free=("link3.*",)), ("both name link3.d",)),
+        (IdentifyOptions(fix=("*",)), ("--fix", "no parameter")),
+        (IdentifyOptions(fix=("link3.d",), free=("link3.*",)), ("both name link3.d",)),
     ],
 )
-def test_wishes_that_cannot_be_met(wishes: Wishes, says: tuple[str, ...]) -> None:
+def test_wishes_that_cannot_be_met(request: IdentifyOptions, says: tuple[str, ...]) -> None:
     with pytest.raises(LabError) as error:
-        identified(campaign(3), wishes)
+        identified(campaign(3), request)
     assert all(part in str(error.value) for part in says)
 
 
@@ -149,7 +149,7 @@ def test_what_is_exported_does_not_depend_on_the_representative() -> None:
     """And predicts the same; the aliased error is shared by the tolerances' squares."""
     data = campaign(4)
     usual, swapped = identified(data), identified(data, SWAPPED)
-    arms = [lift(found, NOMINAL, Tolerance()) for found in (usual, swapped)]
+    arms = [most_likely_parameters(found, NOMINAL, Tolerance()) for found in (usual, swapped)]
     np.testing.assert_allclose(arms[0], arms[1], rtol=0, atol=2e-9)
     for found, arm in zip((usual, swapped), arms, strict=True):
         np.testing.assert_allclose(ARM.points(FRESH, arm), ARM.points(FRESH, found.values), rtol=0, atol=1e-13)
@@ -159,8 +159,8 @@ def test_what_is_exported_does_not_depend_on_the_representative() -> None:
 
 
 def test_a_lift_leaves_an_arm_as_it_was_asked_for() -> None:
-    found = identified(campaign(5), Wishes(fix=("link4.d",)))
-    np.testing.assert_array_equal(lift(found, NOMINAL, Tolerance()), found.values)
+    found = identified(campaign(5), IdentifyOptions(fix=("link4.d",)))
+    np.testing.assert_array_equal(most_likely_parameters(found, NOMINAL, Tolerance()), found.values)
 
 
 def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
@@ -169,7 +169,7 @@ def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
     structure = base_set(ARM, values)
     prior = prior_of(ARM, structure, values, Tolerance())
     covariance = np.linalg.inv(prior.whiten.T @ prior.whiten)
-    sigma, wide = standard_deviations(ARM, Tolerance()), gather(structure, len(ARM.names))
+    sigma, wide = standard_deviations(ARM, Tolerance()), alias_matrix(structure, len(ARM.names))
     drawn = np.isfinite(sigma)
     rows = wide[[structure.kept.index(i) for i in prior.of]][:, drawn]
     expected = (rows * sigma[drawn] ** 2) @ rows.T
@@ -182,7 +182,7 @@ def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
 
 def test_the_posterior_does_not_depend_on_the_representative() -> None:
     data = campaign(6, 12)
-    both = [identified(data, Wishes(s.fix, s.free, Tolerance())) for s in (Wishes(), SWAPPED)]
+    both = [identified(data, IdentifyOptions(s.fix, s.free, Tolerance())) for s in (IdentifyOptions(), SWAPPED)]
     points = [ARM.points(FRESH, found.values) for found in both]
     np.testing.assert_allclose(points[0], points[1], rtol=0, atol=1e-9)
 
@@ -197,11 +197,11 @@ def test_tolerances_help_where_measurements_do_not() -> None:
         points = ARM.points(joints, true) + 2e-4 * rng.normal(size=(14, 1, 3))
         data = measured(IRB120.chain.joint_names, joints, ("p1",), points)
         noise = Noise(sigma_m=2e-4)
-        for wishes, out in ((Wishes(), plain), (Wishes(tolerance=Tolerance()), helped)):
-            found = identify(ARM, data, NOMINAL, noise, wishes)
+        for request, out in ((IdentifyOptions(), plain), (IdentifyOptions(tolerance=Tolerance()), helped)):
+            found = identify(ARM, data, NOMINAL, noise, request)
             error = ARM.points(FRESH, found.values) - ARM.points(FRESH, true)
             out.append(np.linalg.norm(error, axis=2).mean())
-            if wishes.tolerance:
+            if request.tolerance:
                 _, jacobian = ARM.observe(FRESH, found.values)
                 rows = jacobian[:, 0][..., list(found.fit.free)]
                 predicted = np.trace(rows @ found.covariance @ rows.swapaxes(1, 2), axis1=1, axis2=2).mean()
@@ -213,10 +213,10 @@ def test_tolerances_help_where_measurements_do_not() -> None:
 def test_a_target_on_the_last_axis_leaves_two_directions() -> None:
     """1 mm off it: theta5 goes with a5, and alpha5 with d5; with 50 mm more neither is weak."""
     values = ARM.assemble(np.zeros(6), IRB120.chain.table, np.array([[1e-3, 0.0, 0.1]]))
-    settings = IRB120.chain.random_joints(200, np.random.default_rng(0))
+    inputs = IRB120.chain.random_joints(200, np.random.default_rng(0))
     structure = base_set(ARM, values)
     names = [ARM.names[i] for i in structure.kept]
-    jacobian = ARM.observe(settings, values)[1].reshape(-1, len(values))[:, list(structure.kept)]
+    jacobian = ARM.observe(inputs, values)[1].reshape(-1, len(values))[:, list(structure.kept)]
     found = weak_directions(names, jacobian)
     assert len(found) == 2
     for direction in found:
@@ -228,14 +228,14 @@ def test_a_target_on_the_last_axis_leaves_two_directions() -> None:
         assert moved == pytest.approx(direction.moved, rel=0.05) and moved < 5e-6
     away = values.copy()
     away[-3] += 0.05
-    assert condition_of(ARM, values, settings) > 600 and condition_of(ARM, away, settings) < 30
+    assert condition_of(ARM, values, inputs) > 600 and condition_of(ARM, away, inputs) < 30
 
 
 def test_a_posterior_is_where_measurements_and_prior_balance() -> None:
     """The gradient of both sums of squares is zero, with the prior's residual pulling towards the drawing."""
     data = campaign(8, 14, 2e-4)
     noise = Noise(sigma_m=2e-4)
-    found = identify(ARM, data, NOMINAL, noise, Wishes(tolerance=Tolerance()))
+    found = identify(ARM, data, NOMINAL, noise, IdentifyOptions(tolerance=Tolerance()))
     assert found.status == "converged"
     _, jacobian = ARM.observe(data.joints, found.values)
     by_points = np.einsum("nkdp,nkd->p", jacobian, found.residuals) / 2e-4**2
@@ -254,8 +254,8 @@ def test_a_prior_serves_where_poses_are_too_few() -> None:
     for poses in (9, 6):
         data = campaign(9, poses)
         with pytest.raises(LabError, match="--prior: the measurements leave no residuals"):
-            identify(ARM, data, NOMINAL, None, Wishes(tolerance=Tolerance()))
-        found = identified(data, Wishes(tolerance=Tolerance()))
+            identify(ARM, data, NOMINAL, None, IdentifyOptions(tolerance=Tolerance()))
+        found = identified(data, IdentifyOptions(tolerance=Tolerance()))
         assert found.status == "converged" and len(found.fit.free) == 27 and np.isfinite(found.std).all()
 
 
@@ -270,5 +270,5 @@ def test_an_aliased_error_is_shared_by_variances(monkeypatch: pytest.MonkeyPatch
         return sigma
 
     monkeypatch.setattr(lift_module, "standard_deviations", uneven)
-    values = lift(found, NOMINAL, Tolerance())
+    values = most_likely_parameters(found, NOMINAL, Tolerance())
     assert (values - NOMINAL)[a] == pytest.approx(9 * (values - NOMINAL)[b], rel=1e-2)

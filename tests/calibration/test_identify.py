@@ -8,7 +8,7 @@ from scipy import stats
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import _canonical, identify
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
-from lab.calibration.validation import Judgement, compare_with_truth, errors_at
+from lab.calibration.validation import Validation, compare_with_truth, errors_at
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -121,7 +121,7 @@ def test_an_estimated_sigma_takes_students_t() -> None:
         joints = IRB120.chain.random_joints(12, rng)
         points = ARM.points(joints, truth.values) + 5e-6 * rng.normal(size=(12, 1, 3))
         found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal())
-        assert not found.sigma_known and found.freedom == 9
+        assert not found.sigma_known and found.dof == 9
         assert found.half_width_95 == pytest.approx(stats.t.ppf(0.975, 9))
         comparison = compare_with_truth(found, truth)
         held.append(comparison.coverage_95)
@@ -198,10 +198,10 @@ def test_an_unidentifiable_parameter_left_in_is_reported() -> None:
     data = measured(NAMES, joints, ("p1",), ARM.points(joints, truth.values))
     start = truth.values.copy()
     start[list(truth.base_set.fixed)] = ARM.nominal()[list(truth.base_set.fixed)]
-    structural = ARM.structural(somewhere(ARM, rng))
-    seen = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, structural)))
+    rank_point = ARM.rank_point(somewhere(ARM, rng))
+    seen = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, rank_point)))
     free = sorted([*truth.base_set.kept, ARM.names.index("link2.d")])
-    solution = fit(ARM, seen, free, structural)
+    solution = fit(ARM, seen, free, rank_point)
     assert solution.rank == 27 < len(free)
     assert solution.condition > 1e9
     assert np.isfinite(solution.values).all()
@@ -218,7 +218,7 @@ def test_poses_that_never_move_a_joint_are_a_bad_result() -> None:
     assert found.unseen and found.fit.rank < 27
     named = [ARM.names[i] for i in found.unseen]
     assert any(named[0] in warning for warning in found.warnings)
-    word = verdict(found, Judgement(None, None), 1e-3)
+    word = verdict(found, Validation(None, None), 1e-3)
     assert word.word == "bad" and named[0] in word.reason
 
 
@@ -229,7 +229,7 @@ def test_too_few_poses_say_how_many_are_needed() -> None:
         identify(ARM, measured(NAMES, joints, ("p1",), ARM.points(joints, ARM.nominal())), ARM.nominal())
     joints = IRB120.chain.random_joints(9, rng)
     found = identify(ARM, measured(NAMES, joints, ("p1",), ARM.points(joints, somewhere(ARM, rng))), ARM.nominal())
-    assert found.freedom == 0 and np.isnan(found.sigma_m) and np.isnan(found.half_width_95).all()
+    assert found.dof == 0 and np.isnan(found.sigma_m) and np.isnan(found.half_width_95).all()
 
 
 def test_another_arms_measurements_do_not_fit() -> None:
@@ -239,8 +239,8 @@ def test_another_arms_measurements_do_not_fit() -> None:
     joints = IRB120.chain.random_joints(60, rng)
     points = ur10.points(joints, somewhere(ur10, rng)) + 5e-6 * rng.normal(size=(60, 1, 3))
     found = identify(ARM, measured(NAMES, joints[:40], ("p1",), points[:40]), ARM.nominal())
-    judgement = Judgement("fresh", errors_at(found, joints[40:], points[40:]))
-    assert verdict(found, judgement, 1e-3).word == "bad"
+    validation = Validation("fresh", errors_at(found, joints[40:], points[40:]))
+    assert verdict(found, validation, 1e-3).word == "bad"
 
 
 def test_ellipsoids_are_the_images_of_the_unit_ball() -> None:

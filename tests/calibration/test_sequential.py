@@ -6,9 +6,9 @@ from helpers.pose_data import seen_poses
 from helpers.robots import IRB120, RX130, data_file, table_robot
 
 from lab.calibration.gauss_newton import Fit, fit
-from lab.calibration.identify import Wishes, identify
+from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.observations.full_pose import Poses
-from lab.calibration.observations.select import Observing, sighted
+from lab.calibration.observations.select import ObservationOptions, sighted
 from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.weights import Noise, weighed
 from lab.core.errors import LabError
@@ -28,12 +28,12 @@ TABLE = {  # of 40 robots: global in mm, ratio; and where the ratio of twelve li
 
 def both_ways(seed: int, sigma_m: float, sigma_rad: float, arm: SerialArm = ARM) -> tuple[Poses, Fit, Fit, Array]:
     """The sighting, the global and the sequential fit, and the truth."""
-    sight, data, true = seen_poses(arm, 60, seed, sigma_m, sigma_rad)
-    sight = Poses(arm, "p1", sigma_rad / sigma_m if sigma_m else 1.0)
+    observation, data, true = seen_poses(arm, 60, seed, sigma_m, sigma_rad)
+    observation = Poses(arm, "p1", sigma_rad / sigma_m if sigma_m else 1.0)
     noise = Noise(sigma_m=sigma_m or None)
-    found = identify(sight, data, arm.nominal(), noise)
-    seen, _ = weighed(sight, data, noise)
-    return sight, found.fit, fit_sequentially(sight, seen, found.fit.free, found.before), true
+    found = identify(observation, data, arm.nominal(), noise)
+    seen, _ = weighed(observation, data, noise)
+    return observation, found.fit, fit_sequentially(observation, seen, found.fit.free, found.before), true
 
 
 def fresh_mm(values: Array, true: Array, seed: int) -> float:
@@ -52,14 +52,14 @@ def test_exact_poses_come_out_exactly(arm: SerialArm) -> None:
 
 
 def test_orientations_see_fifteen_angles_and_not_the_sixteenth() -> None:
-    sight, data, _ = seen_poses(ARM, 60, 0)
-    found = identify(sight, data, ARM.nominal())
-    seen, _ = weighed(sight, data, Noise())
-    split = split_of(sight, seen, found.fit.free, found.before)
+    observation, data, _ = seen_poses(ARM, 60, 0)
+    found = identify(observation, data, ARM.nominal())
+    seen, _ = weighed(observation, data, Noise())
+    split = split_of(observation, seen, found.fit.free, found.before)
     assert len(split.angles) == 15 == 7 * 3 - 6 and split.rest.shape == (37, 15)
     hidden = [column for column in split.rest.T if (column != 0).sum() > 1]
     assert len(hidden) == 1
-    moved = {sight.names[i]: hidden[0][i] for i in np.flatnonzero(hidden[0])}
+    moved = {observation.names[i]: hidden[0][i] for i in np.flatnonzero(hidden[0])}
     assert set(moved) == {"link2.theta", "link3.theta"}
     assert moved["link2.theta"] == pytest.approx(-moved["link3.theta"], abs=1e-9)
 
@@ -70,13 +70,13 @@ def test_the_table_of_noises(sigma_rad: float) -> None:
     exact, ratio, about = TABLE[sigma_rad]
     together, apart, repaired = [], [], []
     for seed in range(12):
-        sight, data, true = seen_poses(ARM, 60, seed, SIGMA, sigma_rad)
-        sight = Poses(ARM, "p1", sigma_rad / SIGMA)
-        seen, _ = weighed(sight, data, Noise(sigma_m=SIGMA))
-        found = identify(sight, data, ARM.nominal(), Noise(sigma_m=SIGMA))
-        first = fit_sequentially(sight, seen, found.fit.free, found.before)
+        observation, data, true = seen_poses(ARM, 60, seed, SIGMA, sigma_rad)
+        observation = Poses(ARM, "p1", sigma_rad / SIGMA)
+        seen, _ = weighed(observation, data, Noise(sigma_m=SIGMA))
+        found = identify(observation, data, ARM.nominal(), Noise(sigma_m=SIGMA))
+        first = fit_sequentially(observation, seen, found.fit.free, found.before)
         assert first.status == "converged" and first.rank == 30
-        after = fit(sight, seen, found.fit.free, first.values, tolerance_m=np.inf).values  # one global step
+        after = fit(observation, seen, found.fit.free, first.values, tolerance_m=np.inf).values  # one global step
         together.append(fresh_mm(found.values, true, seed))
         apart.append(fresh_mm(first.values, true, seed))
         repaired.append(fresh_mm(after, true, seed))
@@ -86,21 +86,21 @@ def test_the_table_of_noises(sigma_rad: float) -> None:
 
 
 def test_identify_takes_it_as_a_wish() -> None:
-    sight, data, true = seen_poses(ARM, 40, 1)
-    found = identify(sight, data, ARM.nominal(), wishes=Wishes(solve=fit_sequentially))
+    observation, data, true = seen_poses(ARM, 40, 1)
+    found = identify(observation, data, ARM.nominal(), request=IdentifyOptions(solve=fit_sequentially))
     assert found.status == "converged" and np.abs(found.values - true).max() < 1e-11
 
 
 def test_it_takes_orientations() -> None:
-    sight, data, _ = seen_poses(ARM, 40, 0)
+    observation, data, _ = seen_poses(ARM, 40, 0)
     with pytest.raises(LabError, match="--observe pose"):
         identify(ARM, type(data)(**{**data.__dict__, "points": data.points[:, :1], "targets": ("p1",)}),
-                 ARM.nominal(), wishes=Wishes(solve=fit_sequentially))  # fmt: skip
+                 ARM.nominal(), request=IdentifyOptions(solve=fit_sequentially))  # fmt: skip
     blind = data.points.copy()
     blind[:, 1] = np.nan
-    seen, _ = weighed(sight, type(data)(**{**data.__dict__, "points": blind}), Noise())
+    seen, _ = weighed(observation, type(data)(**{**data.__dict__, "points": blind}), Noise())
     with pytest.raises(LabError, match="no orientation was seen"):
-        fit_sequentially(sight, seen, range(30), sight.nominal(ARM.nominal()))
+        fit_sequentially(observation, seen, range(30), observation.nominal(ARM.nominal()))
 
 
 def test_on_a_measured_arm_it_is_worse() -> None:
@@ -110,8 +110,8 @@ def test_on_a_measured_arm_it_is_worse() -> None:
     data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, observe="pose")
     assert not data.warnings
     arm = robot.arm(("p1",))
-    sight, seen = sighted(arm, data, arm.nominal(), Observing("pose", "intrinsic-xyz"))
-    together = identify(sight, seen, arm.nominal())
-    apart = identify(sight, seen, arm.nominal(), wishes=Wishes(solve=fit_sequentially))
+    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("pose", "intrinsic-xyz"))
+    together = identify(observation, seen, arm.nominal())
+    apart = identify(observation, seen, arm.nominal(), request=IdentifyOptions(solve=fit_sequentially))
     rms = [float(np.sqrt((found.residuals[:, 0] ** 2).mean())) for found in (together, apart)]
     assert together.status == "converged" and rms[0] < 0.25e-3 < rms[1]

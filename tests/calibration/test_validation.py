@@ -9,14 +9,14 @@ from helpers.robots import IRB120, perturbed, somewhere
 from lab.calibration.identify import identify
 from lab.calibration.validation import (
     Errors,
-    Judgement,
+    Validation,
     configurations,
     folds,
     hold_out,
-    judge_file,
-    judge_folds,
-    judge_rows,
     split_by_label,
+    validate_file,
+    validate_folds,
+    validate_rows,
 )
 from lab.calibration.verdict import verdict
 from lab.core.errors import LabError
@@ -64,32 +64,32 @@ def test_held_out_poses_are_not_fitted() -> None:
     data, _ = campaign(60, 1)
     rows, test = hold_out(ARM, data, 0.3, 0)
     assert len(rows) == 42 and not set(rows.ids) & set(test.ids)
-    judgement = judge_rows(fitted(rows), test)
-    assert judgement.judged_by == "holdout" and judgement.errors is not None
-    assert judgement.errors.after.shape == (18, 1)
-    other = judge_rows(fitted(rows), hold_out(ARM, data, 0.3, 1)[1]).errors
-    assert other is not None and not np.array_equal(other.after, judgement.errors.after)
+    validation = validate_rows(fitted(rows), test)
+    assert validation.judged_by == "holdout" and validation.errors is not None
+    assert validation.errors.after.shape == (18, 1)
+    other = validate_rows(fitted(rows), hold_out(ARM, data, 0.3, 1)[1]).errors
+    assert other is not None and not np.array_equal(other.after, validation.errors.after)
 
 
 def test_cross_validation_judges_every_row_once_and_delivers_from_all() -> None:
     data, _ = campaign(60, 2)
     whole = fitted(data)
-    judgement = judge_folds(fitted, whole, data, 0)
-    assert judgement.judged_by == "cross-validation" and judgement.errors is not None
-    assert np.isfinite(judgement.errors.after).all()
+    validation = validate_folds(fitted, whole, data, 0)
+    assert validation.judged_by == "cross-validation" and validation.errors is not None
+    assert np.isfinite(validation.errors.after).all()
     residual = np.linalg.norm(whole.residuals, axis=2).mean()
-    assert judgement.errors.after.mean() > residual  # what was fitted looks better than what was not
+    assert validation.errors.after.mean() > residual  # what was fitted looks better than what was not
 
 
 @pytest.mark.parametrize(("poses", "judged"), [(16, False), (17, False), (18, True), (20, True)])
 def test_folds_need_one_and_a_half_times_the_base_set(poses: int, judged: bool) -> None:
     """27 parameters: 40.5 coordinates, 14 poses, must stay in each fold; of 17, two folds hold out 4."""
     data, _ = campaign(poses, 3)
-    judgement = judge_folds(fitted, fitted(data), data, 0)
-    assert (judgement.errors is not None) == judged
+    validation = validate_folds(fitted, fitted(data), data, 0)
+    assert (validation.errors is not None) == judged
     if not judged:
-        assert judgement.judged_by is None and judgement.warnings
-        assert verdict(fitted(data), judgement, 1e-3).word == "not judged"
+        assert validation.judged_by is None and validation.warnings
+        assert verdict(fitted(data), validation, 1e-3).word == "not judged"
 
 
 @pytest.mark.parametrize(("labels", "count"), [(60, 5), (5, 5), (3, 3), (1, 1)])
@@ -123,20 +123,20 @@ def sessions(seed: int) -> tuple[Measurements, Measurements]:
 def test_sessions_are_placed_on_their_reference_rows_alone() -> None:
     data, other = sessions(4)
     found = fitted(data)
-    judgement = judge_file(found, ARM, other, ["base", "tool"])
-    assert judgement.judged_by == "file" and judgement.errors is not None
-    assert judgement.errors.after.shape == (40, 1)
-    assert judgement.errors.after.mean() < 20e-6 < judgement.errors.before.mean()
-    unplaced = judge_file(found, ARM, other, [])
+    validation = validate_file(found, ARM, other, ["base", "tool"])
+    assert validation.judged_by == "file" and validation.errors is not None
+    assert validation.errors.after.shape == (40, 1)
+    assert validation.errors.after.mean() < 20e-6 < validation.errors.before.mean()
+    unplaced = validate_file(found, ARM, other, [])
     assert unplaced.errors is not None and unplaced.errors.after.mean() > 0.1
 
 
 def test_unmarked_files_give_every_third_row() -> None:
     data, other = sessions(5)
     plain = Measurements(**{**other.__dict__, "use": ("calibrate",) * 60, "marked": False})
-    judgement = judge_file(fitted(data), ARM, plain, ["base", "tool"])
-    assert judgement.errors is not None and judgement.errors.after.shape == (40, 1)
-    assert judgement.errors.after.mean() < 20e-6
+    validation = validate_file(fitted(data), ARM, plain, ["base", "tool"])
+    assert validation.errors is not None and validation.errors.after.shape == (40, 1)
+    assert validation.errors.after.mean() < 20e-6
 
 
 def test_too_few_reference_rows_are_refused() -> None:
@@ -144,7 +144,7 @@ def test_too_few_reference_rows_are_refused() -> None:
     use = tuple("reference" if i % 30 == 0 else "test" for i in range(60))
     one_each = Measurements(**{**other.__dict__, "use": use})
     with pytest.raises(LabError, match=r"session 'a'.*mark more rows"):
-        judge_file(fitted(data), ARM, one_each, ["base", "tool"])
+        validate_file(fitted(data), ARM, one_each, ["base", "tool"])
 
 
 def test_just_enough_equations_do_not_place_a_base() -> None:
@@ -152,9 +152,9 @@ def test_just_enough_equations_do_not_place_a_base() -> None:
     data, other = sessions(8)
     use = tuple("reference" if i % 30 < 3 else "test" for i in range(60))
     with pytest.raises(LabError, match="mark more rows"):
-        judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": use}), ["base", "tool"])
+        validate_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": use}), ["base", "tool"])
     one = tuple("reference" if i % 30 < 1 else "test" for i in range(60))
-    judge_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": one}), ["tool"])  # linear: one row does
+    validate_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": one}), ["tool"])  # linear: one row does
 
 
 def test_a_condition_that_the_file_lacks_is_named() -> None:
@@ -163,12 +163,12 @@ def test_a_condition_that_the_file_lacks_is_named() -> None:
     data, _ = campaign(80, 13)
     sides = {f"approach_{name}": rng.choice([-1.0, 1.0], 80) for name in NAMES}
     found = identify(arm, replace(data, conditions=sides), arm.nominal())
-    assert judge_file(found, arm, replace(data, conditions=sides), []).errors is not None
+    assert validate_file(found, arm, replace(data, conditions=sides), []).errors is not None
     with pytest.raises(LabError, match=r"^column approach_q1 is missing: the model needs it in every row"):
-        judge_file(found, arm, data, [])
+        validate_file(found, arm, data, [])
     sides["approach_q3"][7] = np.nan
     with pytest.raises(LabError, match=r"^row 7, column approach_q3: empty"):
-        judge_file(found, arm, replace(data, conditions=sides), [])
+        validate_file(found, arm, replace(data, conditions=sides), [])
 
 
 def test_a_target_that_only_one_fold_saw_is_not_judged() -> None:
@@ -183,14 +183,14 @@ def test_a_target_that_only_one_fold_saw_is_not_judged() -> None:
     def both(part: Measurements):
         return identify(arm, part, arm.nominal())
 
-    judgement = judge_folds(both, both(data), data, 0)
-    assert judgement.errors is not None
-    assert np.isfinite(judgement.errors.after[:, 0]).all() and np.isnan(judgement.errors.after[:, 1]).all()
+    validation = validate_folds(both, both(data), data, 0)
+    assert validation.errors is not None
+    assert np.isfinite(validation.errors.after[:, 0]).all() and np.isnan(validation.errors.after[:, 1]).all()
 
 
 def test_the_gate() -> None:
     data, _ = campaign(60, 7)
     found = fitted(data)
-    judgement = Judgement("fresh", Errors(np.full((3, 1), 2e-3), np.full((3, 1), 1e-3)))
-    assert verdict(found, judgement, 0.9e-3).word == "bad"
-    assert verdict(found, judgement, 1.1e-3).word == "good"
+    validation = Validation("fresh", Errors(np.full((3, 1), 2e-3), np.full((3, 1), 1e-3)))
+    assert verdict(found, validation, 0.9e-3).word == "bad"
+    assert verdict(found, validation, 1.1e-3).word == "good"

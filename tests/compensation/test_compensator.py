@@ -15,7 +15,7 @@ from lab.core.se3 import Array
 from lab.formats.target_csv import read_targets
 from lab.kinematics.effects.arm import rigid_part
 from lab.kinematics.inverse.branches import Drawing
-from lab.kinematics.inverse.newton import Wanted
+from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 
 GROUPS = [(), ("compliance", "harmonics", "backlash")]
@@ -35,22 +35,22 @@ def compensator(groups: tuple[str, ...], seed: int, robot: Robot = IRB120) -> Co
     return Compensator(Drawing(rigid, before), arm, values)
 
 
-def settings(of: Compensator, joints: Array) -> Array:
+def inputs(of: Compensator, joints: Array) -> Array:
     conditions = [np.full((len(joints), 1), 3.0 if name == "payload_kg" else 1.0) for name in of.arm.conditions]
     return np.concatenate([joints, *conditions], axis=1)
 
 
-def reachable(of: Compensator, count: int, seed: int) -> Wanted:
+def reachable(of: Compensator, count: int, seed: int) -> PoseTarget:
     """Poses that the identified arm takes at random joints within limits."""
     joints = of.drawing.arm.chain.random_joints(count, np.random.default_rng(seed))
-    Ts, _ = of.arm.tool(settings(of, joints), of.values)
-    return Wanted(Ts[:, :3, 3], Ts[:, :3, :3])
+    Ts, _ = of.arm.tool(inputs(of, joints), of.values)
+    return PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
 
 
-def corrected(of: Compensator, wanted: Wanted, reference: Array | None = None) -> Compensation:
+def corrected(of: Compensator, wanted: PoseTarget, reference: Array | None = None) -> Compensation:
     size = of.drawing.arm.chain.size
     anywhere = np.full((len(wanted), size), np.nan)
-    conditions = settings(of, np.zeros((len(wanted), size)))[:, size:]
+    conditions = inputs(of, np.zeros((len(wanted), size)))[:, size:]
     return of(wanted, conditions, anywhere if reference is None else reference)
 
 
@@ -61,7 +61,7 @@ def test_targets_from_random_joints_are_hit(groups: tuple[str, ...]) -> None:
         of = compensator(groups, seed)
         wanted = reachable(of, 2000, seed)
         found = corrected(of, wanted)
-        missing = wanted.errors(of.arm.tool(settings(of, found.joints), of.values)[0])
+        missing = wanted.errors(of.arm.tool(inputs(of, found.joints), of.values)[0])
         hit = (np.linalg.norm(missing[:, :3], axis=1) < 1e-9) & (found.steps <= 8)
         assert hit.mean() >= 0.995
         assert found.converged.mean() >= 0.99
@@ -78,17 +78,17 @@ def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned
     of = compensator(groups, 3)
     wanted = reachable(of, 500, 4)
     if not turned:
-        wanted = Wanted(wanted.places, np.full((500, 3, 3), np.nan))
+        wanted = PoseTarget(wanted.places, np.full((500, 3, 3), np.nan))
     found = corrected(of, wanted)
     done = np.flatnonzero(found.converged)
     assert len(done) >= 490
     for joints in (found.joints, found.differential, found.cartesian):
-        missing = wanted.take(done).errors(of.arm.tool(settings(of, joints)[done], of.values)[0])
+        missing = wanted.take(done).errors(of.arm.tool(inputs(of, joints)[done], of.values)[0])
         assert np.abs(missing).max() <= 1e-6
-    assert found.apart_m[done].max() <= AGREED_M
+    assert found.scheme_disagreement_m[done].max() <= AGREED_M
     closed = of.drawing.closed_form  # the controller itself, by another inverse than Newton's
     assert closed is not None
-    aimed = Wanted(found.places[done], found.turns[done])
+    aimed = PoseTarget(found.places[done], found.turns[done])
     ways = closed.solve(of.drawing.last_frames(aimed)).joints
     apart = np.abs((ways - found.cartesian[done][:, None] + np.pi) % (2 * np.pi) - np.pi).max(axis=2).min(axis=1)
     assert np.quantile(apart, 0.99) < 1e-6
@@ -111,7 +111,7 @@ def test_the_branch_that_is_given_is_kept_and_otherwise_the_nearest_is_taken() -
     chain = of.drawing.arm.chain
     joints = 0.9 * chain.random_joints(300, np.random.default_rng(8))
     Ts, jacobian = of.arm.tool(joints, of.values)
-    wanted = Wanted(Ts[:, :3, 3], Ts[:, :3, :3])
+    wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     clear = np.linalg.svd(jacobian, compute_uv=False)[:, -1] > 0.02
     kept = corrected(of, wanted, joints)
     assert np.abs(kept.joints - joints)[clear & kept.converged].max() < 1e-6
@@ -128,7 +128,7 @@ def test_a_path_stays_in_the_branch_that_its_first_target_names() -> None:
     Ts, _ = of.arm.tool(path, of.values)
     reference = np.full(path.shape, np.nan)
     reference[0] = path[0]
-    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), reference)
+    found = corrected(of, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), reference)
     assert found.converged.all()
     np.testing.assert_allclose(found.joints, path, atol=1e-8)
 
@@ -142,7 +142,7 @@ def test_what_cannot_be_reached_says_why() -> None:
     singular[4] = 2e-4
     Ts, _ = of.arm.tool(np.array([far, limited, singular, fine]), of.values)
     Ts[0, :3, 3] += 3 * (Ts[0, :3, 3] - of.values[:3])
-    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), np.array([far, limited, singular, fine]))
+    found = corrected(of, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.array([far, limited, singular, fine]))
     assert found.reasons[0].startswith("out of reach by ") and found.reasons[0].endswith("mm")
     assert found.reasons[1].startswith("joint limit: q3 would be at 72.86") and found.reasons[1].endswith("beyond 70°")
     assert found.reasons[3] == ""
@@ -156,7 +156,7 @@ def test_order_of_what_is_given_does_not_change_what_fails() -> None:
     """A target out of reach loses nothing of the others."""
     of = compensator((), 10)
     wanted = reachable(of, 20, 11)
-    far = Wanted(wanted.places.copy(), wanted.turns)
+    far = PoseTarget(wanted.places.copy(), wanted.turns)
     far.places[7] += 5.0
     found = corrected(of, far)
     assert [i for i, reason in enumerate(found.reasons) if reason] == [7]
@@ -181,7 +181,7 @@ def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool)
     if name == "scara":
         joints[:, 1] = np.where(np.abs(joints[:, 1]) < 0.25, 0.25, joints[:, 1])  # short of the outstretched arm
     Ts, _ = of.drawing.tool(joints) if drawn else of.arm.tool(joints, of.values)
-    wanted = Wanted(Ts[:, :3, 3], Ts[:, :3, :3])
+    wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     found = corrected(of, wanted)
     assert found.converged.mean() >= 0.995
     assert all("singularity" in reason or "joint limit" in reason for reason in found.reasons if reason)
@@ -196,7 +196,7 @@ def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool)
             assert np.abs(missing[:, 3:] @ axis_z).max() < 5e-5  # of a tilt of some mrad, about axes that are askew
             apart = np.linalg.norm(missing[:, 3:], axis=1) - found.unturned_rad[done]
             assert np.abs(apart).max() < 1e-8
-    assert found.apart_m[done].max() < 1e-8
+    assert found.scheme_disagreement_m[done].max() < 1e-8
     if name == "versatran":
         assert not found.unturned_rad.any()
     else:
@@ -208,7 +208,7 @@ def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool)
 def test_places_alone_need_no_rotation() -> None:
     of, joints = other_compensator("scara", 2)
     Ts, _ = of.drawing.tool(joints[:50])
-    found = corrected(of, Wanted(Ts[:, :3, 3], np.full((50, 3, 3), np.nan)))
+    found = corrected(of, PoseTarget(Ts[:, :3, 3], np.full((50, 3, 3), np.nan)))
     assert found.converged.mean() >= 0.9 and not found.unturned_rad.any()
     assert not any("°" in reason and "out of reach" in reason for reason in found.reasons)
 
@@ -219,7 +219,7 @@ def test_a_scara_s_turn_that_is_out_of_reach_is_told() -> None:
     joints[:, 1] = 1e-3
     Ts, _ = of.drawing.tool(joints[:30])
     Ts[:, :3, :3] = se3.exp(np.array([0, 0, 0.2])) @ Ts[:, :3, :3]
-    found = corrected(of, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]))
+    found = corrected(of, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]))
     assert not found.converged.all() and np.isfinite(found.joints).all()
     assert any(reason.startswith("out of reach by ") and reason.split(",")[0].endswith("°") for reason in found.reasons)
 
@@ -236,7 +236,7 @@ def test_two_joints_cannot_be_compensated_and_say_so_in_one_line() -> None:
 def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:
     of = compensator((), 16)
     wanted = reachable(of, 300, 17)
-    found = corrected(of, Wanted(wanted.places, np.full((300, 3, 3), np.nan)))
+    found = corrected(of, PoseTarget(wanted.places, np.full((300, 3, 3), np.nan)))
     assert found.converged.mean() >= 0.99
     assert np.quantile(found.singular_rad, 0.05) > np.deg2rad(4)
 

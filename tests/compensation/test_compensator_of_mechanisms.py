@@ -10,7 +10,7 @@ from lab.commands.options import VirtualCampaign
 from lab.commands.robot import load_robot
 from lab.core.errors import LabError
 from lab.experiments.closed_loop import compensator_of
-from lab.kinematics.inverse.newton import Wanted
+from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import random_poses
 
 EXACT = VirtualCampaign(robot="delta/small", seed=3, instrument="exact")
@@ -24,14 +24,14 @@ def test_a_delta_goes_where_it_is_sent() -> None:
     joints = random_poses(outcome.robot.model, 40, np.random.default_rng(8))
     places = compensator.drawing.tool(joints)[0][:, :3, 3]
     anywhere, nothing = np.full((40, 3), np.nan), np.empty((40, 0))
-    wanted = Wanted(places, np.full((40, 3, 3), np.nan))
+    wanted = PoseTarget(places, np.full((40, 3, 3), np.nan))
     found = compensator(wanted, nothing, anywhere)
     assert found.converged.mean() > 0.9 and all("joint limit" in why for why in found.reasons if why)
     there, before = (outcome.real.points(q[found.converged], ("p1",))[:, 0] for q in (found.joints, joints))
     np.testing.assert_allclose(there, places[found.converged], rtol=0, atol=1e-9)
     assert np.linalg.norm(before - places[found.converged], axis=1).mean() > 3e-4
     up = compensator.drawing.arm.T_tracker_frame0(compensator.drawing.values)[:3, 2]
-    below = compensator(Wanted(places[:3] - up, wanted.turns[:3]), nothing[:3], anywhere[:3])
+    below = compensator(PoseTarget(places[:3] - up, wanted.turns[:3]), nothing[:3], anywhere[:3])
     assert all("out of reach" in why for why in below.reasons)  # a metre lower
 
 

@@ -18,7 +18,7 @@ from lab.commands.options import PlannedCampaign, VirtualCampaign
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.design.certificate import certify
 from lab.design.criteria import CRITERIA, Scaling, criterion
 from lab.design.exchange import ascend, exchange, information
@@ -159,7 +159,7 @@ def test_a_small_measured_set_is_extended(tmp_path) -> None:
     write_measurements(path, data, CHAIN.prismatic)
     plan = plan_campaign(PlannedCampaign(poses=12, candidates=300, starts=1, extend=path))
     np.testing.assert_array_equal(plan.problem.already, joints[:3])
-    assert plan.curve[0].poses == 6 and np.isfinite(plan.curve[0].prediction.reached)
+    assert plan.curve[0].poses == 6 and np.isfinite(plan.curve[0].prediction.coverage_radius)
     with pytest.raises(LabError, match="6 poses or more"):
         plan_campaign(PlannedCampaign(poses=5, candidates=300, starts=1, extend=path))
 
@@ -183,8 +183,8 @@ def test_the_strict_promise_asks_for_more_than_the_marginal_one() -> None:
     found = predict(matrix, test, np.random.default_rng(0))
     errors = np.random.default_rng(1).multivariate_normal(np.zeros(27), np.linalg.inv(matrix), 4000)
     lengths = np.linalg.norm(np.einsum("trp,dp->dtr", test, errors), axis=2)
-    assert found.reached == pytest.approx(np.quantile(np.quantile(lengths, 0.95, axis=1), 0.95), rel=0.03)
-    assert found.reached > np.quantile(lengths, 0.95)
+    assert found.coverage_radius == pytest.approx(np.quantile(np.quantile(lengths, 0.95, axis=1), 0.95), rel=0.03)
+    assert found.coverage_radius > np.quantile(lengths, 0.95)
     np.testing.assert_allclose(found.rms, np.sqrt((lengths**2).mean(axis=0)), rtol=0.05)
 
 
@@ -205,14 +205,14 @@ def test_the_smallest_count_is_found_by_halving() -> None:
 def campaign_errors(plans: list[np.ndarray], campaigns: int) -> list[np.ndarray]:
     """Fresh-pose errors of virtual campaigns with each plan; an empty plan means random poses, drawn anew."""
     tracker = instrument("uniform-8um")
-    fresh = random_poses(MODEL, 300, stream(0, "fresh"))
+    fresh = random_poses(MODEL, 300, rng_for(0, "fresh"))
     errors: list[list[np.ndarray]] = [[] for _ in plans]
     for seed in range(campaigns):
         real = perturbed_arm(IRB120, VirtualCampaign(seed=seed))
         exact = real.points(fresh, ("p1",))
         for i, plan in enumerate(plans):
-            joints = plan if len(plan) else random_poses(MODEL, 20, stream(seed, "poses"))
-            data = track(real, joints, ("p1",), tracker, stream(seed, "noise"))
+            joints = plan if len(plan) else random_poses(MODEL, 20, rng_for(seed, "poses"))
+            data = track(real, joints, ("p1",), tracker, rng_for(seed, "noise"))
             found = identify(ARM, data, ARM.nominal(), Noise(tracker))
             errors[i].append(np.linalg.norm(ARM.points(fresh, found.values) - exact, axis=2)[:, 0])
     return [np.array(e) for e in errors]
@@ -259,13 +259,13 @@ def test_plans_of_any_kind_keep_what_they_predict(options: PlannedCampaign) -> N
     """25 campaigns with the plan: the observed RMS is the predicted one (sd about 3 %)."""
     plan = plan_campaign(options)
     if options.accuracy_mm is not None:
-        assert plan.prediction.reached <= options.accuracy_mm / 1e3
+        assert plan.prediction.coverage_radius <= options.accuracy_mm / 1e3
     tracker, arm = instrument(options.instrument), plan.problem.arm
-    fresh = random_poses(MODEL, 150, stream(0, "fresh"))
+    fresh = random_poses(MODEL, 150, rng_for(0, "fresh"))
     squares = []
     for seed in range(25):
         real = perturbed_arm(IRB120, VirtualCampaign(seed=seed))
-        data = track(real, plan.joints, options.targets, tracker, stream(seed, "noise"))
+        data = track(real, plan.joints, options.targets, tracker, rng_for(seed, "noise"))
         found = identify(arm, data, arm.nominal(), Noise(tracker))
         error = arm.points(fresh, found.values) - real.points(fresh, options.targets)
         squares.append((error**2).sum(axis=2).mean())
@@ -317,6 +317,6 @@ def test_the_same_seed_plans_the_same() -> None:
     options = PlannedCampaign(poses=12, candidates=100, starts=1, seed=4)
     first, second = plan_campaign(options), plan_campaign(options)
     np.testing.assert_array_equal(first.joints, second.joints)
-    assert first.prediction.reached == second.prediction.reached
+    assert first.prediction.coverage_radius == second.prediction.coverage_radius
     other = plan_campaign(PlannedCampaign(poses=12, candidates=100, starts=1, seed=5))
     assert not np.array_equal(first.joints, other.joints)

@@ -11,25 +11,25 @@ from test_candidates import among_posts, small_arm
 
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.design.tour import (
     DEFAULT_SLIDE_SPEED,
     DEFAULT_SPEED,
     FULL_SPEED_S,
-    Roads,
+    RoadmapGraph,
     Tour,
-    day_of,
     move_seconds,
     plan_tour,
     rated,
+    tour_trajectory,
 )
 from lab.design.tsp import (
     _or_change,
     _or_moved,
     _reversed,
     _two_opt_change,
+    double_bridge,
     improve,
-    kicked,
     lengths,
     random_starts,
 )
@@ -68,7 +68,7 @@ def held_karp(cost: np.ndarray) -> float:
     return min(value + cost[k + 1, 0] for (_, k), value in best.items())
 
 
-def true_costs(roads: Roads, free) -> np.ndarray:
+def true_costs(roads: RoadmapGraph, free) -> np.ndarray:
     """All moves looked at, and shortest ways over all of them (Floyd 1962)."""
     cost = move_seconds(roads.places, *(RATES if roads.places.shape[1] == 6 else FLAT))
     for a, b in itertools.combinations(range(len(cost)), 2):
@@ -101,9 +101,9 @@ def test_the_day_moves_the_joints_through_all_stops() -> None:
     """Straight between the stops, at rest there as long as is asked, and as quick as the tour says."""
     chain, _ = rated(SCARA)
     joints = np.array([[0.3, 0.5, 0.5, 0], [-1, 0.2, 0.3, 1], [1, -2, 0.9, 0.5]])
-    tour = plan_tour(joints, chain.speed, chain.acceleration, anywhere, stream(0, "tour"), np.array([0, 0, 0.3, 0]))
+    tour = plan_tour(joints, chain.speed, chain.acceleration, anywhere, rng_for(0, "tour"), np.array([0, 0, 0.3, 0]))
     waiting = np.where(tour.measured >= 0, 3.0, 0.0)
-    day, arrivals = day_of(chain, tour.stops, waiting)
+    day, arrivals = tour_trajectory(chain, tour.stops, waiting)
     assert day.seconds == pytest.approx(tour.seconds + 9) and arrivals[-1] == pytest.approx(day.seconds)
     for times in (arrivals, arrivals + waiting):
         readings, speeds, _ = day.at(times)
@@ -119,9 +119,9 @@ def test_the_day_moves_the_joints_through_all_stops() -> None:
 def test_twelve_poses_are_ordered_exactly(seed: int) -> None:
     joints = random_poses(MODEL, 12, np.random.default_rng(seed))
     free = path_check(MODEL)
-    tour = plan_tour(joints, *RATES, free, stream(seed, "tour"))
+    tour = plan_tour(joints, *RATES, free, rng_for(seed, "tour"))
     assert_consistent(tour, joints, RATES, free)
-    assert tour.seconds == pytest.approx(held_karp(true_costs(Roads(joints, *RATES, free), free)), abs=1e-9)
+    assert tour.seconds == pytest.approx(held_karp(true_costs(RoadmapGraph(joints, *RATES, free), free)), abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -129,8 +129,8 @@ def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
     """A quarter of the moves in the plane are blocked; the optimum is over true costs, detours included."""
     joints = np.random.default_rng(seed).uniform(0, 2, (60, 2))
     joints = joints[np.hypot(*(joints - 1).T) > 0.5][:12]
-    tour = plan_tour(joints, *FLAT, around_a_disc, stream(seed, "tour"))
-    roads = Roads(joints, *FLAT, around_a_disc)
+    tour = plan_tour(joints, *FLAT, around_a_disc, rng_for(seed, "tour"))
+    roads = RoadmapGraph(joints, *FLAT, around_a_disc)
     cost = true_costs(roads, around_a_disc)
     assert (cost > move_seconds(roads.places, *FLAT) + 1e-9).mean() > 0.1
     assert_consistent(tour, joints, FLAT, around_a_disc)
@@ -139,11 +139,11 @@ def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
 
 def test_thirty_poses_are_near_the_best_and_far_from_random() -> None:
     """Candidates that a tracker sees: within 3 % of the best of 200 restarts, 33 % below random orders."""
-    joints = draw_candidates(MODEL, ("p1",), INSTRUMENTS["leica-at960"], 30, stream(0, "candidates")).joints
+    joints = draw_candidates(MODEL, ("p1",), INSTRUMENTS["leica-at960"], 30, rng_for(0, "candidates")).joints
     free, rng = path_check(MODEL), np.random.default_rng(0)
-    tour = plan_tour(joints, *RATES, free, stream(0, "tour"))
+    tour = plan_tour(joints, *RATES, free, rng_for(0, "tour"))
     assert_consistent(tour, joints, RATES, free)
-    roads = Roads(joints, *RATES, free)
+    roads = RoadmapGraph(joints, *RATES, free)
     orders = [rng.permutation(30) for _ in range(200)]
     at_random = np.mean([roads.seconds(order) for order in orders])
     restarts = improve(true_costs(roads, free), np.array([np.append(0, order + 1) for order in orders]))
@@ -159,8 +159,8 @@ def test_a_plan_holds_when_looked_at_again_in_mujoco(tmp_path: Path) -> None:
     """The IRB 120 among two posts: stops, and 1,000 points of each path, touch nothing."""
     robot = among_posts(tmp_path)
     joints, free = random_poses(robot, 20, np.random.default_rng(0)), path_check(robot)
-    tour = plan_tour(joints, *RATES, free, stream(0, "tour"), safe=random_poses(robot, 10, np.random.default_rng(1)))
-    as_given = Roads(joints, *RATES, free).tour(np.arange(20))
+    tour = plan_tour(joints, *RATES, free, rng_for(0, "tour"), safe=random_poses(robot, 10, np.random.default_rng(1)))
+    as_given = RoadmapGraph(joints, *RATES, free).tour(np.arange(20))
     assert len(as_given.stops) > 20 + 2 + 3  # several moves go around a post
     for plan in (tour, as_given):
         assert_consistent(plan, joints, RATES, free)
@@ -175,7 +175,7 @@ def test_an_arm_goes_around_a_pillar(tmp_path: Path) -> None:
     free = path_check(robot)
     joints, up = np.deg2rad([[50.0, 0], [130.0, 0]]), np.deg2rad([[90.0, -110]])
     assert not free(*joints) and free(joints[0], up[0]) and free(up[0], joints[1])
-    roads = Roads(joints, *FLAT, free, safe=up)
+    roads = RoadmapGraph(joints, *FLAT, free, safe=up)
     roads.settle(1, 2)
     assert roads.cost[1, 2] == pytest.approx(2 * (np.deg2rad(110) + 0.25))  # 0.25 s a ramp
     tour = roads.tour(np.array([0, 1]))
@@ -187,7 +187,7 @@ def test_an_arm_goes_around_a_pillar(tmp_path: Path) -> None:
 def test_the_fastest_detour_is_taken_and_costs_what_it_takes() -> None:
     """Across the disc from (0.2, 1) to (1.8, 1): by way of (1, 1.7), not (1, 3); largest-coordinate times."""
     joints, safe = np.array([[0.2, 1.0], [1.8, 1.0]]), np.array([[1.0, 3.0], [0.2, 1.8], [1.8, 1.8]])
-    roads = Roads(joints, *FLAT, around_a_disc, home=np.array([-2.0, 1.0]), safe=safe)
+    roads = RoadmapGraph(joints, *FLAT, around_a_disc, home=np.array([-2.0, 1.0]), safe=safe)
     roads.settle(2, 1)
     assert roads.cost[1, 2] == pytest.approx(0.8 + 1.6 + 0.8 + 3 * 0.25)  # by two safe poses; (1, 3) takes 4.5
     tour = roads.tour(np.array([1, 0]))
@@ -210,7 +210,7 @@ def test_only_moves_that_matter_are_looked_at() -> None:
 
 def test_one_stream_gives_one_tour() -> None:
     joints = random_poses(MODEL, 20, np.random.default_rng(0))
-    first, again = (plan_tour(joints, *RATES, anywhere, stream(0, "tour")) for _ in range(2))
+    first, again = (plan_tour(joints, *RATES, anywhere, rng_for(0, "tour")) for _ in range(2))
     np.testing.assert_array_equal(first.order, again.order)
     assert first.seconds == again.seconds
 
@@ -232,7 +232,7 @@ def test_improved_tours_have_no_shorter_neighbour() -> None:
                 pieces = (around[:size], around[:size][::-1])
                 near += [np.concatenate([rest[:gap], piece, rest[gap:]]) for piece in pieces]
             assert lengths(cost, np.array(near)).min() > length - 1e-9
-    assert (np.sort(kicked(tours, rng)) == np.arange(8)).all()
+    assert (np.sort(double_bridge(tours, rng)) == np.arange(8)).all()
 
 
 def test_each_move_changes_the_length_by_what_was_predicted() -> None:
@@ -254,9 +254,9 @@ def test_each_move_changes_the_length_by_what_was_predicted() -> None:
 
 def test_kicks_find_what_descents_alone_do_not() -> None:
     joints = random_poses(MODEL, 60, np.random.default_rng(2))
-    cost = Roads(joints, *RATES, anywhere).cost
-    descents = improve(cost, random_starts(cost, stream(0, "tour")))
-    tour = plan_tour(joints, *RATES, anywhere, stream(0, "tour"))
+    cost = RoadmapGraph(joints, *RATES, anywhere).cost
+    descents = improve(cost, random_starts(cost, rng_for(0, "tour")))
+    tour = plan_tour(joints, *RATES, anywhere, rng_for(0, "tour"))
     assert tour.seconds < lengths(cost, descents).min() - 1e-6
 
 

@@ -8,7 +8,7 @@ from helpers.robots import TX40, VERSATRAN
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.load_samples import Mounting, PayloadSamples
 from lab.formats.load_csv import read_loads, read_mounting, write_loads, write_mounting
 
 NAMES, SLIDES = TX40.joint_names, TX40.prismatic
@@ -16,13 +16,13 @@ LIMITS = np.deg2rad([-180.0, -125, -138, -270, -120, -270]), np.deg2rad([180, 12
 ROWS = 24
 
 
-def random_records(seed: int, slides: tuple[bool, ...], moving: bool, torques: bool, wrench: bool) -> LoadRecords:
+def random_records(seed: int, slides: tuple[bool, ...], moving: bool, torques: bool, wrench: bool) -> PayloadSamples:
     rng = np.random.default_rng(seed)
     joints = np.where(slides, 0.5, 1.0) * rng.uniform(-1, 1, (ROWS, len(slides)))
     loaded = np.arange(ROWS) < ROWS // 2
     time_s = np.tile(np.arange(ROWS // 2) / 300.0, 2) if moving else None
     size = 10.0 ** rng.integers(-12, 3, (ROWS, 6))
-    return LoadRecords(
+    return PayloadSamples(
         time_s,
         joints,
         rng.normal(size=(ROWS, len(slides))) if torques else None,

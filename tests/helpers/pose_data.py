@@ -13,11 +13,13 @@ from lab.kinematics.model import is_angle
 from lab.kinematics.serial.arm import SerialArm
 
 
-def off_by(sight, values: Array, rng: np.random.Generator, metres: float = 0.5e-3, radians: float = 1e-3) -> Array:
+def off_by(
+    observation, values: Array, rng: np.random.Generator, metres: float = 0.5e-3, radians: float = 1e-3
+) -> Array:
     """The identifiable parameters of the links and the tool off by normal draws; a true arm in its gauge."""
-    angular = np.array([is_angle(name) for name in sight.names])
+    angular = np.array([is_angle(name) for name in observation.names])
     draws = np.where(angular, radians, metres) * rng.normal(size=len(values))
-    links = [i for i in base_set(sight, values).kept if sight.names[i].startswith(("link", "tool"))]
+    links = [i for i in base_set(observation, values).kept if observation.names[i].startswith(("link", "tool"))]
     true = values.copy()
     true[links] += draws[links]
     return true
@@ -28,11 +30,11 @@ def seen_poses(
 ) -> tuple[Poses, Measurements, Array]:
     """A sighting, its measurements with noise, and the true values."""
     rng = np.random.default_rng(seed)
-    sight = Poses(arm, "p1")
-    start = sight.nominal(arm.nominal())
+    observation = Poses(arm, "p1")
+    start = observation.nominal(arm.nominal())
     start[:3], start[-3:] = rng.normal(size=3), 0.5 * rng.normal(size=3)
     start[3:6] = se3.log(se3.exp(rng.normal(size=3)))
-    true = off_by(sight, start, rng)
+    true = off_by(observation, start, rng)
     joints = arm.chain.random_joints(count, rng)
     points = arm.points(joints, true[:-3])
     points = points + sigma_m * rng.normal(size=points.shape)
@@ -40,6 +42,6 @@ def seen_poses(
     rotation = rotation @ se3.exp(sigma_rad * rng.normal(size=(count, 3)))
     quaternion = se3.quaternion_from_rotation(rotation)
     both = np.concatenate([points, np.zeros((count, 1, 3))], axis=1)
-    data = measured(arm.chain.joint_names, joints, sight.targets, both)
+    data = measured(arm.chain.joint_names, joints, observation.targets, both)
     turned = {f"p1_{part}": quaternion[:, i] for i, part in enumerate(QUATERNION)}
-    return sight, replace(data, conditions=turned), true
+    return observation, replace(data, conditions=turned), true

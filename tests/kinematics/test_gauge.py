@@ -148,7 +148,7 @@ def test_any_arm_has_one_vector_near_its_drawing() -> None:
         start = somewhere(arm, rng)
         structure = base_set(arm, start)
         joints = chain.random_joints(200, rng)
-        _, jacobian = arm.observe(joints, arm.structural(start))
+        _, jacobian = arm.observe(joints, arm.rank_point(start))
         columns = jacobian.reshape(-1, len(arm.names))
         sizes = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12), compute_uv=False)
         assert len(structure.kept) == int((sizes > 1e-9 * sizes[0]).sum())

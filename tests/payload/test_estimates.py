@@ -11,7 +11,7 @@ from test_rigid_load import inverse_dynamics
 
 from lab.commands.robot import load_virtual
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
@@ -93,14 +93,14 @@ class Bench:
     cure: dict
     passes: object = None
 
-    def measured(self, rng: np.random.Generator | None) -> LoadRecords:
+    def measured(self, rng: np.random.Generator | None) -> PayloadSamples:
         joints, torques = np.concatenate(self.joints), np.concatenate(self.torques)
         if rng is not None:
             noise = [TORQUE_NOISE * rng.standard_normal(run.shape) for run in self.torques]
             torques = torques + np.concatenate([self.passes(run) if self.passes else run for run in noise])
             joints = joints + ENCODER_NOISE * rng.standard_normal(joints.shape)
         n = len(self.joints[0])
-        return LoadRecords(np.tile(TIMES[:n], 2), joints, torques, None, np.repeat([True, False], n))
+        return PayloadSamples(np.tile(TIMES[:n], 2), joints, torques, None, np.repeat([True, False], n))
 
     def identified(self, rng: np.random.Generator | None, cured: bool = False, **options: object) -> LoadEstimate:
         return from_torques(ARM, VALUES, self.measured(rng), GRAVITY, **(self.cure if cured else {}), **options)
@@ -166,13 +166,13 @@ def static_poses(count: int, seed: int) -> Motion:
     return joints, 0 * joints, 0 * joints
 
 
-def static_torques(count: int, seed: int, rng: np.random.Generator | None = None) -> LoadRecords:
+def static_torques(count: int, seed: int, rng: np.random.Generator | None = None) -> PayloadSamples:
     motion = static_poses(count, seed)
     alone = own(*motion)
     torques = np.concatenate([alone + added(motion), alone])
     if rng is not None:
         torques = torques + TORQUE_NOISE * rng.standard_normal(torques.shape)
-    return LoadRecords(None, np.tile(motion[0], (2, 1)), torques, None, np.repeat([True, False], count))
+    return PayloadSamples(None, np.tile(motion[0], (2, 1)), torques, None, np.repeat([True, False], count))
 
 
 def sensed(motion: Motion, mounting: Mounting = UPRIGHT, gain: float | Array = 1.0) -> Array:
@@ -182,12 +182,12 @@ def sensed(motion: Motion, mounting: Mounting = UPRIGHT, gain: float | Array = 1
     return mounting.sign * gain * turned + OFFSETS
 
 
-def wrench_records(joints: Array, wrench: Array, rng: np.random.Generator | None, moving: bool) -> LoadRecords:
+def wrench_records(joints: Array, wrench: Array, rng: np.random.Generator | None, moving: bool) -> PayloadSamples:
     if rng is not None:
         wrench = wrench + SENSOR_NOISE * rng.standard_normal(wrench.shape)
         joints = joints + ENCODER_NOISE * rng.standard_normal(joints.shape)
     times = TIMES[: len(joints)] if moving else None
-    return LoadRecords(times, joints, None, wrench, np.ones(len(joints), dtype=bool))
+    return PayloadSamples(times, joints, None, wrench, np.ones(len(joints), dtype=bool))
 
 
 # --- the signals and the solver ---
@@ -311,7 +311,7 @@ def test_an_unloaded_run_tells_of_the_offsets():
     motion = static_poses(3, 5)
     joints, wrench = np.tile(motion[0], (2, 1)), np.concatenate([sensed(motion), np.tile(OFFSETS, (3, 1))])
     loaded = np.repeat([True, False], 3)
-    both = from_wrench(ARM, VALUES, LoadRecords(None, joints, None, wrench, loaded), UPRIGHT, sigma=SENSOR_NOISE)
+    both = from_wrench(ARM, VALUES, PayloadSamples(None, joints, None, wrench, loaded), UPRIGHT, sigma=SENSOR_NOISE)
     alone = from_wrench(
         ARM, VALUES, wrench_records(motion[0], sensed(motion), None, False), UPRIGHT, sigma=SENSOR_NOISE
     )
@@ -449,7 +449,7 @@ def test_what_cannot_be_identified_is_refused_in_one_line():
     bench = clean(3)
     records = bench.measured(None)
 
-    def refused(words: str, changed: LoadRecords, **options: object) -> None:
+    def refused(words: str, changed: PayloadSamples, **options: object) -> None:
         with pytest.raises(LabError, match=words) as caught:
             from_torques(ARM, VALUES, changed, GRAVITY, **options)
         assert "\n" not in str(caught.value)

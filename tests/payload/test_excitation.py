@@ -14,7 +14,7 @@ from lab.design.exchange import information
 from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.payload.excitation import Prediction, design_path, design_poses, predicted
+from lab.payload.excitation import PredictedUncertainty, design_path, design_poses, predicted
 from lab.payload.fourier_path import FourierPath, Limits, random_path
 from lab.payload.path_optimizer import Box, PathSearch, _Walls
 from lab.simulation.collisions import collides, random_poses
@@ -52,7 +52,7 @@ def touches_nothing(joints: Array) -> np.ndarray:
     return ~collides(TX40, joints)
 
 
-def mass_and_centre(prediction: Prediction) -> Array:
+def mass_and_centre(prediction: PredictedUncertainty) -> Array:
     """Standard deviations of the mass (%) and the centre of mass (mm)."""
     by_moments = np.column_stack([-LOAD.centre_m, np.eye(3)]) / LOAD.mass_kg
     covariance = by_moments @ prediction.covariance[:4, :4] @ by_moments.T
@@ -116,9 +116,9 @@ def test_ranks() -> None:
     joints = random_poses(TX40, 3, np.random.default_rng(0))
     for regressor, sigma, enough in ((static_torques, SIGMA_NM, 2), (static_wrenches, SENSOR, 3)):
         rows = regressor(joints, 0 * joints, 0 * joints) / sigma[:, None]
-        Prediction.of(information(rows[:enough]))
+        PredictedUncertainty.of(information(rows[:enough]))
         with pytest.raises(LabError, match="does not show every parameter"):
-            Prediction.of(information(rows[: enough - 1]))
+            PredictedUncertainty.of(information(rows[: enough - 1]))
 
 
 def test_static_torques_show_what_the_facts_say() -> None:
@@ -126,7 +126,7 @@ def test_static_torques_show_what_the_facts_say() -> None:
     rng = np.random.default_rng(0)
     joints = random_poses(TX40, 2000, rng)
     rows = static_torques(joints, 0 * joints, 0 * joints) / SIGMA_NM[:, None]
-    anywhere = mass_and_centre(Prediction.of(information(rows) / len(rows)))[0]
+    anywhere = mass_and_centre(PredictedUncertainty.of(information(rows) / len(rows)))[0]
     best = design_poses(static_torques, SIGMA_NM, 20, LIMITS, touches_nothing, rng)
     chosen = mass_and_centre(best.prediction)[0] * np.sqrt(20)
     assert anywhere == pytest.approx(18.7, rel=0.03)

@@ -13,7 +13,7 @@ import pytest
 from helpers.robots import ROOT
 
 from lab.calibration.batch_poses import StackedPoses
-from lab.calibration.identify import Wishes, identify
+from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.observations.full_pose import QUATERNION, Poses
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
@@ -55,14 +55,14 @@ def table():
 def test_poses_of_many_arms_are_those_of_each() -> None:
     """Positions, rotations and every derivative, anywhere and at readings of their own."""
     rng = np.random.default_rng(0)
-    stacked, sight = StackedPoses(ARM), Poses(ARM, "p1")
-    assert stacked.names == sight.names
+    stacked, observation = StackedPoses(ARM), Poses(ARM, "p1")
+    assert stacked.names == observation.names
     values = stacked.nominal() + 0.3 * rng.normal(size=(3, len(stacked.names)))
     joints = ARM.chain.random_joints(15, rng).reshape(3, 5, 6)
     points, rotations, moves, turns = stacked.observe(joints, values, range(len(stacked.names)))
     for b in range(3):
-        settings = np.concatenate([joints[b], se3.quaternion_from_rotation(rotations[b])], axis=1)
-        expected, jacobian = sight.observe(settings, values[b])
+        inputs = np.concatenate([joints[b], se3.quaternion_from_rotation(rotations[b])], axis=1)
+        expected, jacobian = observation.observe(inputs, values[b])
         np.testing.assert_allclose(points[b], expected[:, 0], atol=1e-13)
         np.testing.assert_allclose(expected[:, 1], 0, atol=1e-13)  # log(R' R)
         np.testing.assert_allclose(moves[b], jacobian[:, 0], atol=1e-12)
@@ -85,8 +85,8 @@ def test_y3_is_a_slide_after_a3_that_changes_nothing_else() -> None:
 
 def test_fifteen_angles_and_fifteen_lengths_make_thirty(few) -> None:
     assert list(script.ranks(few).values()) == [15, 15, 15, 30]
-    sight = Poses(ARM, "p1")
-    names = {sight.names[i] for i in base_set(sight, sight.nominal(ARM.nominal())).kept}
+    observation = Poses(ARM, "p1")
+    names = {observation.names[i] for i in base_set(observation, observation.nominal(ARM.nominal())).kept}
     assert len(names) == 30 == len(set(script.ALL)) and script.OFFSET in names and script.OFFSET not in script.ALL
 
 
@@ -108,13 +108,13 @@ def test_the_fits_are_those_of_the_library(few) -> None:
     joints = np.delete(seen.joints[0], 2, axis=1)
     both = np.stack([seen.points[0], np.zeros((FEW.poses, 3))], axis=1)
     turned = se3.quaternion_from_rotation(seen.rotations[0])
-    sight = Poses(ARM, "p1", sigma / script.SIGMA_M)
-    data = measured(ARM.chain.joint_names, joints, sight.targets, both)
+    observation = Poses(ARM, "p1", sigma / script.SIGMA_M)
+    data = measured(ARM.chain.joint_names, joints, observation.targets, both)
     data = replace(data, conditions={f"p1_{part}": turned[:, i] for i, part in enumerate(QUATERNION)})
     ours = script.fitted(few, seen, few.start, script.ALL, script.SIGMA_M, sigma), script.sequential(few, seen)
-    ways = (Wishes(), Wishes(solve=fit_sequentially))
-    for values, wishes, tolerance in zip(ours, ways, (1e-11, 1e-7), strict=True):
-        found = identify(sight, data, ARM.nominal(), Noise(sigma_m=script.SIGMA_M), wishes)
+    ways = (IdentifyOptions(), IdentifyOptions(solve=fit_sequentially))
+    for values, request, tolerance in zip(ours, ways, (1e-11, 1e-7), strict=True):
+        found = identify(observation, data, ARM.nominal(), Noise(sigma_m=script.SIGMA_M), request)
         assert found.status == "converged"
         points = ARM.points(np.delete(few.fresh[0], 2, axis=1), found.values[:-3])[:, 0]
         off = np.abs(few.drawing.poses(few.fresh[:1], values[:1])[0][0] - points).max()

@@ -19,7 +19,7 @@ from lab.core import se3
 from lab.core.instruments import instrument
 from lab.formats.urdf import calibrated_urdf
 from lab.kinematics.serial.chain import Chain
-from lab.simulation.candidate_poses import sight
+from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, random_poses, standing
 from lab.simulation.link_shapes import DENSITY, link_rods, reach_of
 
@@ -105,7 +105,7 @@ def test_links_hide_targets_from_the_tracker() -> None:
     robot = load_virtual("versatran")
     head = robot.model.T_world_tracker[:3, 3]
     towards = np.arctan2(head[1], head[0])
-    sees = sight(robot.model, ("p1",), instrument("exact"))
+    sees = field_of_view(robot.model, ("p1",), instrument("exact"))
     seen = []
     for turned in (towards - np.pi / 2, towards + np.pi / 2):  # the boom is along y at q1 = 0
         q1 = float(np.arctan2(np.sin(turned), np.cos(turned)))

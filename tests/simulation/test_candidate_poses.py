@@ -11,15 +11,15 @@ from helpers.robots import IRB120
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS, Sight
-from lab.core.random import stream
+from lab.core.instruments import INSTRUMENTS, FieldOfView
+from lab.core.random import rng_for
 from lab.simulation.candidate_poses import (
     MARGIN,
     _reach,
     draw_candidates,
     feasibility,
+    field_of_view,
     path_check,
-    sight,
 )
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.load_mjcf_urdf import load_model
@@ -32,7 +32,7 @@ ZERO = np.zeros((1, 2))
 
 
 def visible(robot, joints, targets, device):
-    return sight(robot, targets, device)(joints)
+    return field_of_view(robot, targets, device)(joints)
 
 
 def feasible(robot, joints, targets, device):
@@ -111,7 +111,7 @@ def test_the_trackers_own_body_and_what_moves_away_hide_nothing(tmp_path) -> Non
 
 def test_sight_limits_are_as_stated() -> None:
     """Range, elevation and cone, each just inside and just outside."""
-    sight = Sight(1.0, 2.0, np.deg2rad(-30), np.deg2rad(40), np.deg2rad(75))
+    field_of_view = FieldOfView(1.0, 2.0, np.deg2rad(-30), np.deg2rad(40), np.deg2rad(75))
 
     def point(reach: float, elevation_deg: float) -> np.ndarray:
         e = np.deg2rad(elevation_deg)
@@ -121,14 +121,14 @@ def test_sight_limits_are_as_stated() -> None:
         at = point(reach, elevation_deg)
         back, across = -at / reach, se3.exp(np.array([0, 0, np.pi / 2])) @ (at * [1, 1, 0]) / np.hypot(*at[:2])
         axis = np.cos(np.deg2rad(off_deg)) * back + np.sin(np.deg2rad(off_deg)) * across
-        return bool(sight.admits(at, axis))
+        return bool(field_of_view.admits(at, axis))
 
     assert seen(1.5, 0) and seen(1.001, 0) and seen(1.999, 0) and not seen(0.999, 0) and not seen(2.001, 0)
     assert seen(1.5, 39.9) and not seen(1.5, 40.1) and seen(1.5, -29.9) and not seen(1.5, -30.1)
     assert seen(1.5, 20, 74.9) and not seen(1.5, 20, 75.1) and not seen(1.5, 20, 180) and seen(1.5, 20, -74.9)
     everywhere = np.random.default_rng(0).normal(size=(2, 1000, 3))
-    assert Sight().admits(everywhere[0], everywhere[1] / np.linalg.norm(everywhere[1], axis=1)[:, None]).all()
-    assert Sight().admits(np.array([1.0, 0, 0]), np.array([1.0, 0, 0]))  # turned away, and still seen
+    assert FieldOfView().admits(everywhere[0], everywhere[1] / np.linalg.norm(everywhere[1], axis=1)[:, None]).all()
+    assert FieldOfView().admits(np.array([1.0, 0, 0]), np.array([1.0, 0, 0]))  # turned away, and still seen
 
 
 def test_the_cone_follows_the_targets_axis_in_the_arm(tmp_path) -> None:
@@ -140,7 +140,7 @@ def test_the_cone_follows_the_targets_axis_in_the_arm(tmp_path) -> None:
     axes = np.column_stack([np.cos(q1), np.sin(q1), np.zeros_like(q1)])
     to_head = (HEAD - tips) / np.linalg.norm(HEAD - tips, axis=1)[:, None]
     for half_angle in (30.0, 60.0):
-        device = replace(EXACT, sight=Sight(acceptance_rad=np.deg2rad(half_angle)))
+        device = replace(EXACT, field_of_view=FieldOfView(acceptance_rad=np.deg2rad(half_angle)))
         expected = np.rad2deg(np.arccos((axes * to_head).sum(axis=1))) <= half_angle
         assert 3 < expected.sum() < len(expected) - 3
         np.testing.assert_array_equal(visible(robot, joints, ("p1",), device), expected)
@@ -203,7 +203,7 @@ def test_line_of_sight_against_geometry_without_mujocos_rays() -> None:
 @pytest.mark.parametrize("name", INSTRUMENTS)
 def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> None:
     device, chain = INSTRUMENTS[name], MODEL.chain
-    found = draw_candidates(MODEL, TARGETS, device, 300, stream(1, "candidates"))
+    found = draw_candidates(MODEL, TARGETS, device, 300, rng_for(1, "candidates"))
     reasons = ["limits", "singularity", "collision", "visibility"]
     assert found.joints.shape == (300, 6) and list(found.rejected) == reasons
     assert found.drawn == 300 + sum(found.rejected.values()) and found.rejected["singularity"] == 0
@@ -219,18 +219,18 @@ def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> N
 def test_shares_are_what_they_must_be() -> None:
     """In the margin of one limit or more: 1 - 0.96^6. A sight that sees all rejects no more than a tracker's."""
     all_seen, tracked = (
-        draw_candidates(MODEL, ("p1",), device, 2000, stream(0, "candidates")) for device in (EXACT, LEICA)
+        draw_candidates(MODEL, ("p1",), device, 2000, rng_for(0, "candidates")) for device in (EXACT, LEICA)
     )
     for found in (all_seen, tracked):
         assert found.rejected["limits"] / found.drawn == pytest.approx(1 - 0.96**6, abs=0.01)
     assert all_seen.drawn < tracked.drawn
-    none = draw_candidates(MODEL, ("p1",), EXACT, 200, stream(0, "candidates"), margin=0.0)
+    none = draw_candidates(MODEL, ("p1",), EXACT, 200, rng_for(0, "candidates"), margin=0.0)
     assert none.rejected["limits"] == 0
 
 
 def test_one_seed_gives_one_list_and_more_keeps_the_first() -> None:
     few, again, more, other = (
-        draw_candidates(MODEL, ("p1",), LEICA, n, stream(seed, "candidates")).joints
+        draw_candidates(MODEL, ("p1",), LEICA, n, rng_for(seed, "candidates")).joints
         for n, seed in ((900, 0), (900, 0), (1500, 0), (900, 1))
     )
     np.testing.assert_array_equal(few, again)
@@ -240,7 +240,7 @@ def test_one_seed_gives_one_list_and_more_keeps_the_first() -> None:
 
 def test_ten_thousand_candidates_take_seconds() -> None:
     started = time.process_time()
-    found = draw_candidates(MODEL, ("p1",), LEICA, 10_000, stream(0, "candidates"))
+    found = draw_candidates(MODEL, ("p1",), LEICA, 10_000, rng_for(0, "candidates"))
     assert len(found.joints) == 10_000 and time.process_time() - started < 5
 
 
@@ -262,8 +262,8 @@ def test_the_trackers_stand_is_in_the_arms_way(tmp_path) -> None:
     left, right = np.deg2rad([90.0, 0]), np.deg2rad([-90.0, 0])
     assert path_is_free(far, left, right) and not path_is_free(near, left, right)
     assert not collides(near, np.array([left, right])).any()
-    found = draw_candidates(near, ("p1",), EXACT, 200, stream(0, "candidates"))
-    freely = draw_candidates(far, ("p1",), EXACT, 200, stream(0, "candidates"))
+    found = draw_candidates(near, ("p1",), EXACT, 200, rng_for(0, "candidates"))
+    freely = draw_candidates(far, ("p1",), EXACT, 200, rng_for(0, "candidates"))
     assert found.rejected["collision"] / found.drawn > freely.rejected["collision"] / freely.drawn + 0.02
 
 
@@ -316,7 +316,7 @@ def test_no_point_moves_further_than_the_reach_says() -> None:
 
 def test_infeasible_requests_are_answered_in_one_line(tmp_path) -> None:
     rng = np.random.default_rng(0)
-    blind = replace(EXACT, sight=Sight(nearest_m=9.0))
+    blind = replace(EXACT, field_of_view=FieldOfView(nearest_m=9.0))
     asks = [
         (MODEL, ("p9",), EXACT, 5, "target 'p9' is unknown: robot irb120 has p1, p2, p3"),
         (MODEL, ("p1",), EXACT, 0, "ask for 1 or more"),

@@ -13,7 +13,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
 from lab.core.se3 import Array
-from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import effect
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.effects import Effects, true_parameters
@@ -24,12 +24,12 @@ from lab.simulation.model import RobotModel
 from lab.simulation.random_effects import LEVER_M, EffectSizes, random_conditions, random_effects
 from lab.simulation.true_robot import (
     Perturbation,
-    RealArm,
+    TrueRobot,
+    measure_with_outlier_mask,
     random_perturbation,
     random_tracker,
-    real_arm,
     track,
-    track_knowing,
+    true_robot,
 )
 
 MODEL, CHAIN = IRB120.model, IRB120.chain
@@ -53,16 +53,16 @@ ALL = EffectSizes(
 )
 
 
-def perturbed(seed: int = 3) -> RealArm:
+def perturbed(seed: int = 3) -> TrueRobot:
     rng = np.random.default_rng(seed)
     off = random_perturbation(MODEL, 5e-4, 1.5e-3, rng, offset_sigma=1e-3)
-    return real_arm(MODEL, off, random_tracker(MODEL, rng))
+    return true_robot(MODEL, off, random_tracker(MODEL, rng))
 
 
-def drawn(robot: RobotModel = MODEL) -> RealArm:
+def drawn(robot: RobotModel = MODEL) -> TrueRobot:
     """As on the drawing, seen from the world."""
     n = robot.chain.size
-    return real_arm(robot, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(n)), np.eye(4))
+    return true_robot(robot, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(n)), np.eye(4))
 
 
 REAL = perturbed()
@@ -411,7 +411,7 @@ def test_joints_come_back_within_their_repeatability() -> None:
 def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
     visits, device = np.tile(JOINTS, (250, 1)), INSTRUMENTS["uniform-8um"]
     real = REAL.with_effects(only(bad_share=0.05, bad_range_m=(1e-3, 50e-3)))
-    data, bad = track_knowing(real, visits, TARGETS, device, np.random.default_rng(2))
+    data, bad = measure_with_outlier_mask(real, visits, TARGETS, device, np.random.default_rng(2))
     clean = track(REAL, visits, TARGETS, device, np.random.default_rng(2))
     np.testing.assert_array_equal(data.points[~bad], clean.points[~bad])
     off = (data.points - clean.points)[bad]
@@ -421,7 +421,7 @@ def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
     assert stats.kstest(np.log(size), stats.uniform(np.log(1e-3), np.log(50)).cdf).pvalue > 0.01
     for axis in range(3):  # a coordinate of a random direction is uniform
         assert stats.kstest(off[:, 0, axis] / size, stats.uniform(-1, 2).cdf).pvalue > 0.01
-    assert not track_knowing(REAL, visits, TARGETS, device, np.random.default_rng(2))[1].any()
+    assert not measure_with_outlier_mask(REAL, visits, TARGETS, device, np.random.default_rng(2))[1].any()
 
 
 def test_readings_lag_and_points_do_not() -> None:
@@ -473,18 +473,18 @@ def test_the_same_seed_gives_the_same_campaign_and_one_effect_leaves_the_others(
 def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, fields: tuple[str, ...]) -> None:
     """The equations of calibration, at these parameters, say where the arm that MuJoCo moves is."""
     drawing = SerialArm(CHAIN, TARGETS)
-    arm = AffectedArm(drawing, tuple(effect(name, CHAIN, loads_of(MODEL)) for name in group.split("+")))
+    arm = ArmWithEffects(drawing, tuple(effect(name, CHAIN, loads_of(MODEL)) for name in group.split("+")))
     every = random_effects(CHAIN, ALL, np.random.default_rng(4))
     effects = only(**{name: getattr(every, name) for name in fields})
-    real = real_arm(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), REAL.T_world_tracker)
+    real = true_robot(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), REAL.T_world_tracker)
     real = real.with_effects(effects)
     truth = true_parameters(effects)
     geometry = MODEL.values_before(drawing, real.T_world_tracker)
     values = np.concatenate([geometry, [truth[name] for name in arm.names[len(geometry) :]]])
     conditions = random_conditions(CHAIN, effects, len(JOINTS), np.random.default_rng(0), (0.0, 3.0), 3600.0)
-    settings = np.column_stack([JOINTS, *(conditions.get(name, np.zeros(len(JOINTS))) for name in arm.conditions)])
+    inputs = np.column_stack([JOINTS, *(conditions.get(name, np.zeros(len(JOINTS))) for name in arm.conditions)])
     seen = real.points(JOINTS, TARGETS, conditions)
-    np.testing.assert_allclose(arm.points(settings, values), seen, atol=1e-9)
+    np.testing.assert_allclose(arm.points(inputs, values), seen, atol=1e-9)
     assert np.abs(drawing.points(JOINTS, geometry) - seen).max() > 1e-5
 
 

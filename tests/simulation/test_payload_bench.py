@@ -13,7 +13,7 @@ from scipy.interpolate import make_interp_spline
 from lab.commands.robot import load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
 from lab.kinematics.serial.arm import SerialArm
@@ -207,7 +207,7 @@ def test_a_point_is_a_load() -> None:
 # Runs
 
 
-def moving(errors: RunErrors, mounting: Mounting = LEANING, seed: int = 0, rate_hz: float = 100.0) -> LoadRecords:
+def moving(errors: RunErrors, mounting: Mounting = LEANING, seed: int = 0, rate_hz: float = 100.0) -> PayloadSamples:
     return LoadBench(TX40, LOAD, mounting, errors).moving(wave, 2.0, rate_hz, np.random.default_rng(seed))
 
 

@@ -12,7 +12,7 @@ from lab.commands.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS, instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.load_mjcf_urdf import load_model
@@ -21,8 +21,8 @@ from lab.simulation.true_robot import (
     perturbed_bodies,
     random_perturbation,
     random_tracker,
-    real_arm,
     track,
+    true_robot,
 )
 from lab.simulation.write_mjcf import calibrated_mjcf
 
@@ -51,7 +51,7 @@ def test_equations_agree_with_mujoco() -> None:
     """Sites of the nominal model at 10,000 random poses, to 1e-12 m."""
     joints = IRB120.chain.random_joints(10_000, np.random.default_rng(0))
     still = Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6))
-    seen = real_arm(MODEL, still, np.eye(4)).points(joints, TARGETS)
+    seen = true_robot(MODEL, still, np.eye(4)).points(joints, TARGETS)
     np.testing.assert_allclose(ARM.points(joints, ARM.nominal(IRB120.tool)), seen, atol=1e-12)
 
 
@@ -62,7 +62,7 @@ def test_the_truth_is_the_arm(metres: float, radians: float) -> None:
         rng = np.random.default_rng(seed)
         off = random_perturbation(MODEL, metres, radians, rng)
         off = Perturbation(off.bodies, off.position_m, off.rotation_rad, radians * rng.normal(size=6))
-        real = real_arm(MODEL, off, random_tracker(MODEL, rng))
+        real = true_robot(MODEL, off, random_tracker(MODEL, rng))
         truth = real.truth(ARM)
         joints = IRB120.chain.random_joints(1000, rng)
         np.testing.assert_allclose(ARM.points(joints, truth.values), real.points(joints, TARGETS), atol=1e-12)
@@ -73,7 +73,7 @@ def test_the_truth_is_the_arm(metres: float, radians: float) -> None:
 def test_joint_offsets_alone_are_seen() -> None:
     """An offset on axis 3 is a theta of link 3, and nothing else of the links."""
     offset = np.array([0, 0, 0.01, 0, 0, 0])
-    real = real_arm(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), offset), MODEL.T_world_tracker)
+    real = true_robot(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), offset), MODEL.T_world_tracker)
     truth = real.truth(ARM)
     change = dict(zip(ARM.names, truth.values - ARM.nominal(IRB120.tool), strict=True))
     assert change.pop("link3.theta") == pytest.approx(0.01, abs=1e-12)
@@ -84,10 +84,10 @@ def test_each_body_can_be_off() -> None:
     """Moving any one body by 1 mm along an axis moves the target by just that at zero readings."""
     assert perturbed_bodies(MODEL) == ("base", *(f"link{i}" for i in range(1, 7)), "flange")
     zero = np.zeros((1, 6))
-    still = real_arm(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), np.eye(4))
+    still = true_robot(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), np.eye(4))
     for body in perturbed_bodies(MODEL):
         off = Perturbation((body,), np.array([[0, 1e-3, 0]]), np.zeros((1, 3)), np.zeros(6))
-        moved = real_arm(MODEL, off, np.eye(4)).points(zero, TARGETS) - still.points(zero, TARGETS)
+        moved = true_robot(MODEL, off, np.eye(4)).points(zero, TARGETS) - still.points(zero, TARGETS)
         np.testing.assert_allclose(moved[0], np.tile([0, 1e-3, 0], (3, 1)), atol=1e-15)
 
 
@@ -112,13 +112,13 @@ def test_streams_are_independent() -> None:
     np.testing.assert_array_equal(first, other)
     another = perturbed_arm(IRB120, VirtualCampaign(seed=6)).points(joints, TARGETS)
     assert np.abs(first - another).max() > 1e-3
-    draws = [stream(5, purpose).random() for purpose in ("arm", "tracker", "poses", "noise", "fresh", "split")]
+    draws = [rng_for(5, purpose).random() for purpose in ("arm", "tracker", "poses", "noise", "fresh", "split")]
     assert len(set(draws)) == 6
 
 
 def test_more_poses_keep_the_first_ones_and_none_collides() -> None:
-    fifty = random_poses(MODEL, 50, stream(1, "poses"))
-    sixty = random_poses(MODEL, 60, stream(1, "poses"))
+    fifty = random_poses(MODEL, 50, rng_for(1, "poses"))
+    sixty = random_poses(MODEL, 60, rng_for(1, "poses"))
     np.testing.assert_array_equal(fifty, sixty[:50])
     assert not collides(MODEL, sixty).any()
     assert ((sixty >= IRB120.chain.lower) & (sixty <= IRB120.chain.upper)).all()
@@ -135,7 +135,7 @@ def test_a_model_that_always_touches_itself_is_refused(tmp_path) -> None:
         "</body></body></body></worldbody></mujoco>"
     )
     with pytest.raises(LabError, match="touch nothing"):
-        random_poses(load_model(path), 5, stream(0, "poses"))
+        random_poses(load_model(path), 5, rng_for(0, "poses"))
 
 
 @pytest.mark.parametrize("name", INSTRUMENTS)
@@ -177,7 +177,7 @@ def test_a_target_straight_above_the_head_is_seen() -> None:
 
 def test_joint_offsets_come_from_the_seed_and_leave_the_bodies_alone() -> None:
     plain, off = (
-        random_perturbation(MODEL, 5e-4, 1.5e-3, stream(3, "arm"), offset_sigma=sigma) for sigma in (0.0, 1e-3)
+        random_perturbation(MODEL, 5e-4, 1.5e-3, rng_for(3, "arm"), offset_sigma=sigma) for sigma in (0.0, 1e-3)
     )
     np.testing.assert_array_equal(plain.position_m, off.position_m)
     assert not plain.joint_offset.any() and 1e-4 < np.abs(off.joint_offset).max() < 5e-3
@@ -228,7 +228,7 @@ def test_the_tracker_reports_in_its_own_frame() -> None:
     place = random_tracker(MODEL, np.random.default_rng(0))
     still = Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6))
     joints = IRB120.chain.random_joints(5, np.random.default_rng(1))
-    seen = track(real_arm(MODEL, still, place), joints, TARGETS, INSTRUMENTS["exact"], np.random.default_rng(0))
+    seen = track(true_robot(MODEL, still, place), joints, TARGETS, INSTRUMENTS["exact"], np.random.default_rng(0))
     world = ARM.points(joints, ARM.nominal(IRB120.tool))
     np.testing.assert_allclose(se3.transform(place, seen.points), world, atol=1e-14)
 

@@ -18,7 +18,7 @@ from lab.core.se3 import Array
 from lab.studies.analysis import LEVEL, Analysis, Comparison, analysed, compared, means
 from lab.studies.bootstrap import holm, resampled
 from lab.studies.grid import Cell, Study
-from lab.studies.table import Arranged, Group, groups
+from lab.studies.table import CampaignArray, CellGroup, groups
 
 METRIC = "fresh_mean_mm"
 CRITERIA = ("O1", "O5", "O3", "random")
@@ -31,12 +31,12 @@ def columns(values: Array, converged: Array | None = None) -> dict[str, Array]:
     return {"cell": cell, "robot": robot, "draw": draw, "converged": good, METRIC: values.ravel()}
 
 
-def arranged(values: Array, resamples: int = 999, converged: Array | None = None) -> Arranged:
-    return Arranged.of(columns(values, converged), [Cell()] * len(values), resamples=resamples)
+def arranged(values: Array, resamples: int = 999, converged: Array | None = None) -> CampaignArray:
+    return CampaignArray.of(columns(values, converged), [Cell()] * len(values), resamples=resamples)
 
 
-def one_group(number: int) -> Group:
-    return Group(("criterion",), {}, tuple(range(number)))
+def one_group(number: int) -> CellGroup:
+    return CellGroup(("criterion",), {}, tuple(range(number)))
 
 
 def compare(values: Array, converged: Array | None = None, **more) -> Comparison:

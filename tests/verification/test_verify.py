@@ -14,7 +14,7 @@ from test_studies import study
 
 from lab.calibration.gauss_newton import Observations, whitening
 from lab.calibration.identify import identify
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.cli import main
 from lab.commands.calibrate.virtual_robot import perturbed_arm
@@ -28,7 +28,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import track
 from lab.verification.hypotheses import refitted
-from lab.verification.prediction import Problem, Promise
+from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 from lab.verification.test import verify
 
 SIGMA = 5e-6
@@ -37,10 +37,10 @@ NAMES = IRB120.chain.joint_names
 
 def seen_at(arm: SerialArm, joints, points, sigma: float = SIGMA) -> Observations:
     data = measured(NAMES, joints, arm.targets, points)
-    return weighed(sighting_of(arm), data, Noise(sigma_m=sigma))[0]
+    return weighed(observation_of(arm), data, Noise(sigma_m=sigma))[0]
 
 
-def an_arm(targets=("p1",), seed: int = 0, poses: int = 40) -> tuple[Promise, np.ndarray]:
+def an_arm(targets=("p1",), seed: int = 0, poses: int = 40) -> tuple[CalibrationPrediction, np.ndarray]:
     """An arm that was identified, and its truth."""
     rng = np.random.default_rng(seed)
     arm = SerialArm(IRB120.chain, targets)
@@ -49,34 +49,34 @@ def an_arm(targets=("p1",), seed: int = 0, poses: int = 40) -> tuple[Promise, np
     joints = IRB120.chain.random_joints(poses, rng)
     points = arm.points(joints, truth) + SIGMA * rng.standard_normal((poses, len(targets), 3))
     found = identify(arm, measured(NAMES, joints, targets, points), arm.nominal(), Noise(sigma_m=SIGMA))
-    return Promise(arm, found.values, found.fit.free, found.covariance), truth
+    return CalibrationPrediction(arm, found.values, found.fit.free, found.covariance), truth
 
 
-def new_points(promise: Promise, truth, count: int = 8, seed: int = 1) -> Observations:
+def new_points(prediction: CalibrationPrediction, truth, count: int = 8, seed: int = 1) -> Observations:
     rng = np.random.default_rng(seed)
     joints = IRB120.chain.random_joints(count, rng)
-    points = promise.arm.points(joints, truth)
-    return seen_at(promise.arm, joints, points + SIGMA * rng.standard_normal(points.shape))
+    points = prediction.arm.points(joints, truth)
+    return seen_at(prediction.arm, joints, points + SIGMA * rng.standard_normal(points.shape))
 
 
-def moved(promise: Promise, truth, **by: float) -> np.ndarray:
+def moved(prediction: CalibrationPrediction, truth, **by: float) -> np.ndarray:
     """The truth with parameters changed, named with _ for the dot."""
     changed = truth.copy()
     for name, amount in by.items():
-        changed[promise.arm.names.index(name.replace("_", "."))] += amount
+        changed[prediction.arm.names.index(name.replace("_", "."))] += amount
     return changed
 
 
-def dense(promise: Promise, seen: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def dense(prediction: CalibrationPrediction, seen: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residual, covariance and Jacobian in metres, of points that were all seen."""
-    points, slopes = promise.arm.observe(seen.settings, promise.values)
+    points, slopes = prediction.arm.observe(seen.inputs, prediction.values)
     jacobian = slopes.reshape(-1, slopes.shape[-1])
-    known = jacobian[:, list(promise.free)]
+    known = jacobian[:, list(prediction.free)]
     blocks = np.linalg.inv(seen.whiten).reshape(-1, 3, 3)
     noise = np.zeros((len(jacobian), len(jacobian)))
     for i, block in enumerate(blocks):
         noise[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block @ block.T
-    return (seen.points - points).ravel(), noise + known @ promise.covariance @ known.T, jacobian
+    return (seen.points - points).ravel(), noise + known @ prediction.covariance @ known.T, jacobian
 
 
 def spherical(seen: Observations) -> Observations:
@@ -86,14 +86,14 @@ def spherical(seen: Observations) -> Observations:
 
 @pytest.mark.parametrize("refit", [(), ("base",), ("tool",), ("base", "tool")])
 def test_the_statistic_and_the_promise_are_those_of_the_whole_covariance(refit: tuple[str, ...]) -> None:
-    promise, truth = an_arm(("p1", "p2"))
-    seen = spherical(new_points(promise, truth, 9))
-    residual, covariance, jacobian = dense(promise, seen)
-    columns = jacobian @ refitted(promise.arm, refit)
+    prediction, truth = an_arm(("p1", "p2"))
+    seen = spherical(new_points(prediction, truth, 9))
+    residual, covariance, jacobian = dense(prediction, seen)
+    columns = jacobian @ refitted(prediction.arm, refit)
     inverse = np.linalg.inv(covariance)
     if refit:
         inverse -= inverse @ columns @ np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse)
-    found = verify(promise, seen, refit)
+    found = verify(prediction, seen, refit)
     assert found.statistic == pytest.approx(residual @ inverse @ residual, rel=1e-3)  # of one step from near by
     assert found.numbers == len(residual) - columns.shape[1]
     left = covariance @ inverse @ covariance
@@ -102,13 +102,13 @@ def test_the_statistic_and_the_promise_are_those_of_the_whole_covariance(refit: 
 
 def test_the_worst_reading_is_the_one_without_which_least_is_left() -> None:
     """Rows taken out by hand, of a problem with a base that is fitted anew."""
-    promise, truth = an_arm(("p1", "p2"))
-    seen = spherical(new_points(promise, truth, 9))
+    prediction, truth = an_arm(("p1", "p2"))
+    seen = spherical(new_points(prediction, truth, 9))
     seen.points[4] += [4e-4, 0, 2e-4]
-    found = verify(promise, seen, ("base",), [f"row {i}" for i in range(9)])
+    found = verify(prediction, seen, ("base",), [f"row {i}" for i in range(9)])
     reading = next(each for each in found.hypotheses if each.kind == "reading")
     part = np.delete(np.arange(9), 4)
-    without = verify(promise, Observations(seen.settings[part], seen.points[part], seen.whiten[part]), ("base",))
+    without = verify(prediction, Observations(seen.inputs[part], seen.points[part], seen.whiten[part]), ("base",))
     assert reading.chi2 == pytest.approx(without.statistic, rel=1e-3)
     assert found.moved == ("reading",) and "the reading of row 4 alone" in found.words
     assert reading.extent.shift_m == pytest.approx(np.sqrt(20) * 1e-4, abs=4e-5) and reading.parameters == 6
@@ -116,20 +116,20 @@ def test_the_worst_reading_is_the_one_without_which_least_is_left() -> None:
 
 def test_p_values_are_uniform_where_nothing_has_changed() -> None:
     """Residuals drawn from N(0, S): chi squared; with sigma drawn too, F."""
-    promise, _ = an_arm()
+    prediction, _ = an_arm()
     joints = IRB120.chain.random_joints(5, np.random.default_rng(3))
-    exact = promise.arm.points(joints, promise.values)
-    blank = seen_at(promise.arm, joints, exact)
+    exact = prediction.arm.points(joints, prediction.values)
+    blank = seen_at(prediction.arm, joints, exact)
     blank = replace(blank, whiten=np.broadcast_to(np.eye(3) / SIGMA, (5, 1, 3, 3)))
-    root = np.linalg.cholesky(dense(promise, blank)[1])
-    rng, nothing, freedom = np.random.default_rng(4), np.zeros((len(promise.values), 0)), 12
+    root = np.linalg.cholesky(dense(prediction, blank)[1])
+    rng, nothing, dof = np.random.default_rng(4), np.zeros((len(prediction.values), 0)), 12
     known, estimated = [], []
     for _ in range(1000):
         r = (root @ rng.standard_normal(15)).reshape(exact.shape)
-        drawn = Problem(promise, replace(blank, points=exact + r)).fitted(promise.values, nothing)
-        known.append(promise.p(drawn.square, drawn.left))
-        sigma = rng.chisquare(freedom) / freedom
-        estimated.append(replace(promise, freedom=freedom).p(drawn.square / sigma, drawn.left))
+        drawn = VerificationProblem(prediction, replace(blank, points=exact + r)).fitted(prediction.values, nothing)
+        known.append(prediction.p(drawn.square, drawn.left))
+        sigma = rng.chisquare(dof) / dof
+        estimated.append(replace(prediction, dof=dof).p(drawn.square / sigma, drawn.left))
     for p in (known, estimated):
         assert stats.kstest(p, "uniform").pvalue > 1e-3
         assert 0.001 < np.mean(np.array(p) < 0.01) < 0.025
@@ -149,19 +149,19 @@ KINDS = {
 @pytest.mark.parametrize("case", KINDS)
 def test_what_has_moved_is_named(case: str) -> None:
     by, kinds, words = KINDS[case]
-    promise, truth = an_arm()
-    found = verify(promise, new_points(promise, moved(promise, truth, **by), 10))
+    prediction, truth = an_arm()
+    found = verify(prediction, new_points(prediction, moved(prediction, truth, **by), 10))
     assert not found.good and found.p < 1e-6
     assert set(found.moved) == set(kinds) and words in found.words, found.words
     assert [each.bic for each in found.hypotheses] == sorted(each.bic for each in found.hypotheses)
 
 
 def test_a_tool_of_three_targets_moves_as_one() -> None:
-    promise, truth = an_arm(("p1", "p2", "p3"))
+    prediction, truth = an_arm(("p1", "p2", "p3"))
     places = truth[-9:].reshape(3, 3)
     middle, turn, shift = places.mean(axis=0), np.array([0, 3e-3, 4e-3]), np.array([1e-4, 0, 0])
     after = np.concatenate([truth[:-9], (middle + shift + (places - middle) @ se3.exp(turn).T).ravel()])
-    found = verify(promise, new_points(promise, after))
+    found = verify(prediction, new_points(prediction, after))
     best = found.hypotheses[0]
     assert found.moved == ("tool",) and best.words.startswith("the tool has moved by 0.1")
     assert best.extent.shift_m == pytest.approx(1e-4, abs=4 * best.extent.shift_std_m)
@@ -170,55 +170,55 @@ def test_a_tool_of_three_targets_moves_as_one() -> None:
 
 
 def test_an_instrument_set_up_anew_is_a_base_that_is_anywhere() -> None:
-    promise, truth = an_arm()
+    prediction, truth = an_arm()
     T = se3.pose(se3.exp(np.array([0.3, -0.2, 2.9])), np.array([1.0, -2.0, 3.0]))
-    near = new_points(promise, truth)
+    near = new_points(prediction, truth)
     far = replace(near, points=se3.transform(T, near.points.reshape(-1, 3)).reshape(near.points.shape))
-    found = verify(promise, far)
+    found = verify(prediction, far)
     assert found.moved == ("base",) and found.hypotheses[0].extent.turn_rad == pytest.approx(2.92, abs=0.01)
-    placed, here = (verify(promise, seen, ("base",)) for seen in (far, near))
+    placed, here = (verify(prediction, seen, ("base",)) for seen in (far, near))
     assert placed.good and placed.statistic == pytest.approx(here.statistic, abs=1e-3)
     assert placed.promised_m == pytest.approx(here.promised_m, rel=1e-2)
 
 
 def test_refit_makes_what_was_set_up_anew_good() -> None:
-    promise, truth = an_arm()
+    prediction, truth = an_arm()
     for group, name in (("base", "base_y"), ("tool", "tool_p1_z")):
-        seen = new_points(promise, moved(promise, truth, **{name: 3e-4}))
-        found = verify(promise, seen, (group,))
-        assert found.good and not verify(promise, seen).good
+        seen = new_points(prediction, moved(prediction, truth, **{name: 3e-4}))
+        found = verify(prediction, seen, (group,))
+        assert found.good and not verify(prediction, seen).good
         ((_, extent),) = found.refit
         assert extent.shift_m == pytest.approx(3e-4, abs=4 * extent.shift_std_m)
-    offset = new_points(promise, moved(promise, truth, link3_theta=3e-4))
-    assert verify(promise, offset, ("base", "tool")).moved == ("joint",)
+    offset = new_points(prediction, moved(prediction, truth, link3_theta=3e-4))
+    assert verify(prediction, offset, ("base", "tool")).moved == ("joint",)
 
 
 def test_one_pose_notices_and_does_not_pretend_to_know_what() -> None:
-    promise, truth = an_arm()
-    seen = new_points(promise, moved(promise, truth, link2_theta=1e-3), 1)
-    found = verify(promise, seen)
+    prediction, truth = an_arm()
+    seen = new_points(prediction, moved(prediction, truth, link2_theta=1e-3), 1)
+    found = verify(prediction, seen)
     assert not found.good and len(found.moved) > 1 and "joint" in found.moved and "cannot tell" in found.words
     with pytest.raises(LabError, match="cannot place base anew"):
-        verify(promise, seen, ("base",))
+        verify(prediction, seen, ("base",))
 
 
 def test_what_would_be_noticed_is() -> None:
     """Just so large an offset is found in 95 of 100 files; half of it in far fewer."""
-    promise, truth = an_arm()
-    size = dict(verify(promise, new_points(promise, truth)).would_notice)["joint2"]
-    drawn = stats.norm.rvs(size=(200, len(promise.free)), random_state=5)
-    root = np.linalg.cholesky(promise.covariance)
+    prediction, truth = an_arm()
+    size = dict(verify(prediction, new_points(prediction, truth)).would_notice)["joint2"]
+    drawn = stats.norm.rvs(size=(200, len(prediction.free)), random_state=5)
+    root = np.linalg.cholesky(prediction.covariance)
     shares = []
     for scale in (1.0, 0.5):
         missed = 0
         for seed, draw in enumerate(drawn):
-            real = moved(promise, promise.values, link2_theta=scale * size)
-            real[list(promise.free)] += root @ draw
-            seen = new_points(promise, real, 8, seed=1)  # the same poses
+            real = moved(prediction, prediction.values, link2_theta=scale * size)
+            real[list(prediction.free)] += root @ draw
+            seen = new_points(prediction, real, 8, seed=1)  # the same poses
             noise = SIGMA * np.random.default_rng(seed).standard_normal(seen.points.shape)
-            seen = replace(seen, points=promise.arm.points(seen.settings, real) + noise)
-            fit = Problem(promise, seen).fitted(promise.values, np.zeros((len(real), 0)))
-            missed += promise.p(fit.square, fit.left) >= 0.01
+            seen = replace(seen, points=prediction.arm.points(seen.inputs, real) + noise)
+            fit = VerificationProblem(prediction, seen).fitted(prediction.values, np.zeros((len(real), 0)))
+            missed += prediction.p(fit.square, fit.left) >= 0.01
         shares.append(missed / len(drawn))
     assert 0.01 <= shares[0] <= 0.10 and shares[1] > 0.3
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import locate_before
+from lab.calibration.identify import fit_base_and_tool
 from lab.calibration.observations.fixture_kinds import Cable
 from lab.calibration.observations.fixtures import PLACE
 from lab.core.measurements import Measurements
@@ -67,18 +67,18 @@ def _trilateration(model: Cable, data: Measurements, nominal: Array, starts: lis
     """
     place = (np.searchsorted(starts, np.arange(len(data)), side="right") - 1).astype(np.float64)
     numbers = tuple(range(len(starts)))
-    sight = replace(model, numbers=numbers, labels=tuple(str(i) for i in numbers))
+    observation = replace(model, numbers=numbers, labels=tuple(str(i) for i in numbers))
     data = replace(data, conditions={**data.conditions, PLACE: place})
-    settings, weights = data.settings(sight.conditions), np.ones((len(data), 1))
+    inputs, weights = data.inputs(observation.conditions), np.ones((len(data), 1))
     good = np.ones(len(data), dtype=np.bool_)
     for _ in range(2):
-        seen = Observations(settings[good], data.points[good], weights[good])
-        values = locate_before(sight, seen, sight.nominal(nominal))
-        good = ~_bad((data.points - sight.points(settings, values))[:, 0, 0])
+        seen = Observations(inputs[good], data.points[good], weights[good])
+        values = fit_base_and_tool(observation, seen, observation.nominal(nominal))
+        good = ~_bad((data.points - observation.points(inputs, values))[:, 0, 0])
     size = len(model.arm.names)
-    points = model.arm.points(settings[:, :-1], values[:size])[:, 0]
+    points = model.arm.points(inputs[:, :-1], values[:size])[:, 0]
     points = points - points.mean(axis=0)
-    length = data.points[:, 0] - values[size : sight.first].sum()
+    length = data.points[:, 0] - values[size : observation.first].sum()
     left = ((points**2).sum(axis=1) - length[:, 0] ** 2) / (2 * length[:, 0])
     rows = np.column_stack([points, -0.5 * np.ones(len(points))]) / length
     return np.where(good, left, 0.0), rows * good[:, None]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import locate_before
+from lab.calibration.identify import fit_base_and_tool
 from lab.calibration.observations.protocol import Points
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -35,9 +35,9 @@ def disagreement(arm: Model, data: Measurements, nominal: Array) -> Disagreement
     none = Disagreement(np.empty(0, np.int_), np.empty(0))
     if data.points.shape[1] == 0 or int(data.seen.sum()) < _PLACING:
         return none
-    seen = Observations(data.settings(arm.conditions), data.points, np.ones(data.points.shape[:2]))
-    values = locate_before(Points(arm), seen, nominal)
-    distance = np.linalg.norm(data.points - arm.points(seen.settings, values), axis=2)
+    seen = Observations(data.inputs(arm.conditions), data.points, np.ones(data.points.shape[:2]))
+    values = fit_base_and_tool(Points(arm), seen, nominal)
+    distance = np.linalg.norm(data.points - arm.points(seen.inputs, values), axis=2)
     distance = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
     typical = float(np.median(distance[data.seen.any(axis=1)]))
     rows = np.flatnonzero(distance > max(FAR * typical, LEAST_M))

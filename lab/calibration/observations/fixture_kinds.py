@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.observations.fixtures import PLACE, Places
+from lab.calibration.observations.fixtures import PLACE, Fixtures
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian
 
@@ -15,7 +15,7 @@ WHOLE_LOCATIONS = 3  # from this many on, a location is fitted or held out as on
 
 
 @dataclass(frozen=True)
-class Cable(Places):
+class Cable(Fixtures):
     """Distances from a target to anchors: a draw-wire's length, ``|p - anchor| + offset`` (m).
 
     The offset is the wire's between its guide and the point whose distance a zero reading means.
@@ -47,7 +47,7 @@ class Cable(Places):
 
 
 @dataclass(frozen=True)
-class Sockets(Places):
+class Sockets(Fixtures):
     """A ball on the tool in sockets: within a location and socket its centre is one point, ``p - centre = 0``.
 
     Labels are ``<location>.<socket>``.
@@ -74,7 +74,7 @@ class Sockets(Places):
         """The points themselves."""
         return points
 
-    def further(self, values: Array) -> tuple[Array, Array]:
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
         """Of each pair of sockets, how far the known distance is from that of the centres."""
         pairs = self._pairs()
         rows, left = np.zeros((len(pairs), len(self.names))), np.zeros(len(pairs))
@@ -87,7 +87,7 @@ class Sockets(Places):
             rows[row, a], rows[row, b] = -along, along
         return DISTANCE_WEIGHT * left, DISTANCE_WEIGHT * rows
 
-    def held_together(self, data: Measurements) -> NDArray[np.int_] | None:
+    def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
         """Rows of one location, where there are three or more."""
         location = {number: label.rpartition(".")[0] for number, label in zip(self.numbers, self.labels, strict=True)}
         order = {name: i for i, name in enumerate(dict.fromkeys(location.values()))}
@@ -106,7 +106,7 @@ class Sockets(Places):
 
 
 @dataclass(frozen=True)
-class Planes(Places):
+class Planes(Fixtures):
     """Points that touch a plane: ``n'p - z = 0`` with the normal n = exp(rx, ry, 0) e_z and the distance z (m).
 
     A plane has a normal in the upper half: the chart is smooth there, wherever the plane is.

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.observations.protocol import nothing_further
+from lab.calibration.observations.protocol import no_extra_residuals
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model, is_link, unit_of
 
@@ -31,7 +31,7 @@ _ROUNDS = 20
 
 
 @dataclass(frozen=True)
-class Places(ABC):
+class Fixtures(ABC):
     """An arm with one target, and places that it is tied to or touches.
 
     Attributes:
@@ -117,10 +117,10 @@ class Places(ABC):
         """The arm's, with every place at the origin."""
         return np.concatenate([values[: len(self.arm.names)], np.zeros(len(self.names) - len(self.arm.names))])
 
-    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Observations ``(n, 1, d)`` and their derivatives ``(n, 1, d, p)``."""
-        size, index = len(self.arm.names), self._index(settings[:, -1])
-        points, jacobian = self.arm.observe(settings[:, :-1], values[:size])
+        size, index = len(self.arm.names), self._index(inputs[:, -1])
+        points, jacobian = self.arm.observe(inputs[:, :-1], values[:size])
         observed, by_point, by_place = self.seen(points[:, 0], values[self.first :].reshape(-1, 3)[index])
         n, d = observed.shape
         observed = observed + values[size : self.first].sum()
@@ -131,17 +131,17 @@ class Places(ABC):
         derivative[np.arange(n)[:, None, None], 0, np.arange(d)[:, None], columns[:, None]] = by_place
         return observed[:, None], derivative
 
-    def points(self, settings: Array, values: Array) -> Array:
+    def points(self, inputs: Array, values: Array) -> Array:
         """Observations ``(n, 1, d)``."""
-        size, index = len(self.arm.names), self._index(settings[:, -1])
-        points = self.arm.points(settings[:, :-1], values[:size])[:, 0]
+        size, index = len(self.arm.names), self._index(inputs[:, -1])
+        points = self.arm.points(inputs[:, :-1], values[:size])[:, 0]
         observed = self.seen(points, values[self.first :].reshape(-1, 3)[index])[0]
         return np.asarray(observed[:, None] + values[size : self.first].sum())
 
-    def preferred(self) -> tuple[int, ...]:
+    def column_priority(self) -> tuple[int, ...]:
         """The places; then the arm's order, the longest link after the target if it is the scale; the base last."""
         names = self.arm.names
-        order = [i for i in self.arm.preferred() if not names[i].startswith("base.")]
+        order = [i for i in self.arm.column_priority() if not names[i].startswith("base.")]
         base = [i for i, name in enumerate(names) if name.startswith("base.")]
         if self.touched:
             after_tool = 1 + max(order.index(i) for i, name in enumerate(names) if name.startswith("tool."))
@@ -150,41 +150,41 @@ class Places(ABC):
             order.insert(after_tool - 1, order.pop(order.index(longest)))
         return (*range(self.first, len(self.names)), *range(len(names), self.first), *order, *base)
 
-    def structural(self, values: Array) -> Array:
+    def rank_point(self, values: Array) -> Array:
         """The arm's at ``values``, or on the drawing with the places that ``structure_joints`` touches."""
         size = len(self.arm.names)
         if not self.touched:
-            return np.concatenate([self.arm.structural(values[:size]), values[size:]])
+            return np.concatenate([self.arm.rank_point(values[:size]), values[size:]])
         assert not self.offset
-        arm = self.arm.structural(self.drawing)
-        joints = self.arm.structure_joints(len(self.numbers), stream(0, "structure"))
-        return np.concatenate([arm, self.through(self.arm.points(joints, arm)[:, 0], stream(1, "structure")).ravel()])
+        arm = self.arm.rank_point(self.drawing)
+        joints = self.arm.structure_joints(len(self.numbers), rng_for(0, "structure"))
+        return np.concatenate([arm, self.through(self.arm.points(joints, arm)[:, 0], rng_for(1, "structure")).ravel()])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
         """The arm's, with each place in turn; where places are touched, poses near those that do."""
         turns = np.resize(np.array(self.numbers, dtype=np.float64), count)
         if not self.touched:
             return np.column_stack([self.arm.structure_joints(count, rng), turns])
-        values, found = self.structural(self.nominal(self.drawing)), np.empty((0, 0))
+        values, found = self.rank_point(self.nominal(self.drawing)), np.empty((0, 0))
         for _ in range(_ROUNDS):
-            settings = self._touching(np.column_stack([self.arm.structure_joints(count, rng), turns]), values)
-            found = np.concatenate([found, settings]) if found.size else settings
+            inputs = self._touching(np.column_stack([self.arm.structure_joints(count, rng), turns]), values)
+            found = np.concatenate([found, inputs]) if found.size else inputs
             if len(found) >= count:
                 return found[:count]
         raise LabError(f"the drawing's arm cannot reach every {self.group} again: check the robot's limits")
 
-    def located(self, seen: Observations, values: Array) -> Array:
+    def initial_guess(self, seen: Observations, values: Array) -> Array:
         """Each place by the arm as it is in ``values``."""
-        number = seen.settings[:, -1]
-        points = self.arm.points(seen.settings[:, :-1], values[: len(self.arm.names)])[:, 0]
+        number = seen.inputs[:, -1]
+        points = self.arm.points(seen.inputs[:, :-1], values[: len(self.arm.names)])[:, 0]
         rows = np.isfinite(seen.points).all(axis=(1, 2))
         observed = seen.points[:, 0] - values[len(self.arm.names) : self.first].sum()
         chosen = [rows & (number == i) for i in self.numbers]
         return np.concatenate([values[: self.first], *(self.placed_by(points[i], observed[i]) for i in chosen)])
 
-    def further(self, values: Array) -> tuple[Array, Array]:
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
         """Nothing else is known."""
-        return nothing_further(self)
+        return no_extra_residuals(self)
 
     def errors(self, data: Measurements, values: Array) -> Array:
         """Lengths ``(n, 1)`` of what is left, where places that ``values`` do not have are placed by these rows.
@@ -199,19 +199,19 @@ class Places(ABC):
         if new:
             values = wide._with_places(known.take(np.flatnonzero(np.isin(known.conditions[PLACE], new))), values, new)
         errors = np.full((len(data), 1), np.nan)
-        left = wide.points(known.settings(self.conditions), values) - known.points
+        left = wide.points(known.inputs(self.conditions), values) - known.points
         errors[np.isin(data.conditions[PLACE], wide.numbers)] = np.linalg.norm(left, axis=2)
         return errors
 
     def _with_places(self, data: Measurements, values: Array, new: Sequence[int]) -> Array:
         """``values``, which end before the ``new`` places, with these as the rows of ``data`` say."""
-        seen = Observations(data.settings(self.conditions), data.points, np.ones(data.points.shape[:2]))
+        seen = Observations(data.inputs(self.conditions), data.points, np.ones(data.points.shape[:2]))
         alone = replace(self, numbers=tuple(new), labels=tuple(map(str, new)))
-        start = alone.located(seen, np.concatenate([values[: self.first], np.zeros(3 * len(new))]))[self.first :]
+        start = alone.initial_guess(seen, np.concatenate([values[: self.first], np.zeros(3 * len(new))]))[self.first :]
         columns = range(len(values), len(values) + 3 * len(new))
         return fit(self, seen, columns, np.concatenate([values, start])).values
 
-    def held_together(self, data: Measurements) -> NDArray[np.int_] | None:
+    def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
         """Repeats of a configuration."""
         return None
 
@@ -221,17 +221,17 @@ class Places(ABC):
         seen, rows = np.unique(numbers.astype(np.int_), return_inverse=True)
         return np.array([where[number] for number in seen.tolist()], dtype=np.int_)[rows]
 
-    def _touching(self, settings: Array, values: Array) -> Array:
+    def _touching(self, inputs: Array, values: Array) -> Array:
         """Those of the settings that Newton's steps of the joints bring to their places, ``(m, joints + c)``."""
-        joints = settings.shape[1] - len(self.conditions)
+        joints = inputs.shape[1] - len(self.conditions)
         for _ in range(_NEWTON_STEPS):
-            left = self.points(settings, values)[:, 0]
+            left = self.points(inputs, values)[:, 0]
             slopes = np.empty((*left.shape, joints))
             for j in range(joints):
-                moved = settings.copy()
+                moved = inputs.copy()
                 moved[:, j] += _DIFFERENCE
                 slopes[..., j] = (self.points(moved, values)[:, 0] - left) / _DIFFERENCE
             step = (np.linalg.pinv(slopes) @ left[..., None])[..., 0]
-            settings[:, :joints] -= np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        size = np.linalg.norm(self.points(settings, values)[:, 0], axis=1)
-        return np.asarray(settings[size < TOUCHES])
+            inputs[:, :joints] -= np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        size = np.linalg.norm(self.points(inputs, values)[:, 0], axis=1)
+        return np.asarray(inputs[size < TOUCHES])

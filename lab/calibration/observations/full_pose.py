@@ -12,9 +12,9 @@ from typing import Self
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, Wishes, identify
-from lab.calibration.initial_guess import locate
-from lab.calibration.observations.protocol import nothing_further
+from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.initial_guess import initial_guess
+from lab.calibration.observations.protocol import no_extra_residuals
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.measurements import Measurements, seen_mask
@@ -85,32 +85,32 @@ class Poses:
         """The arm's, and the measured frame along the last one."""
         return np.concatenate([values[: len(self.arm.names)], np.zeros(3)])
 
-    def preferred(self) -> tuple[int, ...]:
+    def column_priority(self) -> tuple[int, ...]:
         """The arm's order; the tool's rotation after its places."""
-        order = list(self.arm.preferred())
+        order = list(self.arm.column_priority())
         after = 1 + max(order.index(i) for i, name in enumerate(self.arm.names) if name.startswith("tool."))
         return (*order[:after], *range(len(self.names) - 3, len(self.names)), *order[after:])
 
-    def structural(self, values: Array) -> Array:
+    def rank_point(self, values: Array) -> Array:
         """The arm's."""
-        return np.concatenate([self.arm.structural(values[:-3]), values[-3:]])
+        return np.concatenate([self.arm.rank_point(values[:-3]), values[-3:]])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
         """The arm's, with no rotation measured: any other would turn the same rows."""
         straight = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4))
         return np.concatenate([self.arm.structure_joints(count, rng), straight], axis=1)
 
-    def points(self, settings: Array, values: Array) -> Array:
+    def points(self, inputs: Array, values: Array) -> Array:
         """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
-        return self.observe(settings, values)[0]
+        return self.observe(inputs, values)[0]
 
-    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``.
 
         A turn w of the predicted frame (in the tracker's) changes the residual v = log(R_measured' R) by
         J_l(v)^-1 R_measured' w.
         """
-        arm_settings, measured = settings[:, :-4], se3.rotation_from_quaternion(settings[:, -4:])
+        arm_settings, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_settings, values[:-3])
         flange, turns = flange_turns(self.arm, arm_settings, values[:-3], jacobian)
         back = np.swapaxes(measured, 1, 2)
@@ -120,32 +120,32 @@ class Poses:
         wide = np.concatenate([jacobian, np.zeros((*jacobian.shape[:3], 3))], axis=3)
         return np.concatenate([points, rotation[:, None]], 1), np.concatenate([wide, rows[:, None]], 1)
 
-    def located(self, seen: Observations, values: Array) -> Array:
+    def initial_guess(self, seen: Observations, values: Array) -> Array:
         """Base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""
         n = len(self.names) - 3
-        positions = Observations(seen.settings[:, :-4], seen.points[:, :-1], seen.whiten[:, : self.positions])
-        arm = locate(self.arm, positions, values[:n])
+        positions = Observations(seen.inputs[:, :-4], seen.points[:, :-1], seen.whiten[:, : self.positions])
+        arm = initial_guess(self.arm, positions, values[:n])
         rows = np.isfinite(seen.points[:, -1]).all(axis=1)
-        _, jacobian = self.arm.observe(positions.settings[rows], arm)
-        flange, _ = flange_turns(self.arm, positions.settings[rows], arm, jacobian)
-        measured = se3.rotation_from_quaternion(seen.settings[rows, -4:])
+        _, jacobian = self.arm.observe(positions.inputs[rows], arm)
+        flange, _ = flange_turns(self.arm, positions.inputs[rows], arm, jacobian)
+        measured = se3.rotation_from_quaternion(seen.inputs[rows, -4:])
         mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
         return np.concatenate([arm, se3.log(mean)])
 
-    def further(self, values: Array) -> tuple[Array, Array]:
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
         """Nothing else is known."""
-        return nothing_further(self)
+        return no_extra_residuals(self)
 
     def errors(self, data: Measurements, values: Array) -> Array:
         """Lengths of position errors ``(n, k)``: rotations are fitted, and not judged."""
-        arm = self.arm.points(data.settings(self.arm.conditions), values[:-3])
+        arm = self.arm.points(data.inputs(self.arm.conditions), values[:-3])
         return np.asarray(np.linalg.norm(arm - data.points[:, : self.positions], axis=2))
 
-    def held_together(self, data: Measurements) -> None:
+    def cv_groups(self, data: Measurements) -> None:
         """Repeats of a configuration."""
 
 
-def flange_turns(arm: Model, settings: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
+def flange_turns(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
     """The last frame's rotations ``(n, 3, 3)`` and what turns them, ``(n, 3, p)``, in the tracker's frame.
 
     A target's place in the last frame enters as p = o + R t: its derivatives are the frame's axes r, and where
@@ -159,41 +159,41 @@ def flange_turns(arm: Model, settings: Array, values: Array, jacobian: Array) ->
     stretched = jacobian[:, 0][..., tool]
     size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
     rotation = stretched / size
-    turns = np.zeros((len(settings), 3, len(values)), dtype=jacobian.dtype)
+    turns = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
     for axis, column in enumerate(tool):
         moved = values.copy()
         moved[column] += 1.0
-        change = arm.observe(settings, moved)[1][:, 0] - jacobian[:, 0]
+        change = arm.observe(inputs, moved)[1][:, 0] - jacobian[:, 0]
         turns += 0.5 * se3.skew(rotation[..., axis]) @ (change / size[:, :, axis, None])
     return rotation, turns
 
 
-def balanced(sight: Poses, data: Measurements, nominal: Array, wishes: Wishes | None = None) -> Poses:
+def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:
     """The same with the ratio of the noises that the residuals show (the module's text).
 
     Args:
         data: sighted, as ``identify`` takes it.
     """
     for _ in range(ROUNDS):
-        sums = np.array(_variances(sight, identify(sight, data, nominal, Noise(), wishes), data))
+        sums = np.array(_variances(observation, identify(observation, data, nominal, Noise(), request), data))
         if not np.isfinite(sums).all() or (np.sqrt(sums) < EXACT).any():
-            return sight
+            return observation
         change = float(np.sqrt(sums[1] / sums[0]))
-        sight = replace(sight, ratio=sight.ratio * change)
+        observation = replace(observation, ratio=observation.ratio * change)
         if abs(change - 1) < SETTLED:
             break
-    return sight
+    return observation
 
 
-def _variances(sight: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
+def _variances(observation: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
     """Variances of positions and of rotations in m^2: sums of squares over their shares of the freedom."""
-    _, jacobian = sight.observe(data.settings(sight.conditions), found.values)
-    rows = jacobian[..., list(found.fit.free)] / sight.units[:, None, None]
+    _, jacobian = observation.observe(data.inputs(observation.conditions), found.values)
+    rows = jacobian[..., list(found.fit.free)] / observation.units[:, None, None]
     used = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3) leverages
     seen = seen_mask(data.points)
     result = []
-    for part in (slice(None, sight.positions), slice(sight.positions, None)):
-        squares = (found.residuals[:, part] / sight.units[part, None])[seen[:, part]] ** 2
-        freedom = float((1 - used[:, part][seen[:, part]]).sum())
-        result.append(float(squares.sum()) / freedom if freedom > 0.5 else float("nan"))
+    for part in (slice(None, observation.positions), slice(observation.positions, None)):
+        squares = (found.residuals[:, part] / observation.units[part, None])[seen[:, part]] ** 2
+        dof = float((1 - used[:, part][seen[:, part]]).sum())
+        result.append(float(squares.sum()) / dof if dof > 0.5 else float("nan"))
     return result[0], result[1]

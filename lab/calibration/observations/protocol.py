@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.initial_guess import locate
+from lab.calibration.initial_guess import initial_guess
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
 
 @runtime_checkable
-class Sighting(Protocol):
+class Observation(Protocol):
     """What identification needs to know of a kind of measurement, beside its model.
 
-    A model that is seen by points in an instrument's frame needs none of its own (``sighting_of``).
+    A model that is seen by points in an instrument's frame needs none of its own (``observation_of``).
     """
 
     @property
@@ -46,10 +46,10 @@ class Sighting(Protocol):
     def nominal(self, values: Array) -> Array:
         """The drawing's parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
 
-    def located(self, seen: Observations, values: Array) -> Array:
+    def initial_guess(self, seen: Observations, values: Array) -> Array:
         """``values`` with what is ``placed`` near enough for Gauss-Newton, from no idea of it."""
 
-    def further(self, values: Array) -> tuple[Array, Array]:
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
         """More residuals ``(r,)`` in m, and what predicts them ``(r, p)``: what is known beside the measurements.
 
         They weigh as positions do, so what is known better is to be multiplied by how much.
@@ -61,7 +61,7 @@ class Sighting(Protocol):
         What only these rows can place (the centre of a socket) is placed by them.
         """
 
-    def held_together(self, data: Measurements) -> NDArray[np.int_] | None:
+    def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
         """Labels ``(n,)`` of rows that are fitted or held out as one; None for repeats of a configuration."""
 
 
@@ -90,28 +90,28 @@ class Points:
         """The arm's own."""
         return values
 
-    def located(self, seen: Observations, values: Array) -> Array:
+    def initial_guess(self, seen: Observations, values: Array) -> Array:
         """Base and tool by the direct linear transform."""
-        return locate(self.model, seen, values)
+        return initial_guess(self.model, seen, values)
 
-    def further(self, values: Array) -> tuple[Array, Array]:
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
         """Nothing else is known."""
-        return nothing_further(self.model)
+        return no_extra_residuals(self.model)
 
     def errors(self, data: Measurements, values: Array) -> Array:
         """Lengths of position errors ``(n, k)``."""
-        left = self.model.points(data.settings(self.model.conditions), values) - data.points
+        left = self.model.points(data.inputs(self.model.conditions), values) - data.points
         return np.asarray(np.linalg.norm(left, axis=2))
 
-    def held_together(self, data: Measurements) -> None:
+    def cv_groups(self, data: Measurements) -> None:
         """Repeats of a configuration."""
 
 
-def nothing_further(model: Model) -> tuple[Array, Array]:
+def no_extra_residuals(model: Model) -> tuple[Array, Array]:
     """No residuals, and no derivatives of them."""
     return np.empty(0), np.empty((0, len(model.names)))
 
 
-def sighting_of(model: Model) -> Sighting:
+def observation_of(model: Model) -> Observation:
     """A model's own sighting where it is one, else by points."""
-    return model if isinstance(model, Sighting) else Points(model)
+    return model if isinstance(model, Observation) else Points(model)

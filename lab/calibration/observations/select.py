@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.observations.consistency import disagreement
 from lab.calibration.observations.fixture_kinds import Cable, Planes, Sockets
-from lab.calibration.observations.fixtures import PLACE, Places
+from lab.calibration.observations.fixtures import PLACE, Fixtures
 from lab.calibration.observations.full_pose import QUATERNION, START_RATIO, Poses
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -17,11 +17,11 @@ from lab.core.se3 import Array
 from lab.formats.orientations import Meaning, oriented_target, read_orientations
 from lab.kinematics.model import Model
 
-Observed = Literal["points", "pose", "cable", "socket", "plane"]
+ObservationKind = Literal["points", "pose", "cable", "socket", "plane"]
 
 
 @dataclass(frozen=True)
-class Observing:
+class ObservationOptions:
     """What to observe of a file that may hold several kinds, and what is known beside it.
 
     Attributes:
@@ -31,13 +31,15 @@ class Observing:
         socket_distance_m: between the two sockets of a location; None if unknown.
     """
 
-    kind: Observed = "points"
+    kind: ObservationKind = "points"
     orientation: Meaning | None = None
     ratio: float | None = None
     socket_distance_m: float | None = None
 
 
-def sighted(arm: Model, data: Measurements, nominal: Array, observing: Observing) -> tuple[Model, Measurements]:
+def sighted(
+    arm: Model, data: Measurements, nominal: Array, observing: ObservationOptions
+) -> tuple[Model, Measurements]:
     """The model that predicts what is observed, and the measurements with it as their points.
 
     Args:
@@ -81,7 +83,7 @@ def sighted(arm: Model, data: Measurements, nominal: Array, observing: Observing
     return _with_distance(model, observing.socket_distance_m), seen
 
 
-def _poses(arm: Model, data: Measurements, observing: Observing) -> tuple[Model, Measurements]:
+def _poses(arm: Model, data: Measurements, observing: ObservationOptions) -> tuple[Model, Measurements]:
     """Positions and the orientation of one target."""
     target = oriented_target(data)
     measured = read_orientations(data, target, observing.orientation)
@@ -101,7 +103,7 @@ def _placed(
     data: Measurements,
     names: Sequence[str],
     observed: Array,
-) -> tuple[Places, Measurements]:
+) -> tuple[Fixtures, Measurements]:
     """Rows by the names of their places; places of too few rows are left out with a warning."""
     seen = np.asarray(np.isfinite(observed).all(axis=(1, 2)))
     labels = list(dict.fromkeys(name for name, there in zip(names, seen.tolist(), strict=True) if there))
@@ -134,7 +136,7 @@ def _placed(
 
 
 def _refuse_blank(
-    kind: type[Places], data: Measurements, column: str, names: Sequence[str], rows: NDArray[np.bool_] | None = None
+    kind: type[Fixtures], data: Measurements, column: str, names: Sequence[str], rows: NDArray[np.bool_] | None = None
 ) -> None:
     """Rows to be used say which place they are of.
 

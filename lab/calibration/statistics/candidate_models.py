@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import Further, Observations
-from lab.calibration.identify import WEAK, Identification, Wishes, identify
-from lab.calibration.observations.protocol import Sighting, sighting_of
+from lab.calibration.identify import WEAK, Identification, IdentifyOptions, identify
+from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.statistics.nested_models import Labels, Nested, nested_at
 from lab.calibration.validation import folds, kept_together
-from lab.calibration.weights import Noise, joined, known_beside, weighed
+from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, seen_mask
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
 from lab.kinematics.model import Model, unit_of
@@ -28,7 +28,7 @@ Drawn = Callable[[Model], Array]
 
 
 @dataclass(frozen=True)
-class Task:
+class SelectionTask:
     """What is to be identified, whatever the model.
 
     Attributes:
@@ -40,19 +40,19 @@ class Task:
     drawn: Drawn
     data: Measurements
     noise: Noise
-    wishes: Wishes
+    request: IdentifyOptions
 
     def identified(self, groups: Sequence[str], held: Sequence[str] = ()) -> Identification:
         """With these groups less the parameters held; wishes that are of other groups' are left out."""
         model = self.model_with(groups)
-        wishes = self.wishes.of(sighting_of(model).within(self.data).model.names)
-        held_too = replace(wishes, fix=(*wishes.fix, *held))
+        request = self.request.of(observation_of(model).within(self.data).model.names)
+        held_too = replace(request, fix=(*request.fix, *held))
         return identify(model, self.data, self.drawn(model), self.noise, held_too)
 
     def refusal(self, group: str) -> str:
         """Why a group cannot be tried; empty if it can."""
         try:
-            self.data.settings(sighting_of(self.model_with([group])).model.conditions)
+            self.data.inputs(observation_of(self.model_with([group])).model.conditions)
         except LabError as error:
             return str(error)
         return ""
@@ -62,18 +62,18 @@ class Task:
         names: dict[str, None] = {}
         for group in ([], *([name] for name in groups)):
             with suppress(LabError):
-                names |= dict.fromkeys(sighting_of(self.model_with(group)).within(self.data).model.names)
-        for option, patterns in (("--fix", self.wishes.fix), ("--free", self.wishes.free)):
+                names |= dict.fromkeys(observation_of(self.model_with(group)).within(self.data).model.names)
+        for option, patterns in (("--fix", self.request.fix), ("--free", self.request.free)):
             named(tuple(names), option, patterns)
 
     def parameters(self, group: str) -> set[str]:
         """Names of those that a group adds."""
-        with_it, without = (sighting_of(self.model_with(g)).within(self.data).model.names for g in ([group], []))
+        with_it, without = (observation_of(self.model_with(g)).within(self.data).model.names for g in ([group], []))
         return set(with_it) - set(without)
 
 
 @dataclass(frozen=True)
-class Large:
+class FullModel:
     """The model with all groups that can be tried, in which every other one is nested.
 
     Attributes:
@@ -86,7 +86,7 @@ class Large:
         floor: the least standard deviation of a whitened residual.
     """
 
-    sight: Sighting
+    observation: Observation
     start: Array
     seen: Observations
     groups: dict[str, tuple[int, ...]]
@@ -94,36 +94,36 @@ class Large:
     measured: Array
     folds: Labels
     clusters: Labels
-    further: Further
+    extra_residuals: Further
     floor: float
 
     @classmethod
-    def of(cls, task: Task, groups: Sequence[str], alone: Identification, seed: int) -> "Large":
+    def of(cls, task: SelectionTask, groups: Sequence[str], alone: Identification, seed: int) -> "FullModel":
         """With the base and the tool of geometry alone."""
         made = task.model_with(groups)
-        sight = sighting_of(made).within(task.data)
-        model, start = sight.model, sight.nominal(task.drawn(made))
-        seen, known = weighed(sight, task.data, task.noise)
-        at = model.structural(_filled(start, model, alone.model, alone.before))
-        anywhere = model.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
-        structure, measured = (model.observe(settings, at)[1] for settings in (anywhere, seen.settings))
-        further = sight.further(at)[1]
-        held = named(model.names, "--fix", task.wishes.of(model.names).fix)
+        observation = observation_of(made).within(task.data)
+        model, start = observation.model, observation.nominal(task.drawn(made))
+        seen, known = weighed(observation, task.data, task.noise)
+        at = model.rank_point(_filled(start, model, alone.model, alone.before))
+        anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+        structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, seen.inputs))
+        extra_residuals = observation.extra_residuals(at)[1]
+        held = named(model.names, "--fix", task.request.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
         clusters = kept_together(made, task.data)
         return cls(
-            sight=sight,
+            observation=observation,
             start=start,
             seen=seen,
             groups={
                 name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in held)
                 for name in groups
             },
-            structure=_triangle(structure.reshape(-1, len(model.names)), further),
-            measured=_triangle(measured[seen_mask(seen.points)].reshape(-1, len(model.names)), further),
+            structure=_triangle(structure.reshape(-1, len(model.names)), extra_residuals),
+            measured=_triangle(measured[seen_mask(seen.points)].reshape(-1, len(model.names)), extra_residuals),
             folds=folds(clusters, seed),
             clusters=clusters,
-            further=_known(task, sight, seen, start, at, alone.sigma_m if not known else 1.0),
+            extra_residuals=_known(task, observation, seen, start, at, alone.sigma_m if not known else 1.0),
             floor=1.0 if known else FLOOR_M,
         )
 
@@ -135,12 +135,12 @@ class Large:
 
     def around(self, found: Identification) -> Nested:
         """All nested models near an identified one."""
-        values = _filled(self.start, self.sight.model, found.model, found.values)
+        values = _filled(self.start, self.observation.model, found.model, found.values)
         effects = [i for group in self.groups.values() for i in group]
         columns = sorted({*self.fitted(found), *effects})
         drawn = np.array([self.start[i] if i in effects else values[i] for i in columns])
         kinds = self.folds, self.clusters
-        return nested_at(self.sight, self.seen, values, columns, drawn, *kinds, self.further, self.floor)
+        return nested_at(self.observation, self.seen, values, columns, drawn, *kinds, self.extra_residuals, self.floor)
 
     def fitted(self, found: Identification) -> tuple[int, ...]:
         """What an identification fitted, as indices of this model."""
@@ -156,7 +156,7 @@ class Large:
         fitted = self.fitted(found)
         new = self._new(self.structure, self._indices(found, found.base_set.kept), self.groups[group])
         shown = list(self._new(self.measured, fitted, new))
-        useful = {i: USEFUL.get(unit_of(self.sight.model.names[i]), WEAK) for i in shown}
+        useful = {i: USEFUL.get(unit_of(self.observation.model.names[i]), WEAK) for i in shown}
         while shown:
             unsure = table.std([*fitted, *shown])[len(fitted) :] / [useful[i] for i in shown]
             if unsure.max() <= 1:
@@ -165,7 +165,7 @@ class Large:
         return new, tuple(shown)
 
     def _indices(self, found: Identification, parameters: Sequence[int]) -> tuple[int, ...]:
-        names = self.sight.model.names
+        names = self.observation.model.names
         return tuple(names.index(found.model.names[i]) for i in parameters)
 
     @staticmethod
@@ -175,18 +175,20 @@ class Large:
         return tuple(i for i in wanted if i in kept)
 
 
-def _known(task: Task, sight: Sighting, seen: Observations, start: Array, at: Array, sigma: float) -> Further:
+def _known(
+    task: SelectionTask, observation: Observation, seen: Observations, start: Array, at: Array, sigma: float
+) -> Further:
     """What is known beside the measurements: of the sighting, and the prior of the whole model if one is wished."""
-    beside = known_beside(sight, seen)
-    if task.wishes.tolerance is None:
+    beside = weighted_constraints(observation, seen)
+    if task.request.tolerance is None:
         return beside
-    structure = base_set(sight.model, at, known=sight.further(at)[1])
-    return joined(beside, prior_of(sight.model, structure, start, task.wishes.tolerance).rows(sigma))
+    structure = base_set(observation.model, at, known=observation.extra_residuals(at)[1])
+    return joined(beside, prior_of(observation.model, structure, start, task.request.tolerance).rows(sigma))
 
 
-def _triangle(jacobian: Array, further: Array) -> Array:
+def _triangle(jacobian: Array, extra_residuals: Array) -> Array:
     """As few rows with the same inner products."""
-    return np.asarray(np.linalg.qr(np.concatenate([jacobian, further]), mode="r"))
+    return np.asarray(np.linalg.qr(np.concatenate([jacobian, extra_residuals]), mode="r"))
 
 
 def _filled(start: Array, model: Model, source: Model, values: Array) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Further, Observations
-from lab.calibration.statistics.linearized import Linear, Shape, linearized
+from lab.calibration.statistics.linearized import Linear, NoiseDistribution, linearized
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -25,7 +25,7 @@ By = Literal["chi2", "repeats", "holdout", "nothing"]
 
 
 @dataclass(frozen=True)
-class Adequacy:
+class GoodnessOfFit:
     """Whether the model is adequate for what measured it.
 
     Attributes:
@@ -41,17 +41,17 @@ class Adequacy:
     words: str
 
 
-def adequacy(
+def goodness_of_fit(
     model: Model,
     seen: Observations,
     fit: Fit,
     *,
     known: bool,
-    shape: Shape = Shape(),  # noqa: B008
+    shape: NoiseDistribution = NoiseDistribution(),  # noqa: B008
     labels: NDArray[np.int_] | None = None,
     held: Observations | None = None,
-    further: Further | None = None,
-) -> Adequacy:
+    extra_residuals: Further | None = None,
+) -> GoodnessOfFit:
     """The best test that there is something for: a known sigma, then repeats, then poses held out.
 
     Args:
@@ -62,7 +62,7 @@ def adequacy(
         held: poses that were not fitted.
         further: what else was known of the parameters when they were fitted.
     """
-    linear = linearized(model, seen, fit.values, fit.free, further)
+    linear = linearized(model, seen, fit.values, fit.free, extra_residuals)
     if known:
         return by_noise(linear, shape)
     if labels is not None and (found := by_repeats(linear, labels)).by != "nothing":
@@ -70,35 +70,35 @@ def adequacy(
     if held is not None:
         return by_holdout(linear, linearized(model, held, fit.values, fit.free))
     why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
-    return Adequacy(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")
+    return GoodnessOfFit(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")
 
 
-def by_noise(linear: Linear, shape: Shape) -> Adequacy:
+def by_noise(linear: Linear, shape: NoiseDistribution) -> GoodnessOfFit:
     """Chi squared of the whitened residuals, of which noise of a known sigma explains one each.
 
     Noise that is not Gaussian has another variance of r'r: with M = I - H and excess kurtosis k it is
     2 nu + k sum M_ii^2 (Seber & Lee 2003, theorem 1.6); chi squared is scaled to have it.
     """
     within = linear.everywhere()
-    if within.freedom < 1:
+    if within.dof < 1:
         return _nothing_left()
-    total, nu = float((linear.residual**2).sum()), within.freedom
+    total, nu = float((linear.residual**2).sum()), within.dof
     left = (1 - (within.basis**2).sum(axis=2))[linear.seen]
     variance = 2 * nu + shape.excess_kurtosis * float((left**2).sum())
     p = float(stats.chi2.sf(total * 2 * nu / variance, 2 * nu**2 / variance))
     ratio = np.sqrt(total / nu)
     test = f"(chi2 test, {nu} degrees of freedom, p = {p:.2g})"
     if p < LEVEL:
-        return Adequacy(
+        return GoodnessOfFit(
             False, p, "chi2", f"the model is not adequate: residuals are {ratio:.3g} times the noise {test}"
         )
     if p > _TOO_SMALL:
         words = f"residuals are only {ratio:.2g} times the noise, which is given too large to judge the model {test}"
-        return Adequacy(None, p, "chi2", words)
-    return Adequacy(True, p, "chi2", f"the residuals are what the instrument's noise explains {test}")
+        return GoodnessOfFit(None, p, "chi2", words)
+    return GoodnessOfFit(True, p, "chi2", f"the residuals are what the instrument's noise explains {test}")
 
 
-def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> Adequacy:
+def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> GoodnessOfFit:
     """F of lack of fit against pure error: scatter between configurations and within their repeats.
 
     Residuals are compared, not points, so that readings that differ a little do not count (Draper & Smith 1998,
@@ -116,7 +116,7 @@ def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> Adequacy:
     mean = (member.T @ linear.residual) / np.maximum(count, 1)
     scatter = np.where(linear.seen, linear.residual - mean[group], 0.0)
     pure = int(np.maximum(count - 1, 0).sum())
-    lack = within.freedom - pure
+    lack = within.dof - pure
     if pure < 1 or lack < 1:
         return _nothing_left()
     error, total = float((scatter**2).sum()), float((linear.residual**2).sum())
@@ -125,31 +125,31 @@ def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> Adequacy:
     test = f"(F test of lack of fit, {lack} and {pure} degrees of freedom, p = {p:.2g})"
     if p < LEVEL:
         words = f"the model is not adequate: poses are off by {np.sqrt(ratio):.3g} times what repeats scatter {test}"
-        return Adequacy(False, p, "repeats", words)
-    return Adequacy(True, p, "repeats", f"the residuals are what the scatter of repeated poses explains {test}")
+        return GoodnessOfFit(False, p, "repeats", words)
+    return GoodnessOfFit(True, p, "repeats", f"the residuals are what the scatter of repeated poses explains {test}")
 
 
-def by_holdout(linear: Linear, held: Linear) -> Adequacy:
+def by_holdout(linear: Linear, held: Linear) -> GoodnessOfFit:
     """F of held-out errors against what the fit says they are: sigma^2 (I + J C J') (Chow 1960).
 
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
     """
     within = linear.everywhere()
     numbers = int(held.seen.sum())
-    if within.freedom < 1 or not numbers:
+    if within.dof < 1 or not numbers:
         return _nothing_left()
     moved = (held.jacobian * held.scale @ within.back).reshape(-1, within.back.shape[1])
     errors = held.residual.ravel()
     pull = moved.T @ errors
     rise = float(errors @ errors - pull @ np.linalg.solve(np.eye(len(pull)) + moved.T @ moved, pull))
-    ratio = rise / numbers / max(float((linear.residual**2).sum()) / within.freedom, 1e-300)
-    p = float(stats.f.sf(ratio, numbers, within.freedom))
-    test = f"(F test of held-out errors, {numbers} and {within.freedom} degrees of freedom, p = {p:.2g})"
+    ratio = rise / numbers / max(float((linear.residual**2).sum()) / within.dof, 1e-300)
+    p = float(stats.f.sf(ratio, numbers, within.dof))
+    test = f"(F test of held-out errors, {numbers} and {within.dof} degrees of freedom, p = {p:.2g})"
     if p < LEVEL:
         words = f"the model is not adequate: held-out poses are off by {np.sqrt(ratio):.3g} times what it claims {test}"
-        return Adequacy(False, p, "holdout", words)
+        return GoodnessOfFit(False, p, "holdout", words)
     words = f"the model predicts poses held out as well as it claims {test}; whether noise is all that is left, "
-    return Adequacy(None, p, "holdout", words + "only a known sigma or repeats could say")
+    return GoodnessOfFit(None, p, "holdout", words + "only a known sigma or repeats could say")
 
 
 @dataclass(frozen=True)
@@ -176,18 +176,18 @@ def isotropy(model: Model, seen: Observations, fit: Fit) -> Isotropy:
     linear = linearized(model, seen, fit.values, fit.free)
     within = linear.everywhere()
     shape = seen.points.shape
-    sight = np.nan_to_num(seen.points / np.linalg.norm(seen.points, axis=2, keepdims=True))
-    along = (linear.residual.reshape(shape) * sight).sum(axis=2)
-    hat = (within.basis.reshape(*shape, -1) * sight[..., None]).sum(axis=2).reshape(along.size, -1)  # (n k, f)
+    observation = np.nan_to_num(seen.points / np.linalg.norm(seen.points, axis=2, keepdims=True))
+    along = (linear.residual.reshape(shape) * observation).sum(axis=2)
+    hat = (within.basis.reshape(*shape, -1) * observation[..., None]).sum(axis=2).reshape(along.size, -1)  # (n k, f)
     taken = hat.T @ hat
     count = int(seen_mask(seen.points).sum())
     first = count - float(np.trace(taken))  # tr AM
-    second = within.freedom - first
+    second = within.dof - first
     if min(first, second) < 1:
         return Isotropy(float("nan"), float("nan"), "")
     own = count - 2 * float(np.trace(taken)) + float((taken**2).sum())  # tr (AM)^2
     shared = first - own
-    other = within.freedom - own - 2 * shared
+    other = within.dof - own - 2 * shared
     variance = own / first**2 + other / second**2 - 2 * shared / (first * second)
     gain = (1 / first + 1 / second) / variance
     inner, total = float((along**2).sum()), float((linear.residual**2).sum())
@@ -214,7 +214,7 @@ class Sandwich:
     """
 
     covariance: Array
-    freedom: Array
+    dof: Array
 
 
 def sandwich(linear: Linear) -> Sandwich:
@@ -227,15 +227,15 @@ def sandwich(linear: Linear) -> Sandwich:
     bent = within.root @ within.basis  # (n, m, f) A_i Q_i
     scores = np.einsum("nmf,nm->nf", bent, linear.residual)
     half = within.back @ scores.T  # (f, n)
-    freedom = np.empty(len(half))
+    dof = np.empty(len(half))
     for j, row in enumerate(within.back):
         pulls = bent @ row  # (n, m) u_i
         shared = np.einsum("nmf,nm->nf", within.basis, pulls)
         products = np.diag((pulls**2).sum(axis=1)) - shared @ shared.T
-        freedom[j] = np.trace(products) ** 2 / (products**2).sum()
-    return Sandwich(half @ half.T, freedom)
+        dof[j] = np.trace(products) ** 2 / (products**2).sum()
+    return Sandwich(half @ half.T, dof)
 
 
-def _nothing_left() -> Adequacy:
+def _nothing_left() -> GoodnessOfFit:
     why = "the measurements are no more than the parameters need; measure more poses"
-    return Adequacy(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")
+    return GoodnessOfFit(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")

@@ -80,11 +80,11 @@ def _regressed(name: str, linear: Linear, within: Within, columns: Array, sessio
     u, inverse = u[:, kept], vt[kept].T / sizes[kept]
     residual = linear.residual.ravel()
     pull = u.T @ residual
-    freedom = within.freedom - len(pull)
-    if len(pull) and freedom > 0:
-        variance = max(float(residual @ residual - pull @ pull) / freedom, 1e-300)
-        p = min(1.0, sessions * float(stats.f.sf(pull @ pull / len(pull) / variance, len(pull), freedom)))
+    dof = within.dof - len(pull)
+    if len(pull) and dof > 0:
+        variance = max(float(residual @ residual - pull @ pull) / dof, 1e-300)
+        p = min(1.0, sessions * float(stats.f.sf(pull @ pull / len(pull) / variance, len(pull), dof)))
         estimate, std = inverse @ pull, np.sqrt(variance) * np.linalg.norm(inverse, axis=1)
         fractions[told] = estimate / scale[told]
-        significant[told] = 2 * stats.t.sf(np.abs(estimate / std), freedom) * joints < LEVEL
+        significant[told] = 2 * stats.t.sf(np.abs(estimate / std), dof) * joints < LEVEL
     return Lag(name, p, fractions, significant)

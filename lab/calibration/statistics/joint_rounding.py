@@ -36,7 +36,7 @@ def rounding(model: Model, data: Measurements, values: Array, things: int | None
     step = _step_of(data.joints[:, turning])
     if step is None:
         return None
-    slope = by_readings(model, data.settings(model.conditions), values, data.joints.shape[1])[:, :things]
+    slope = by_readings(model, data.inputs(model.conditions), values, data.joints.shape[1])[:, :things]
     squares = (slope[..., turning] ** 2).sum(axis=(2, 3))
     seen = seen_mask(data.points[:, :things])
     return Rounding(step, float(step * np.sqrt(squares[seen].mean() / 12)))
@@ -53,12 +53,12 @@ def _step_of(joints: Array) -> float | None:
     return None
 
 
-def by_readings(model: Model, settings: Array, values: Array, joints: int) -> Array:
-    """Derivatives ``(n, k, d, joints)`` of observations by the readings, the first columns of ``settings``."""
+def by_readings(model: Model, inputs: Array, values: Array, joints: int) -> Array:
+    """Derivatives ``(n, k, d, joints)`` of observations by the readings, the first columns of ``inputs``."""
     columns = []
     for joint in range(joints):
-        step = np.zeros(settings.shape[1])
+        step = np.zeros(inputs.shape[1])
         step[joint] = STEP
-        ahead, behind = (model.points(settings + sign * step, values) for sign in (1, -1))
+        ahead, behind = (model.points(inputs + sign * step, values) for sign in (1, -1))
         columns.append((ahead - behind) / (2 * STEP))
     return np.stack(columns, axis=-1)

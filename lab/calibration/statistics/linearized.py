@@ -24,7 +24,7 @@ _BLOCK = 2_000_000  # numbers drawn at a time
 
 
 @dataclass(frozen=True)
-class Shape:
+class NoiseDistribution:
     """The distribution of whitened noise: mean zero, variance one, the mean of some readings."""
 
     kind: Literal["gaussian", "uniform"] = "gaussian"
@@ -84,7 +84,7 @@ class Linear:
             back=back / self.scale[:, None],
             root=(root[:, None, :] * axes) @ np.swapaxes(axes, 1, 2),
             count=np.where(np.arange(len(own)) < self.poses, self.seen.sum(axis=1) - alone.sum(axis=1), 0),
-            freedom=int(self.seen[inside].sum()) - int(told.sum()),
+            dof=int(self.seen[inside].sum()) - int(told.sum()),
             full_rank=bool(told.all()) and len(told) == len(self.scale),
         )
 
@@ -107,7 +107,7 @@ class Within:
     back: Array
     root: Array
     count: NDArray[np.int_]
-    freedom: int
+    dof: int
     full_rank: bool
 
     def residuals(self, errors: Array) -> Array:
@@ -144,25 +144,25 @@ class Within:
         if known:
             p = stats.chi2.sf(distance, size)
         else:
-            freedom = self.freedom - np.where(inside, count, 0)
+            dof = self.dof - np.where(inside, count, 0)
             rest = np.maximum(total[..., None] - np.where(inside, distance, 0.0), 0.0)
-            variance = np.maximum(rest / np.maximum(freedom, 1), max(floor, 1e-150) ** 2)
-            p = np.where(freedom > 0, stats.f.sf(distance / size / variance, size, np.maximum(freedom, 1)), 1.0)
+            variance = np.maximum(rest / np.maximum(dof, 1), max(floor, 1e-150) ** 2)
+            p = np.where(dof > 0, stats.f.sf(distance / size / variance, size, np.maximum(dof, 1)), 1.0)
         return np.where(count > 0, p, 1.0)
 
 
 def linearized(
-    model: Model, seen: Observations, values: Array, free: Sequence[int], further: Further | None = None
+    model: Model, seen: Observations, values: Array, free: Sequence[int], extra_residuals: Further | None = None
 ) -> Linear:
     """The linear problem of ``seen`` at ``values`` ``(p,)`` in the parameters ``free``.
 
     Args:
         further: what else is known of the parameters; its rows stay whichever poses are looked at.
     """
-    predicted, jacobian = model.observe(seen.settings, values)
+    predicted, jacobian = model.observe(seen.inputs, values)
     mask = seen_mask(seen.points)
     n, k, d = seen.points.shape
-    more, rows = (np.empty(0), np.empty((0, len(values)))) if further is None else further(values)
+    more, rows = (np.empty(0), np.empty((0, len(values)))) if extra_residuals is None else extra_residuals(values)
     blocks = n + -(-len(more) // (k * d))
     residual, slopes = np.zeros((blocks, k * d)), np.zeros((blocks, k * d, len(free)))
     numbers = np.zeros((blocks, k * d), dtype=bool)
@@ -175,7 +175,9 @@ def linearized(
     return Linear(residual, slopes / scale, scale, numbers, n)
 
 
-def smallest_p(within: Within, seen: Mask, shape: Shape, known: bool, draws: int, rng: np.random.Generator) -> Array:
+def smallest_p(
+    within: Within, seen: Mask, shape: NoiseDistribution, known: bool, draws: int, rng: np.random.Generator
+) -> Array:
     """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape."""
     found = []
     sizes = np.unique(within.count)

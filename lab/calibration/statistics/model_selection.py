@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.identify import Identification, Wishes
-from lab.calibration.observations.protocol import sighting_of
-from lab.calibration.statistics.candidate_models import Drawn, Large, ModelWith, Task
+from lab.calibration.identify import Identification, IdentifyOptions
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.statistics.candidate_models import Drawn, FullModel, ModelWith, SelectionTask
 from lab.calibration.statistics.nested_models import Nested, Score
 from lab.calibration.validation import ROWS_PER_PARAMETER
 from lab.calibration.weights import Noise
@@ -26,7 +26,7 @@ BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.
 
 
 @dataclass(frozen=True)
-class Group:
+class GroupTrial:
     """What one group of parameters is worth.
 
     Attributes:
@@ -47,7 +47,7 @@ class Group:
     f_p: float
     bic: float
     chosen: bool
-    why_not: str = ""
+    infeasibility_reason: str = ""
     held: tuple[str, ...] = ()
 
 
@@ -63,7 +63,7 @@ class Selection:
 
     chosen: tuple[str, ...]
     identification: Identification
-    groups: tuple[Group, ...]
+    groups: tuple[GroupTrial, ...]
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -76,7 +76,7 @@ def select(
     data: Measurements,
     nominal: Drawn,
     noise: Noise | None = None,
-    wishes: Wishes | None = None,
+    request: IdentifyOptions | None = None,
     *,
     candidates: Sequence[str] = CANDIDATES,
     seed: int = 0,
@@ -95,11 +95,11 @@ def select(
     Raises:
         LabError: geometry alone cannot be identified.
     """
-    task = Task(model_with, nominal, data, noise or Noise(), wishes or Wishes())
+    task = SelectionTask(model_with, nominal, data, noise or Noise(), request or IdentifyOptions())
     task.refuse_unknown_wishes(candidates)
     alone = task.identified(())
     refused = {name: _refused(name, why) for name in candidates if (why := task.refusal(name))}
-    large = Large.of(task, [name for name in candidates if name not in refused], alone, seed)
+    large = FullModel.of(task, [name for name in candidates if name not in refused], alone, seed)
     taken, found, rows = _grown(task, large, alone)
     rows |= refused
     chosen = [replace(rows[name], chosen=True) for name in taken]
@@ -112,13 +112,13 @@ def follow(
     nominal: Drawn,
     groups: Sequence[str],
     noise: Noise | None = None,
-    wishes: Wishes | None = None,
+    request: IdentifyOptions | None = None,
     *,
     seed: int = 0,
 ) -> Selection:
     """Identify with the groups that are asked for, and say of each, in their order, what it buys.
 
-    What speaks against a group is said in ``why_not``, and does not keep it out.
+    What speaks against a group is said in ``infeasibility_reason``, and does not keep it out.
 
     Args:
         model_with, nominal, seed: as for ``select``.
@@ -126,11 +126,11 @@ def follow(
     Raises:
         LabError: a group cannot be built, or has no measurements to fit it by.
     """
-    task = Task(model_with, nominal, data, noise or Noise(), wishes or Wishes())
-    data.settings(sighting_of(model_with(groups)).model.conditions)
+    task = SelectionTask(model_with, nominal, data, noise or Noise(), request or IdentifyOptions())
+    data.inputs(observation_of(model_with(groups)).model.conditions)
     task.refuse_unknown_wishes(groups)
     found = task.identified(())
-    large = Large.of(task, groups, found, seed)
+    large = FullModel.of(task, groups, found, seed)
     table = large.around(found)
     rows = [_geometry(table.score(large.fitted(found)))]
     for count, name in enumerate(groups, start=1):
@@ -140,11 +140,13 @@ def follow(
     return Selection(tuple(groups), found, tuple(rows))
 
 
-def _grown(task: Task, large: Large, found: Identification) -> tuple[tuple[str, ...], Identification, dict[str, Group]]:
+def _grown(
+    task: SelectionTask, large: FullModel, found: Identification
+) -> tuple[tuple[str, ...], Identification, dict[str, GroupTrial]]:
     """From an identification of geometry alone: the groups taken, the arm with them, and all rows of the table."""
     table = large.around(found)
     rows = {GEOMETRY: _geometry(table.score(large.fitted(found)))}
-    stuck: dict[str, Group] = {}
+    stuck: dict[str, GroupTrial] = {}
     taken: tuple[str, ...] = ()
     for _ in range(3 * len(large.groups) + 1):  # BIC falls at each step, rounding and curvature aside
         left = [name for name in large.groups if name not in (*taken, *stuck)]
@@ -162,18 +164,18 @@ def _grown(task: Task, large: Large, found: Identification) -> tuple[tuple[str, 
 
 
 def _next(
-    large: Large, table: Nested, found: Identification, taken: tuple[str, ...], trials: Sequence[Group]
+    large: FullModel, table: Nested, found: Identification, taken: tuple[str, ...], trials: Sequence[GroupTrial]
 ) -> tuple[str, ...]:
     """The groups taken, less one that is superfluous now, or with the best of those worth it; else the same."""
     fitted = large.fitted(found)
     bic = {name: table.score([i for i in fitted if i not in large.groups[name]]).bic for name in taken}
     if bic and bic[least := min(bic, key=bic.__getitem__)] < table.score(fitted).bic:
         return tuple(name for name in taken if name != least)
-    worthy = [row for row in trials if not row.why_not]
+    worthy = [row for row in trials if not row.infeasibility_reason]
     return (*taken, min(worthy, key=lambda row: row.bic).name) if worthy else taken
 
 
-def _trial(large: Large, table: Nested, found: Identification, name: str) -> Group:
+def _trial(large: FullModel, table: Nested, found: Identification, name: str) -> GroupTrial:
     """What a group would add to an identified model."""
     new, shown = large.added(table, found, name)
     fitted = large.fitted(found)
@@ -184,8 +186,8 @@ def _trial(large: Large, table: Nested, found: Identification, name: str) -> Gro
     small, big = table.score(fitted), table.score([*fitted, *shown])
     p = table.p_value(small, big)
     why = objection(table, small, big, p * len(large.groups))
-    held = tuple(large.sight.model.names[i] for i in new if i not in shown)
-    return Group(name, len(shown), float(big.errors.mean()), p, big.bic, False, why, held)
+    held = tuple(large.observation.model.names[i] for i in new if i not in shown)
+    return GroupTrial(name, len(shown), float(big.errors.mean()), p, big.bic, False, why, held)
 
 
 def objection(table: Nested, small: Score, big: Score, p: float) -> str:
@@ -198,11 +200,11 @@ def objection(table: Nested, small: Score, big: Score, p: float) -> str:
     return "" if fall > error else "the held-out error does not fall"
 
 
-def _geometry(score: Score) -> Group:
+def _geometry(score: Score) -> GroupTrial:
     """The first row: no group."""
-    return Group(GEOMETRY, score.parameters, float(score.errors.mean()), np.nan, score.bic, True)
+    return GroupTrial(GEOMETRY, score.parameters, float(score.errors.mean()), np.nan, score.bic, True)
 
 
-def _refused(name: str, why: str) -> Group:
+def _refused(name: str, why: str) -> GroupTrial:
     """A group that was not tried."""
-    return Group(name, 0, np.nan, np.nan, np.nan, False, why)
+    return GroupTrial(name, 0, np.nan, np.nan, np.nan, False, why)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, Further, Observations
-from lab.calibration.observations.protocol import Sighting
+from lab.calibration.observations.protocol import Observation
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 
@@ -93,11 +93,11 @@ class Nested:
         4.3): a sigma given too small makes the second one far too sure, and one that says that the smaller model
         is adequate already must not be overruled by the first.
         """
-        added, freedom = big.parameters - small.parameters, self.rows - big.parameters
+        added, dof = big.parameters - small.parameters, self.rows - big.parameters
         fall = max(small.squares - big.squares, 0.0)
         by_noise = stats.chi2.sf(fall / self.floor**2, added)
-        ratio = fall / added / max(big.squares / freedom, 1e-300)
-        return float(max(by_noise, stats.f.sf(ratio, added, freedom)))
+        ratio = fall / added / max(big.squares / dof, 1e-300)
+        return float(max(by_noise, stats.f.sf(ratio, added, dof)))
 
     def gain(self, before: Score, after: Score) -> tuple[float, float]:
         """How far the mean held-out error falls (m), and the standard error of that: paired, by clusters."""
@@ -116,14 +116,14 @@ class Nested:
 
 
 def nested_at(
-    sight: Sighting,
+    observation: Observation,
     seen: Observations,
     values: Array,
     columns: Sequence[int],
     drawn: Array,
     folds: Labels,
     clusters: Labels,
-    further: Further,
+    extra_residuals: Further,
     floor: float,
 ) -> Nested:
     """The large model near ``values`` ``(p,)``.
@@ -135,16 +135,16 @@ def nested_at(
         further: what is known beside the measurements, weighed as they are.
     """
     index, count = list(columns), int(folds.max()) + 1
-    predicted, jacobian = sight.model.observe(seen.settings, values)
+    predicted, jacobian = observation.model.observe(seen.inputs, values)
     both = np.concatenate([jacobian[..., index], (seen.points - predicted)[..., None]], axis=3)
     rows, mask = seen.apply(both), seen_mask(seen.points)
     scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
     scale[scale == 0] = 1.0
-    residual, slopes = further(values)
+    residual, slopes = extra_residuals(values)
     beside = np.column_stack([slopes[:, index], residual]) / scale
     fold = np.repeat(folds[np.nonzero(mask)[0]], seen.points.shape[2])
     parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]
-    in_m = (both / sight.units[:, None, None])[:, : sight.positions or None]
+    in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
     inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]
     return Nested(
         columns=tuple(columns),

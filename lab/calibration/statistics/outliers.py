@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Further, Observations, fit
-from lab.calibration.statistics.linearized import Linear, Mask, Shape, Within, linearized, smallest_p
+from lab.calibration.statistics.linearized import Linear, Mask, NoiseDistribution, Within, linearized, smallest_p
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -61,9 +61,9 @@ def find_outliers(
     *,
     known: bool,
     rng: np.random.Generator,
-    shape: Shape = Shape(),  # noqa: B008
+    shape: NoiseDistribution = NoiseDistribution(),  # noqa: B008
     level: float = LEVEL,
-    further: Further | None = None,
+    extra_residuals: Further | None = None,
     things: int | None = None,
 ) -> Outliers:
     """Find the poses that are off, and fit the others.
@@ -78,15 +78,15 @@ def find_outliers(
         things: how many of the observed things, from the first, are lengths; all where None.
         further: what else is known of the parameters, as for ``fit``.
     """
-    values, weights, scale = _robust(model, seen, free, start, further, 0.01 if known else LEAST_SIGMA_M)
+    values, weights, scale = _robust(model, seen, free, start, extra_residuals, 0.01 if known else LEAST_SIGMA_M)
     believed = bool(known and scale <= MISFIT)
-    inside, linear = weights > 0, linearized(model, seen, values, free, further)
-    test = _test(linear, shape if believed == known else Shape(), believed, level, rng)
+    inside, linear = weights > 0, linearized(model, seen, values, free, extra_residuals)
+    test = _test(linear, shape if believed == known else NoiseDistribution(), believed, level, rng)
     for _ in range(_ROUNDS):
         settled, needed = _settle(linear, inside, test)
-        solution = fit(model, leave_out(seen, np.flatnonzero(~settled)), free, values, further=further)
+        solution = fit(model, leave_out(seen, np.flatnonzero(~settled)), free, values, extra_residuals=extra_residuals)
         values, before, inside = solution.values, inside, settled
-        linear = linearized(model, seen, values, free, further)
+        linear = linearized(model, seen, values, free, extra_residuals)
         if (inside == before).all():
             break
     p, _ = test.judge(linear.within(inside), linear.residual)
@@ -114,7 +114,7 @@ def off_held_out(
     *,
     known: bool,
     level: float = LEVEL,
-    further: Further | None = None,
+    extra_residuals: Further | None = None,
     things: int | None = None,
 ) -> HeldOut:
     """Which poses that were not fitted are no predictions of those that were: F or chi squared, Bonferroni over them.
@@ -125,12 +125,12 @@ def off_held_out(
         known: whether the weights stand on a known sigma; where most residuals are beyond it, it is estimated.
         level, further, things: as for ``find_outliers``.
     """
-    linear = linearized(model, seen, solution.values, solution.free, further)
+    linear = linearized(model, seen, solution.values, solution.free, extra_residuals)
     inside = np.ones(len(linear.seen), dtype=bool)
     inside[fitted : linear.poses] = False
     within = linear.within(inside)
     distance, total = within.squares(within.residuals(linear.residual))
-    believed = known and float(total) <= MISFIT**2 * max(within.freedom, 1)
+    believed = known and float(total) <= MISFIT**2 * max(within.dof, 1)
     p = within.p_values(distance, total, believed, 0.0 if known else LEAST_SIGMA_M)
     campaign = np.minimum(1.0, p * max(linear.poses - fitted, 1))
     rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, seen, solution.values, things)
@@ -140,8 +140,8 @@ def off_held_out(
 
 def leave_out(seen: Observations, rows: NDArray[np.int_]) -> Observations:
     """The observations without some rows."""
-    keep = np.setdiff1d(np.arange(len(seen.settings)), rows)
-    return Observations(seen.settings[keep], seen.points[keep], seen.whiten[keep])
+    keep = np.setdiff1d(np.arange(len(seen.inputs)), rows)
+    return Observations(seen.inputs[keep], seen.points[keep], seen.whiten[keep])
 
 
 def would_matter(model: Model, seen: Observations, fitted: Array, without: Array) -> float:
@@ -149,7 +149,7 @@ def would_matter(model: Model, seen: Observations, fitted: Array, without: Array
 
     Of a plain fit and one without its outliers it says what leaving them out would change.
     """
-    moved = model.points(seen.settings, fitted) - model.points(seen.settings, without)
+    moved = model.points(seen.inputs, fitted) - model.points(seen.inputs, without)
     return float(np.sqrt((moved[seen_mask(seen.points)] ** 2).sum(axis=-1).mean()))
 
 
@@ -183,7 +183,7 @@ class _Test:
         return np.asarray((1 + below) / (1 + len(self.reference)))
 
 
-def _test(linear: Linear, shape: Shape, known: bool, level: float, rng: np.random.Generator) -> _Test:
+def _test(linear: Linear, shape: NoiseDistribution, known: bool, level: float, rng: np.random.Generator) -> _Test:
     poses = int(linear.seen[: linear.poses].any(axis=1).sum())
     floor = 0.0 if known else LEAST_SIGMA_M
     if shape.kind == "gaussian":
@@ -225,11 +225,11 @@ def _settle(linear: Linear, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np
 def _enough(linear: Linear, inside: Mask) -> Mask:
     """The poses inside; all, where those are too few to tell the parameters apart and to estimate a sigma."""
     within = linear.within(inside)
-    return inside if within.full_rank and within.freedom > 0 else np.ones_like(inside)
+    return inside if within.full_rank and within.dof > 0 else np.ones_like(inside)
 
 
 def _robust(
-    model: Model, seen: Observations, free: Sequence[int], start: Array, further: Further | None, floor: float
+    model: Model, seen: Observations, free: Sequence[int], start: Array, extra_residuals: Further | None, floor: float
 ) -> tuple[Array, Array, float]:
     """Values, Tukey's weights ``(n,)`` and scale that a minority of poses cannot spoil.
 
@@ -239,7 +239,7 @@ def _robust(
     """
     values = ahead = start
     for _ in range(_ROUNDS):
-        linear = linearized(model, seen, ahead, free, further)
+        linear = linearized(model, seen, ahead, free, extra_residuals)
         if not np.isfinite(linear.residual).all():  # too far: loops that do not close
             break
         values = ahead
@@ -283,5 +283,5 @@ def _weighted_step(linear: Linear, basis: Array, weights: Array) -> Array:
 
 def _sizes(model: Model, seen: Observations, values: Array, things: int | None) -> Array:
     """Largest residual length ``(n,)`` of each pose's seen targets (m)."""
-    lengths = np.linalg.norm((seen.points - model.points(seen.settings, values))[:, :things], axis=2)
+    lengths = np.linalg.norm((seen.points - model.points(seen.inputs, values))[:, :things], axis=2)
     return np.asarray(np.where(np.isnan(lengths), 0.0, lengths).max(axis=1))

@@ -13,7 +13,7 @@ OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second
 
 
 @dataclass(frozen=True)
-class Change:
+class SetupSuggestion:
     """A change of what is measured, and the condition that the same poses would then have."""
 
     words: str
@@ -21,8 +21,8 @@ class Change:
 
 
 def changes(
-    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], values: Array, settings: Array
-) -> tuple[Change, ...]:
+    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], values: Array, inputs: Array
+) -> tuple[SetupSuggestion, ...]:
     """The changes that anyone can make, the best first.
 
     Args:
@@ -38,13 +38,15 @@ def changes(
     second = dict(zip("xyz", np.array(first) + np.array([OFFSET_M, OFFSET_M, 0.0]), strict=True))
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
     posed = Poses(arm, targets[0])
-    turned = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(settings), 4))
+    turned = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(inputs), 4))
     found = [
-        Change(f"the target {1e3 * OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, settings)),
-        Change("a second target", condition_of(more, np.array([both[name] for name in more.names]), settings)),
-        Change(
+        SetupSuggestion(
+            f"the target {1e3 * OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, inputs)
+        ),
+        SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
+        SetupSuggestion(
             "orientations measured too",
-            condition_of(posed, posed.nominal(values), np.concatenate([settings, turned], axis=1)),
+            condition_of(posed, posed.nominal(values), np.concatenate([inputs, turned], axis=1)),
         ),
     ]
     return tuple(sorted(found, key=lambda change: change.condition))

@@ -7,10 +7,10 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.commands.calibrate.result import summary
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 
 
-def print_outcome(outcome: Outcome, folder: Path) -> None:
+def print_outcome(outcome: CalibrationResult, folder: Path) -> None:
     """The campaign in a few lines: before and after, what was identified, where the run is."""
     console, result = Console(markup=False), summary(outcome)
     console.print(

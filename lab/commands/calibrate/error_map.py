@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.validation import errors_of
 from lab.commands.calibrate.result import rigid
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import moved, world_of
 from lab.commands.calibrate.virtual_robot import asked_conditions, fresh_poses
 from lab.commands.options import MeasuredCampaign, VirtualCampaign
@@ -24,7 +24,7 @@ MOST_ARMS = 12
 
 
 @dataclass(frozen=True)
-class Places:
+class ErrorMap:
     """Where lengths (errors, corrections) are.
 
     Attributes:
@@ -70,7 +70,7 @@ class ArmPlaces:
     head: Array | None
 
 
-def error_places(outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) -> Places:
+def error_places(outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign) -> ErrorMap:
     """The errors of the poses that were judged by; of the fitted ones where nobody wrote down where those are."""
     data, errors, words = _judged(outcome, options)
     points = _predicted(outcome, data)
@@ -81,26 +81,26 @@ def error_places(outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) 
     everything = outcome.measurements
     named = [everything.ids.index(pose.id) for pose in outcome.fit.outliers]
     off = _predicted(outcome, everything.take(named)).reshape(-1, 3) if named else np.empty((0, 3))
-    return Places(points[rows], errors[rows], off, words, thinned=len(rows) < len(seen))
+    return ErrorMap(points[rows], errors[rows], off, words, thinned=len(rows) < len(seen))
 
 
-def _judged(outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) -> tuple[Measurements, Array, str]:
+def _judged(outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign) -> tuple[Measurements, Array, str]:
     """Poses, the errors ``(n, things)`` after calibration there, and which poses they are."""
-    judgement, fitted = outcome.judgement, outcome.fitted
-    if judgement.errors is not None:
-        found = judgement.errors.after
+    validation, fitted = outcome.validation, outcome.fitted
+    if validation.errors is not None:
+        found = validation.errors.after
         if outcome.real is not None and isinstance(options, VirtualCampaign):
             fresh = fresh_poses(outcome.real, options, asked_conditions(outcome.robot, options))
             return fresh, found, "the fresh poses, without noise"
-        if judgement.judged_by == "cross-validation":
+        if validation.judged_by == "cross-validation":
             return fitted, found, "the poses of the cross-validation, each by the fit without it"
-        if judgement.judged_by == "holdout" and (held := _held(outcome, found)) is not None:
+        if validation.judged_by == "holdout" and (held := _held(outcome, found)) is not None:
             return held, found, "the poses held out"
     errors = errors_of(outcome.identification, fitted).after
     return fitted, errors, "the fitted poses: what the fit leaves over there"
 
 
-def _held(outcome: Outcome, errors: Array) -> Measurements | None:
+def _held(outcome: CalibrationResult, errors: Array) -> Measurements | None:
     """The rows that were judged by, found again among those not fitted; None where their errors are others."""
     data, left_out = outcome.measurements, outcome.fit.outliers if outcome.fit.left_out else ()
     if data.points.shape[1:] != outcome.fitted.points.shape[1:]:
@@ -124,13 +124,13 @@ def thinned(errors: Array) -> NDArray[np.int_]:
     return order[np.round(np.linspace(0, len(order) - 1, MOST_POINTS)).astype(np.int_)]
 
 
-def _predicted(outcome: Outcome, data: Measurements) -> Array:
+def _predicted(outcome: CalibrationResult, data: Measurements) -> Array:
     """Targets ``(n, k, 3)`` in the world, of the calibrated geometry."""
     arm, values = rigid(outcome, outcome.identification.values)
     return moved(world_of(outcome), arm.points(data.joints, values))
 
 
-def arm_places(outcome: Outcome) -> ArmPlaces:
+def arm_places(outcome: CalibrationResult) -> ArmPlaces:
     """The calibrated arm at up to twelve of its fitted poses, evenly spaced, with the points of all of them."""
     fitted, identification = outcome.fitted, outcome.identification
     rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, MOST_ARMS)).astype(np.int_))
@@ -142,7 +142,7 @@ def arm_places(outcome: Outcome) -> ArmPlaces:
     first = int(np.argmax(np.abs(joints[:, -1, 0] - joints[:, 0, 0])))
     order = [first, *(i for i in range(len(rows)) if i != first)]
     shape = fitted.ids[rows[first]], tuple(line[order] for line in lines), joints[order], tips[order]
-    positions = sighting_of(identification.model).positions
+    positions = observation_of(identification.model).positions
     if not positions:
         return ArmPlaces(*shape, _predicted(outcome, fitted).reshape(-1, 3), measured=False, head=None)
     T_world_instrument = world_of(outcome)

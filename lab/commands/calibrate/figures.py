@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 
-from lab.commands.calibrate.error_map import ArmPlaces, Places
+from lab.commands.calibrate.error_map import ArmPlaces, ErrorMap
 from lab.core.se3 import Array
 from lab.render.html import AFTER, MEASURED, OFF, Html, short
 from lab.render.svg import INK, QUIET, cube, log_ticks, panel, view
@@ -67,7 +67,7 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str) -> Html:
     return panel(name, f"Histogram: {axis}", (7.5, 3), draw, (0.6, 0.5, 0.2, 0.5))
 
 
-def size_maps(places: Places) -> list[Html]:
+def size_maps(places: ErrorMap) -> list[Html]:
     """Lengths where they are, from above and from the side, and their scale; no view in which they are a line."""
     sizes = 1e3 * places.sizes
     colours = LinearSegmentedColormap.from_list("sizes", [_SMALL, "#f97316", "#b91c1c", _LARGE])

@@ -7,20 +7,20 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, Wishes, identify
+from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observations.full_pose import Poses, balanced
-from lab.calibration.observations.protocol import sighting_of
-from lab.calibration.observations.select import Observing, sighted
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observations.select import ObservationOptions, sighted
 from lab.calibration.prior import Tolerance
 from lab.calibration.sequential import fit_sequentially
-from lab.calibration.statistics.candidate_models import Task
-from lab.calibration.statistics.goodness_of_fit import Adequacy, adequacy, isotropy, sandwich
-from lab.calibration.statistics.linearized import Shape, linearized
+from lab.calibration.statistics.candidate_models import SelectionTask
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit, isotropy, sandwich
+from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.model_selection import CANDIDATES, Selection, follow, select
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
-from lab.commands.calibrate.fit_result import Fitted, named_poses
+from lab.commands.calibrate.fit_result import FitReport, named_poses
 from lab.commands.calibrate.warnings import (
     of_drawing,
     of_export,
@@ -34,9 +34,9 @@ from lab.commands.robot import Robot
 from lab.commands.shared_options import Fitting
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.groups import Course
+from lab.kinematics.effects.groups import SessionInfo
 from lab.kinematics.model import Model
 
 CLEANINGS = 5  # of the poses and what they are judged by
@@ -56,7 +56,7 @@ class Fitter:
     robot: Robot
     targets: tuple[str, ...]
     data: Measurements
-    observing: Observing
+    observing: ObservationOptions
     noise: Noise
     options: Fitting
     sequential: bool
@@ -69,14 +69,14 @@ class Fitter:
         return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[0]
 
     @property
-    def course(self) -> Course:
+    def course(self) -> SessionInfo:
         """Of the measurements that are to be fitted."""
         rows = self.data.only("calibrate")
         if self.observing.kind in ("points", "pose"):
             rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
         time_s = rows.conditions.get("time_s", np.zeros(1))
         told = time_s[np.isfinite(time_s)]
-        return Course(tuple(dict.fromkeys(rows.sessions)), float(told[0]) if len(told) else 0.0)
+        return SessionInfo(tuple(dict.fromkeys(rows.sessions)), float(told[0]) if len(told) else 0.0)
 
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
@@ -90,11 +90,11 @@ class Fitter:
         return np.array([drawn.get(name, 0.0) for name in model.names])
 
     @property
-    def wishes(self) -> Wishes:
+    def request(self) -> IdentifyOptions:
         """What is asked of the identification."""
         chosen = self.options
         tolerance = self.tolerance if chosen.prior else None
-        return Wishes(chosen.fix, chosen.free, tolerance, fit_sequentially if self.sequential else None)
+        return IdentifyOptions(chosen.fix, chosen.free, tolerance, fit_sequentially if self.sequential else None)
 
     @property
     def tolerance(self) -> Tolerance:
@@ -110,18 +110,18 @@ class Fitter:
             held: parameters of the groups that the selection found these poses not to show.
         """
         model = self.model_with(groups)
-        wishes = self.wishes if self.options.model == "geometric" else self.wishes.of(model.names)
-        wishes = replace(wishes, fix=(*wishes.fix, *held))
-        found, clean, outliers = self._identify(model, rows, wishes), rows, None
+        request = self.request if self.options.model == "geometric" else self.request.of(model.names)
+        request = replace(request, fix=(*request.fix, *held))
+        found, clean, outliers = self._identify(model, rows, request), rows, None
         for _ in range(CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
             before, outliers = outliers, self._outliers(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
                 break
             clean = rows.take(np.setdiff1d(np.arange(len(rows)), outliers.rows))
-            found = self._identify(model, clean, wishes)
+            found = self._identify(model, clean, request)
         return found, clean, outliers
 
-    def __call__(self, rows: Measurements, held: Measurements | None = None) -> Fitted:
+    def __call__(self, rows: Measurements, held: Measurements | None = None) -> FitReport:
         """Everything that the rows say.
 
         Args:
@@ -130,11 +130,11 @@ class Fitter:
         selection = self._selected(rows)
         groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
         found, clean, outliers = self.identified(rows, groups, unshown)
-        sight, robust = sighting_of(found.model), self.options.robust
-        seen, known = weighed(sight, clean, self.noise)
+        observation, robust = observation_of(found.model), self.options.robust
+        seen, known = weighed(observation, clean, self.noise)
         outliers = outliers or self._outliers(found, rows)
         off = named_poses(rows, outliers)
-        if held is not None and sight.positions:
+        if held is not None and observation.positions:
             off += named_poses(held, self._off_held_out(found, clean, held), held_out=True)
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = self._adequacy(found, clean, judged_by)
@@ -153,22 +153,22 @@ class Fitter:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         warnings += of_drawing(found, self.nominal(found.model))
         if self.observing.kind == "points":
-            warnings += of_weakness(self.robot, self.targets, groups, found, seen.settings)
+            warnings += of_weakness(self.robot, self.targets, groups, found, seen.inputs)
         warnings += of_joints(found, seen, clean, self._moves(clean))
-        warnings += of_export(self.robot, found, groups, seen.settings)
-        return Fitted(trusted, clean, groups, unshown, off, robust, judged, selection, tuple(warnings))
+        warnings += of_export(self.robot, found, groups, seen.inputs)
+        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, tuple(warnings))
 
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""
         if self.options.model == "geometric":
             return None
         groups = self.options.groups
-        task = Task(self.model_with, self.nominal, rows, self.noise, self.wishes)
+        task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
         task.refuse_unknown_wishes(CANDIDATES if self.options.model == "auto" else groups)
         found, clean, outliers = self.identified(rows, groups)
         if self.options.model != "auto":
             model_with = self._balanced_as(found).model_with
-            return follow(model_with, clean, self.nominal, groups, self.noise, self.wishes, seed=self.seed)
+            return follow(model_with, clean, self.nominal, groups, self.noise, self.request, seed=self.seed)
         selection = self._chosen(found, clean)
         if outliers is None or not len(outliers.rows):
             return selection
@@ -184,7 +184,7 @@ class Fitter:
         for _ in range(BALANCINGS):
             before, model_with = selection, self._balanced_as(found).model_with
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]
-            asked = (self.noise, self.wishes)
+            asked = (self.noise, self.request)
             selection = select(model_with, rows, self.nominal, *asked, candidates=tried, seed=self.seed)
             if not isinstance(found.model, Poses) or (before and before.chosen == selection.chosen):
                 break
@@ -199,7 +199,7 @@ class Fitter:
                 with suppress(LabError):  # a group that cannot be built says so elsewhere
                     conditions = self.robot.arm_with(self.targets, [group], self.course).conditions
                     try:
-                        rows.settings(conditions)
+                        rows.inputs(conditions)
                     except LabError as error:
                         return str(error)
         return ""
@@ -211,35 +211,35 @@ class Fitter:
         return replace(self, observing=replace(self.observing, ratio=found.model.ratio))
 
     @property
-    def _shape(self) -> Shape:
+    def _shape(self) -> NoiseDistribution:
         """Of the noise that is assumed."""
         device = self.noise.instrument
         uniform = device is not None and device.kind == "uniform" and self.noise.sigma_m is None
-        return Shape("uniform", self.noise.readings) if uniform else Shape()
+        return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
-    def _identify(self, model: Model, rows: Measurements, wishes: Wishes) -> Identification:
+    def _identify(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
         if isinstance(model, Poses) and self.observing.ratio is None:
-            model = balanced(model, rows, self.nominal(model), wishes)
-        return identify(model, rows, self.nominal(model), self.noise, wishes)
+            model = balanced(model, rows, self.nominal(model), request)
+        return identify(model, rows, self.nominal(model), self.noise, request)
 
     def _outliers(self, start: Identification, rows: Measurements) -> Outliers:
-        sight = sighting_of(start.model)
-        seen, known = weighed(sight, rows, self.noise)
+        observation = observation_of(start.model)
+        seen, known = weighed(observation, rows, self.noise)
         return find_outliers(
             start.model,
             seen,
             start.fit.free,
             start.before,
             known=known,
-            rng=stream(self.seed, "null"),
+            rng=rng_for(self.seed, "null"),
             shape=self._shape,
-            further=start.further,
-            things=sight.positions or None,
+            extra_residuals=start.extra_residuals,
+            things=observation.positions or None,
         )
 
     def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements) -> HeldOut:
-        sight = sighting_of(found.model)
-        parts = [weighed(sight, part, self.noise) for part in (rows, held)]
+        observation = observation_of(found.model)
+        parts = [weighed(observation, part, self.noise) for part in (rows, held)]
         both = Observations(*(np.concatenate(pair) for pair in zip(*(astuple(seen) for seen, _ in parts), strict=True)))
         return off_held_out(
             found.model,
@@ -247,22 +247,22 @@ class Fitter:
             len(rows),
             found.fit,
             known=parts[0][1],
-            further=found.further,
-            things=sight.positions,
+            extra_residuals=found.extra_residuals,
+            things=observation.positions,
         )
 
-    def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> Adequacy:
-        sight = sighting_of(found.model)
-        seen, known = weighed(sight, rows, self.noise)
-        return adequacy(
+    def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> GoodnessOfFit:
+        observation = observation_of(found.model)
+        seen, known = weighed(observation, rows, self.noise)
+        return goodness_of_fit(
             found.model,
             seen,
             found.fit,
             known=known,
             shape=self._shape,
             labels=repeats(rows),
-            held=weighed(sight, held, self.noise)[0] if held is not None and sight.positions else None,
-            further=found.further,
+            held=weighed(observation, held, self.noise)[0] if held is not None and observation.positions else None,
+            extra_residuals=found.extra_residuals,
         )
 
     def _trusted(self, found: Identification, seen: Observations, known: bool) -> tuple[Identification, list[str]]:
@@ -273,10 +273,10 @@ class Fitter:
         words = isotropy(found.model, seen, found.fit).words
         if not words:
             return found, []
-        if known or self.options.prior or len(seen.settings) <= len(found.fit.free):
+        if known or self.options.prior or len(seen.inputs) <= len(found.fit.free):
             return found, [words]
         own = sandwich(linearized(found.model, seen, found.values, found.fit.free))
-        trusted = replace(found, covariance=own.covariance, freedom_each=own.freedom)
+        trusted = replace(found, covariance=own.covariance, freedom_each=own.dof)
         return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
 
     def _moves(self, rows: Measurements) -> Array:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from lab.calibration.identify import Identification
-from lab.calibration.statistics.goodness_of_fit import Adequacy
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
 from lab.core.measurements import Measurements
@@ -28,7 +28,7 @@ class Named:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FitReport:
     """What a set of measurements says.
 
     Attributes:
@@ -46,7 +46,7 @@ class Fitted:
     unshown: tuple[str, ...]
     outliers: tuple[Named, ...]
     left_out: bool
-    adequacy: Adequacy
+    adequacy: GoodnessOfFit
     selection: Selection | None
     warnings: tuple[str, ...]
 

@@ -14,8 +14,8 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
-from lab.kinematics.effects.arm import AffectedArm, Arm, rigid_part
-from lab.kinematics.effects.groups import OF_ITS_CAMPAIGN
+from lab.kinematics.effects.arm import Arm, ArmWithEffects, rigid_part
+from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import Drawing
 from lab.kinematics.model import RigidArm
 
@@ -72,7 +72,7 @@ class Calibrated:
     @property
     def groups(self) -> tuple[str, ...]:
         """Of effects that the arm has."""
-        return tuple(effect.name for effect in self.arm.effects) if isinstance(self.arm, AffectedArm) else ()
+        return tuple(effect.name for effect in self.arm.effects) if isinstance(self.arm, ArmWithEffects) else ()
 
     def lacking(self, sigma_m: float) -> tuple[float, float, int | None]:
         """What the model lacks (m a coordinate), a factor of its covariance, and sigma's degrees of freedom.
@@ -145,8 +145,8 @@ def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
     if not targets:
         raise LabError(f"{folder}/parameters.json: has no tool (tool.p1.x…), so nothing is there to be aimed")
     chosen = [name for name in str(result.get("model")).split("+") if name != "geometric"]
-    arm = robot.arm_with(targets, [name for name in chosen if name not in OF_ITS_CAMPAIGN])
-    left_out = tuple(name for name in chosen if name in OF_ITS_CAMPAIGN)
+    arm = robot.arm_with(targets, [name for name in chosen if name not in CAMPAIGN_SPECIFIC])
+    left_out = tuple(name for name in chosen if name in CAMPAIGN_SPECIFIC)
     if missing := [name for name in arm.names if name not in rows]:
         raise LabError(f"{folder}/parameters.json: has no {missing[0]}: it is of another robot, or was cut short")
     exported, before = (np.array([rows[name][key] for name in arm.names]) for key in ("exported", "nominal"))

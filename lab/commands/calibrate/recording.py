@@ -25,8 +25,8 @@ from lab.commands.calibrate.recording_layout import (
     UNCERTAINTY,
     blueprint,
 )  # fmt: skip
-from lab.commands.calibrate.recording_text import parameter_table, times, wording
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.recording_text import format_magnification, parameter_table, wording
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import Scene, scene
 from lab.core.se3 import Array
 from lab.render.rerun_primitives import (
@@ -42,7 +42,7 @@ from lab.render.rerun_primitives import (
 )
 
 
-def record(path: Path, outcome: Outcome) -> None:
+def record(path: Path, outcome: CalibrationResult) -> None:
     """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
     shown = scene(outcome)
     with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
@@ -59,7 +59,7 @@ def record(path: Path, outcome: Outcome) -> None:
         recording.log(PARAMETERS, markdown(parameter_table(outcome)), static=True)
 
 
-def _identity(outcome: Outcome) -> str:
+def _identity(outcome: CalibrationResult) -> str:
     """The same for the same content, so that the same campaign gives the same recording."""
     digest = hashlib.sha256(outcome.robot.sha256.encode())
     for array in (outcome.fitted.joints, outcome.fitted.points, outcome.identification.values):
@@ -71,7 +71,7 @@ def _poses(rows: NDArray[np.int_]) -> Times:
     return [rr.TimeColumn("pose", sequence=rows)]
 
 
-def _instrument(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
+def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
     """Its frame; of a virtual tracker also the beam to each target that it sees."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
     draw_instrument(recording, name, shown.T_world_instrument)
@@ -130,7 +130,7 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
         recording.send_columns(f"world/errors/{name}", _poses(shown.at), columns)
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
         recording.log(f"world/errors/{name}", style, static=True)
-        text = f"{name} {times(factor)}"
+        text = f"{name} {format_magnification(factor)}"
         draw_tag(
             recording,
             f"world/errors/{name}/factor",
@@ -150,7 +150,7 @@ def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
         draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, UNCERTAINTY)
 
 
-def _numbers(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> None:
+def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
     """Errors of every fitted pose, singular values, and how the fit converged."""
     for name, errors, colour in (("before", shown.error_before, BEFORE), ("after", shown.error_after, AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
@@ -170,7 +170,7 @@ def _numbers(recording: rr.RecordingStream, outcome: Outcome, shown: Scene) -> N
     recording.log(f"{CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=AFTER), static=True)
 
 
-def convergence(outcome: Outcome) -> Array:
+def convergence(outcome: CalibrationResult) -> Array:
     """Root mean square residual of a coordinate before and after each step: in sigmas, in mm if sigma was estimated."""
     identification = outcome.identification
     squares = 2 * np.array(identification.fit.cost_trace) / (3 * outcome.fitted.seen.sum())

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import Scene
 from lab.core import se3
 from lab.core.se3 import Array
@@ -23,7 +23,7 @@ FAR = 4.0  # reaches: an instrument further away does not have to be in view
 HALF_FIELD, ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewer's field of 55 degrees
 
 
-def blueprint(outcome: Outcome, shown: Scene) -> rrb.Blueprint:
+def blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     """The layout of a campaign's recording."""
     before_mm, after_mm = (1e3 * float(np.nanmax(error)) for error in (shown.error_before, shown.error_after))
     unit = "in σ" if outcome.identification.sigma_known else "in mm"

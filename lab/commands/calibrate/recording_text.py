@@ -4,7 +4,7 @@ from typing import Any
 
 from lab.calibration.identify import Identification
 from lab.commands.calibrate.result import human_unit, parameters, summary
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import Scene
 from lab.core import se3
 from lab.core.se3 import Array
@@ -19,7 +19,7 @@ _JUDGED = {
 }
 
 
-def times(factor: float) -> str:
+def format_magnification(factor: float) -> str:
     """A magnification, as ``x 10,000``."""
     return f"× {factor:,.0f}" if factor >= 1 else f"× {factor:g}"
 
@@ -30,7 +30,7 @@ def legs_words(legs: Legs) -> str:
     return "- lines of the robot, " + "; ".join(words for kind, words in kinds.items() if kind in legs.measured)
 
 
-def wording(outcome: Outcome, shown: Scene) -> str:
+def wording(outcome: CalibrationResult, shown: Scene) -> str:
     """The summary, in markdown: what was done, how good it is, and what the picture magnifies."""
     result = summary(outcome)
     parts = [
@@ -45,7 +45,7 @@ def wording(outcome: Outcome, shown: Scene) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def parameter_table(outcome: Outcome) -> str:
+def parameter_table(outcome: CalibrationResult) -> str:
     """Every parameter, in markdown: before, after, how far it moved and how sure it is."""
     lines = [
         "Lengths in mm, angles in degrees. *Before*: as drawn, base and tool fitted. ± is one standard deviation.",
@@ -125,20 +125,20 @@ def _trust(result: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def _legend(outcome: Outcome, shown: Scene) -> str:
+def _legend(outcome: CalibrationResult, shown: Scene) -> str:
     """What the colours mean and by how much each is magnified."""
     known = outcome.identification.sigma_known
     unit = "their effects in standard deviations" if known else "all points weigh alike"
-    before, after = times(shown.factor_before), times(shown.factor_after)
+    before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
     lines = [
         "## What is shown",
         "- **yellow**: measured points. Predicted ones: **red** before, **green** after; come close to see them part",
         f"- **arrows**: measured less predicted; **red** before, {before}; **green** after, {after}",
         "- **blue**, mapping ellipsoid: onto what J maps the unit ball of scaled parameters "
-        f"({unit}), {times(shown.mapping.factor)}",
+        f"({unit}), {format_magnification(shown.mapping.factor)}",
     ]
     if shown.uncertainty is not None:
-        factor = times(shown.uncertainty.factor)
+        factor = format_magnification(shown.uncertainty.factor)
         lines.append(f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, {factor}")
     lines += [legs_words(shown.legs)] if shown.legs.measured else []
     if shown.off:

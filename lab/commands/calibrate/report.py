@@ -24,7 +24,7 @@ from lab.commands.calibrate.report_text import (
     trust,
 )
 from lab.commands.calibrate.result import parameters, summary
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.options import MeasuredCampaign, VirtualCampaign
 from lab.commands.provenance import how_it_was_made
 from lab.render.html import (
@@ -42,7 +42,7 @@ from lab.render.html import (
 )
 
 
-def write_report(path: Path, outcome: Outcome, options: VirtualCampaign | MeasuredCampaign) -> None:
+def write_report(path: Path, outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign) -> None:
     """Write the report of a run of ``lab calibrate`` or ``lab identify``."""
     result, rows = summary(outcome), changes_of(parameters(outcome))
     doubt = "the model is not adequate (below)" if result["adequate"] is False else ""
@@ -68,8 +68,8 @@ def _command(options: VirtualCampaign | MeasuredCampaign) -> str:
     return "calibrate" if isinstance(options, VirtualCampaign) else "identify"
 
 
-def _histograms(outcome: Outcome, observed: Observed) -> Html:
-    errors = outcome.judgement.errors
+def _histograms(outcome: CalibrationResult, observed: Observed) -> Html:
+    errors = outcome.validation.errors
     if errors is None or not np.isfinite(errors.after).any():
         return Html("")
     caption = (
@@ -83,7 +83,7 @@ def _histograms(outcome: Outcome, observed: Observed) -> Html:
     return figure("errors-figure", [histograms("errors", spreads, observed.error)], caption)
 
 
-def _where(outcome: Outcome, options: VirtualCampaign | MeasuredCampaign, observed: Observed) -> Html:
+def _where(outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign, observed: Observed) -> Html:
     places = replace(error_places(outcome, options), size_means=f"{observed.error} after calibration")
     if not len(places.points):
         return Html("")
@@ -112,7 +112,7 @@ def _changes(rows: list[dict[str, Any]], observed: Observed, offsets: Sequence[s
     return [below, figure("changes", panels, caption) if panels else Html("")]
 
 
-def _singular_values(outcome: Outcome) -> Html:
+def _singular_values(outcome: CalibrationResult) -> Html:
     values = outcome.identification.fit.singular_values
     if not (len(values) and np.isfinite(values).all() and values[0] > 0):
         return Html("")
@@ -123,7 +123,7 @@ def _singular_values(outcome: Outcome) -> Html:
     return figure("singular-values-figure", [singular_values(values)], caption)
 
 
-def _arm(outcome: Outcome) -> Html:
+def _arm(outcome: CalibrationResult) -> Html:
     arm = arm_places(outcome)
     if not np.isfinite(arm.joints).all():
         return Html("")

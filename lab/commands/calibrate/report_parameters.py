@@ -4,7 +4,7 @@ from typing import Any
 
 from lab.commands.calibrate.result import human_unit
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 from lab.render.html import Html, element, fixed, short, table
 
 MOST_ALIASES = 4
@@ -37,7 +37,7 @@ def changes_of(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def offsets(robot: Joints) -> list[str]:
+def offsets(robot: JointSpec) -> list[str]:
     """The lengths of a mechanism's legs that are offsets of readings."""
     rods = robot.tree.rods if isinstance(robot, Mechanism) else ()
     return [f"{rod.name}.length" for rod in rods if rod.joint is not None]

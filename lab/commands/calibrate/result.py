@@ -6,12 +6,12 @@ import numpy as np
 
 from lab.calibration.identifiability import Direction, aliases, weak_directions
 from lab.calibration.identify import Identification
-from lab.calibration.most_likely_parameters import lift
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.uncertainty import position_covariance
 from lab.calibration.verdict import rotation_noise_rad
-from lab.commands.calibrate.run import Outcome
-from lab.core.random import stream
+from lab.commands.calibrate.run import CalibrationResult
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model, RigidArm, unit_of
 
@@ -28,9 +28,9 @@ _HUMAN_UNITS = {
 }
 
 
-def summary(outcome: Outcome) -> dict[str, Any]:
+def summary(outcome: CalibrationResult) -> dict[str, Any]:
     """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-    identification, errors, bends = outcome.identification, outcome.judgement.errors, stiffness(outcome)
+    identification, errors, bends = outcome.identification, outcome.validation.errors, stiffness(outcome)
     result: dict[str, Any] = {
         "robot": outcome.robot.name,
         "poses": len(outcome.fitted),
@@ -44,14 +44,14 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "seconds": round(outcome.seconds, 4),
         "verdict": outcome.verdict.word,
         "reason": outcome.verdict.reason,
-        "judged_by": outcome.judgement.judged_by,
+        "judged_by": outcome.validation.judged_by,
         "before_mm": None if errors is None else statistics(errors.before),
         "after_mm": None if errors is None else statistics(errors.after),
         "noise_mm": number(1e3 * identification.sigma_m),
         "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
         "noise_known": identification.sigma_known,
         "residual_mm": number(1e3 * identification.residual_sigma_m),
-        "freedom": identification.freedom,
+        "freedom": identification.dof,
         "predicted_mm": number(1e3 * predicted_rms(identification)),
         "model": "+".join(("geometric", *outcome.fit.groups)),
         "groups": groups(outcome),
@@ -77,7 +77,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     return result
 
 
-def parameters(outcome: Outcome) -> list[dict[str, Any]]:
+def parameters(outcome: CalibrationResult) -> list[dict[str, Any]]:
     """What ``parameters.json`` holds: every parameter, in m and rad."""
     identification = outcome.identification
     model, free = identification.model, list(identification.fit.free)
@@ -116,13 +116,13 @@ def human_unit(name: str, unit: str | None = None) -> tuple[float, str, int]:
 
 def column_scale(model: Model, values: Array) -> Array:
     """Norms ``(p,)`` of the Jacobian's columns at nominal links: how far a unit of each moves the targets."""
-    joints = model.structure_joints(50, stream(0, "structure"))
-    _, jacobian = model.observe(joints, model.structural(values))
+    joints = model.structure_joints(50, rng_for(0, "structure"))
+    _, jacobian = model.observe(joints, model.rank_point(values))
     scale: Array = np.linalg.norm(jacobian.reshape(-1, len(model.names)), axis=0)
     return scale
 
 
-def _is_slide(outcome: Outcome, name: str) -> bool:
+def _is_slide(outcome: CalibrationResult, name: str) -> bool:
     """Whether a parameter is of a joint that slides."""
     joint = _joint_of(name)
     return bool(joint) and outcome.robot.chain.prismatic[int(joint) - 1]
@@ -142,13 +142,13 @@ def _status(identification: Identification, parameter: int) -> str:
     return "not seen" if parameter in identification.unseen else "fixed"
 
 
-def likely(outcome: Outcome) -> Array:
-    """The parameters that are exported: of the most likely arm among those that predict the same (``lift``)."""
+def likely(outcome: CalibrationResult) -> Array:
+    """The exported parameters: those of the most likely arm among those that predict the same."""
     identification = outcome.identification
-    return lift(identification, outcome.nominal, outcome.tolerance)
+    return most_likely_parameters(identification, outcome.nominal, outcome.tolerance)
 
 
-def rigid(outcome: Outcome, values: Array) -> tuple[RigidArm, Array]:
+def rigid(outcome: CalibrationResult, values: Array) -> tuple[RigidArm, Array]:
     """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
     names = outcome.identification.model.names
     targets = [name.split(".")[1] for name in names if name.startswith("tool.") and name.endswith(".x")]
@@ -156,7 +156,7 @@ def rigid(outcome: Outcome, values: Array) -> tuple[RigidArm, Array]:
     return arm, values[: len(arm.names)]
 
 
-def groups(outcome: Outcome) -> list[dict[str, Any]]:
+def groups(outcome: CalibrationResult) -> list[dict[str, Any]]:
     """What each group of parameters bought; none where geometry alone was asked for."""
     selection = outcome.fit.selection
     if selection is None:
@@ -169,13 +169,13 @@ def groups(outcome: Outcome) -> list[dict[str, Any]]:
             "f_p": number(group.f_p),
             "bic": number(group.bic),
             "chosen": group.chosen,
-            "why_not": group.why_not,
+            "why_not": group.infeasibility_reason,
         }
         for group in selection.groups
     ]
 
 
-def stiffness(outcome: Outcome) -> dict[str, dict[str, float]]:
+def stiffness(outcome: CalibrationResult) -> dict[str, dict[str, float]]:
     """Stiffness of the hinges (Nm/rad) whose compliance was fitted and is above zero, with its standard deviation."""
     identification, chain = outcome.identification, outcome.robot.chain
     found = {}
@@ -201,10 +201,10 @@ def correlated(identification: Identification) -> list[dict[str, Any]]:
     return [{"parameters": [names[i], names[j]], "correlation": round(float(matrix[i, j]), 4)} for i, j in order]
 
 
-def weak(outcome: Outcome) -> list[dict[str, Any]]:
+def weak(outcome: CalibrationResult) -> list[dict[str, Any]]:
     """Directions of the identified parameters that these measurements nearly do not see."""
     found = outcome.identification
-    _, jacobian = found.model.observe(outcome.fitted.settings(found.model.conditions), found.values)
+    _, jacobian = found.model.observe(outcome.fitted.inputs(found.model.conditions), found.values)
     rows = jacobian[outcome.fitted.seen][..., list(found.fit.free)].reshape(-1, len(found.fit.free))
     return [direction_as_values(each) for each in weak_directions([found.model.names[i] for i in found.fit.free], rows)]
 
@@ -221,14 +221,14 @@ def direction_as_values(direction: Direction) -> dict[str, Any]:
 def predicted_rms(identification: Identification) -> float:
     """Predicted position uncertainty (m) over the workspace: sqrt(tr J C J'), root mean square over random poses."""
     model = identification.model
-    settings = model.structure_joints(200, stream(0, "structure"))
-    if not sighting_of(model).positions:
+    inputs = model.structure_joints(200, rng_for(0, "structure"))
+    if not observation_of(model).positions:
         return float("nan")
-    squares = np.trace(position_covariance(identification, settings), axis1=1, axis2=2)
+    squares = np.trace(position_covariance(identification, inputs), axis1=1, axis2=2)
     return float(np.sqrt(squares.mean()))
 
 
-def outliers(outcome: Outcome) -> list[dict[str, Any]]:
+def outliers(outcome: CalibrationResult) -> list[dict[str, Any]]:
     """Poses that are off by a test, the largest first."""
     found = []
     for pose in outcome.fit.outliers:

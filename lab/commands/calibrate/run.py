@@ -10,22 +10,22 @@ import numpy as np
 from lab.calibration.identify import Identification
 from lab.calibration.observations.anchor_changes import found_sessions, with_sessions
 from lab.calibration.observations.fixture_kinds import Cable
-from lab.calibration.observations.select import Observing
+from lab.calibration.observations.select import ObservationOptions
 from lab.calibration.prior import Tolerance
 from lab.calibration.validation import (
-    Judgement,
     TruthComparison,
+    Validation,
     compare_with_truth,
     errors_of,
     hold_out,
-    judge_file,
-    judge_folds,
-    judge_rows,
+    validate_file,
+    validate_folds,
+    validate_rows,
 )
 from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
 from lab.commands.calibrate.fit import Fitter
-from lab.commands.calibrate.fit_result import Fitted
+from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.virtual_robot import (
     asked_conditions,
     drawn_conditions,
@@ -38,19 +38,19 @@ from lab.commands.options import MeasuredCampaign, VirtualCampaign
 from lab.commands.payload.known_payload import HandLoad, read_hand_load
 from lab.commands.robot import Robot, load_robot, load_virtual
 from lab.commands.shared_options import Fitting
-from lab.core.errors import LabError, naming
+from lab.core.errors import LabError, error_context
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.groups import OF_ITS_CAMPAIGN
+from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.simulation.effects import true_parameters
-from lab.simulation.true_robot import RealArm, track_knowing
+from lab.simulation.true_robot import TrueRobot, measure_with_outlier_mask
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CalibrationResult:
     """What a campaign ended with.
 
     Attributes:
@@ -64,14 +64,14 @@ class Outcome:
 
     robot: Robot
     measurements: Measurements
-    fit: Fitted
+    fit: FitReport
     nominal: Array
     tolerance: Tolerance
-    judgement: Judgement
+    validation: Validation
     verdict: Verdict
     seconds: float
     warnings: tuple[str, ...]
-    real: RealArm | None = None
+    real: TrueRobot | None = None
     comparison: TruthComparison | None = None
     bad: frozenset[str] = frozenset()
 
@@ -86,7 +86,7 @@ class Outcome:
         return self.fit.rows
 
 
-def run_virtual(options: VirtualCampaign) -> Outcome:
+def run_virtual(options: VirtualCampaign) -> CalibrationResult:
     """A campaign on a virtual arm: perturbed, measured by a tracker, identified, judged on fresh poses."""
     options.check()
     robot, _ = _carrying(load_virtual(options.robot), options.fitting)
@@ -95,33 +95,33 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
     asked = asked_conditions(robot, options)
-    conditions = drawn_conditions(real, options, len(joints), stream(options.seed, "conditions"), asked) | set_there
-    noisy = stream(options.seed, "noise")
-    data, bad = track_knowing(real, joints, options.targets, device, noisy, options.readings, conditions)
+    conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
+    noisy = rng_for(options.seed, "noise")
+    data, bad = measure_with_outlier_mask(real, joints, options.targets, device, noisy, options.readings, conditions)
     data = replace(data, warnings=notes)
 
     started = time.perf_counter()
     noise = Noise(device, readings=options.readings)
     if options.noise_mm is not None:
         noise = Noise(None, options.noise_mm / 1e3)
-    fitter = Fitter(robot, options.targets, data, Observing(), noise, options.fitting, False, options.seed)
+    fitter = Fitter(robot, options.targets, data, ObservationOptions(), noise, options.fitting, False, options.seed)
     rows, fresh = _seen(data), fresh_poses(real, options, asked)
-    with naming(options.plan or f"--poses {options.poses}"):
+    with error_context(options.plan or f"--poses {options.poses}"):
         fit = fitter(rows)
     identification = fit.identification
     said = [*_impossible("poses", data), *_impossible("fresh poses", fresh)]
-    judgement = Judgement("fresh", errors_of(identification, fresh), tuple(said))
+    validation = Validation("fresh", errors_of(identification, fresh), tuple(said))
     truth = truth_of(real, robot.arm(options.targets))
     effects = true_parameters(real.effects)
     if truth is None:
         hidden = "what the drawing hides shows in this robot: its parameters have no one truth to be compared with"
-        judgement = replace(judgement, warnings=(*judgement.warnings, hidden))
+        validation = replace(validation, warnings=(*validation.warnings, hidden))
     comparison = None if truth is None else compare_with_truth(identification, replace(truth, effects=effects))
     seconds = time.perf_counter() - started
     return _outcome(
         fitter,
         fit,
-        judgement,
+        validation,
         options.gate_mm,
         seconds,
         real=real,
@@ -130,17 +130,17 @@ def run_virtual(options: VirtualCampaign) -> Outcome:
     )
 
 
-def run_measured(options: MeasuredCampaign) -> Outcome:
+def run_measured(options: MeasuredCampaign) -> CalibrationResult:
     """The same from a measurement file, judged by a hold-out, another file, or cross-validation."""
     options.check()
     robot, load = _carrying(load_robot(options.robot), options.fitting)
     read = _read(robot, options.file, options, load)
     other = None if options.validate is None else _seen(_read(robot, options.validate, options, load))
-    with naming(options.file):
+    with error_context(options.file):
         fitter = _fitter(robot, read, options)
         data, observed = fitter.data, fitter.observed()
     judging: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
-    judging += [] if other is None else [(other, OF_ITS_CAMPAIGN)]
+    judging += [] if other is None else [(other, CAMPAIGN_SPECIFIC)]
     fitter = replace(fitter, judged_by=tuple(judging))
     rows, test = _seen(observed.only("calibrate")), _seen(observed.only("test"))
     if not len(rows):
@@ -153,44 +153,44 @@ def run_measured(options: MeasuredCampaign) -> Outcome:
     held = test if len(test) else None
     if options.holdout is not None:
         rows, held = hold_out(fitter.model_with(()), rows, options.holdout, options.seed)
-    with naming(options.file):
+    with error_context(options.file):
         fit = fitter(rows, held)
     if other is not None:
-        judgement = _judged_by_file(fitter, fit, other, options)
+        validation = _judged_by_file(fitter, fit, other, options)
     else:
-        judgement = _judged_by_rows(fitter, fit, held, options)
-    return _outcome(fitter, fit, judgement, options.gate_mm, time.perf_counter() - started)
+        validation = _judged_by_rows(fitter, fit, held, options)
+    return _outcome(fitter, fit, validation, options.gate_mm, time.perf_counter() - started)
 
 
-def _judged_by_rows(fitter: Fitter, fit: Fitted, held: Measurements | None, options: MeasuredCampaign) -> Judgement:
+def _judged_by_rows(fitter: Fitter, fit: FitReport, held: Measurements | None, options: MeasuredCampaign) -> Validation:
     """By the rows held out, else by folds with the same groups of parameters."""
     if held is not None:
         judged = held.without([pose.id for pose in fit.outliers if pose.held_out]) if fit.left_out else held
         strange = set(judged.sessions) - set(fitter.course.sessions) if "sessions" in fit.groups else set()
         known = judged.take([i for i, session in enumerate(judged.sessions) if session not in strange])
-        judgement = judge_rows(fit.identification, known)
+        validation = validate_rows(fit.identification, known)
         said = [f"session {name} was not fitted, so where its frame is nobody knows: not judged by" for name in strange]
-        return replace(judgement, warnings=(*judgement.warnings, *sorted(said)))
-    with naming(options.file):
+        return replace(validation, warnings=(*validation.warnings, *sorted(said)))
+    with error_context(options.file):
         again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
-        return judge_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
+        return validate_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
 
 
-def _judged_by_file(fitter: Fitter, fit: Fitted, other: Measurements, options: MeasuredCampaign) -> Judgement:
-    model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in OF_ITS_CAMPAIGN])
-    with naming(options.validate):
-        judgement = judge_file(fit.identification, model, other, options.refit)
-    if set(OF_ITS_CAMPAIGN) & set(fit.groups) and "base" not in options.refit:
+def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options: MeasuredCampaign) -> Validation:
+    model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in CAMPAIGN_SPECIFIC])
+    with error_context(options.validate):
+        validation = validate_file(fit.identification, model, other, options.refit)
+    if set(CAMPAIGN_SPECIFIC) & set(fit.groups) and "base" not in options.refit:
         said = f"{options.validate}: judged in the frame as it was at the start; --refit base if it has moved since"
-        judgement = replace(judgement, warnings=(*judgement.warnings, said))
+        validation = replace(validation, warnings=(*validation.warnings, said))
     if (
         "payload_kg" in model.conditions
         and "payload_kg" in fit.rows.conditions
         and "payload_kg" not in other.conditions
     ):
         said = f"{options.validate}: no column payload_kg: nothing is taken to hang at the flange in any pose"
-        return replace(judgement, warnings=(*judgement.warnings, said))
-    return judgement
+        return replace(validation, warnings=(*validation.warnings, said))
+    return validation
 
 
 def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
@@ -199,7 +199,7 @@ def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitt
     if options.noise_mrad is not None and options.noise_mm is not None:
         ratio = options.noise_mrad / options.noise_mm
     distance = None if options.socket_distance_mm is None else options.socket_distance_mm / 1e3
-    observing = Observing(options.observe, options.orientation, ratio, distance)
+    observing = ObservationOptions(options.observe, options.orientation, ratio, distance)
     device = None if options.instrument is None else instrument(options.instrument)
     noise = Noise(device, None if options.noise_mm is None else options.noise_mm / 1e3)
     targets = data.targets if options.observe in ("points", "pose") else ("p1",)
@@ -264,34 +264,34 @@ def _refuse_gaps(options: MeasuredCampaign, rows: Measurements) -> None:
 
 def _outcome(
     fitter: Fitter,
-    fit: Fitted,
-    judgement: Judgement,
+    fit: FitReport,
+    validation: Validation,
     gate_mm: float,
     seconds: float,
     *,
-    real: RealArm | None = None,
+    real: TrueRobot | None = None,
     comparison: TruthComparison | None = None,
     bad: frozenset[str] = frozenset(),
-) -> Outcome:
+) -> CalibrationResult:
     robot, data, identification = fitter.robot, fitter.data, fit.identification
-    word = verdict(identification, judgement, gate_mm / 1e3)
-    warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *judgement.warnings]
+    word = verdict(identification, validation, gate_mm / 1e3)
+    warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if fitter.observing.kind == "points" and (blank := int((~data.seen.any(axis=1)).sum())):
         warnings.append(f"{blank} of {len(data)} rows have no measured point and are left out")
     warnings += _outside_limits(robot, data)
     if fitter.observing.kind in ("points", "pose") and "sessions" not in fit.groups:
         warnings += _several_sessions(fit.rows)
-    if judgement.errors is not None:
-        before, after = (float(np.nanmean(e)) for e in (judgement.errors.before, judgement.errors.after))
+    if validation.errors is not None:
+        before, after = (float(np.nanmean(e)) for e in (validation.errors.before, validation.errors.after))
         if after >= before:
             warnings.append(f"no improvement: {1e3 * after:.3g} mm after, {1e3 * before:.3g} mm before")
-    return Outcome(
+    return CalibrationResult(
         robot,
         data,
         fit,
         fitter.nominal(identification.model),
         fitter.tolerance,
-        judgement,
+        validation,
         word,
         seconds,
         tuple(dict.fromkeys(warnings)),

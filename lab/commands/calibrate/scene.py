@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
 from lab.commands.calibrate.result import rigid
-from lab.commands.calibrate.run import Outcome
+from lab.commands.calibrate.run import CalibrationResult
 from lab.core import se3
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.closed.arm import ClosedArm
-from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.skeleton import Legs, frame_origins, legs
@@ -100,16 +100,16 @@ class Scene:
         return self.numbers[self.rows]
 
 
-def scene(outcome: Outcome) -> Scene:
+def scene(outcome: CalibrationResult) -> Scene:
     """The scene of a campaign; an evenly spaced part of its poses where they are many."""
     fitted, identification = outcome.fitted, outcome.identification
     model = identification.model
-    seen = fitted.points[:, : sighting_of(model).positions]
-    rows, settings = drawn_rows(len(fitted)), fitted.settings(model.conditions)
+    seen = fitted.points[:, : observation_of(model).positions]
+    rows, inputs = drawn_rows(len(fitted)), fitted.inputs(model.conditions)
     joints = fitted.joints[rows]
     T_world_instrument = world_of(outcome)
     both = (identification.before, identification.values)
-    before, after = (model.points(settings, v)[:, : seen.shape[1]] for v in both)
+    before, after = (model.points(inputs, v)[:, : seen.shape[1]] for v in both)
     errors = [_mean_length(seen - predicted) for predicted in (before, after)]
     measured, before, after = (moved(T_world_instrument, points) for points in (seen, before, after))
     there = seen_mask(seen)
@@ -133,8 +133,8 @@ def scene(outcome: Outcome) -> Scene:
         errors[1],
         _error_factor(errors[0], ARROW * reach),
         _error_factor(errors[1], ARROW * reach),
-        drawn(mapping_ellipsoids(identification, settings[rows]), after[rows, 0], T_world_instrument, reach),
-        _uncertainty(identification, settings[rows], after[rows, 0], T_world_instrument, reach),
+        drawn(mapping_ellipsoids(identification, inputs[rows]), after[rows, 0], T_world_instrument, reach),
+        _uncertainty(identification, inputs[rows], after[rows, 0], T_world_instrument, reach),
         visible,
         bodies,
         places,
@@ -142,14 +142,14 @@ def scene(outcome: Outcome) -> Scene:
     )
 
 
-def _off(outcome: Outcome, T_world_instrument: Array) -> tuple[OffPose, ...]:
+def _off(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[OffPose, ...]:
     """The poses that are named as off; none where the file's points are not all that is observed."""
     model, data = outcome.identification.model, outcome.measurements
     named = outcome.fit.outliers[:MOST_OFF]
-    if not named or not isinstance(model, SerialArm | ClosedArm | AffectedArm):
+    if not named or not isinstance(model, SerialArm | ClosedArm | ArmWithEffects):
         return ()
     part = data.take([data.ids.index(pose.id) for pose in named])
-    expected = model.points(part.settings(model.conditions), outcome.identification.values)
+    expected = model.points(part.inputs(model.conditions), outcome.identification.values)
     worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
     ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in (part.points, expected))
     return tuple(
@@ -187,13 +187,13 @@ def _mean_length(vectors: Array) -> Array:
     return mean
 
 
-def world_of(outcome: Outcome) -> Array:
+def world_of(outcome: CalibrationResult) -> Array:
     """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
     arm, values = rigid(outcome, outcome.identification.values)
     return _world_frame0(outcome) @ se3.inverse(arm.T_tracker_frame0(values))
 
 
-def _world_frame0(outcome: Outcome) -> Array:
+def _world_frame0(outcome: CalibrationResult) -> Array:
     return outcome.robot.model.T_world_frame0
 
 
@@ -215,7 +215,7 @@ def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:
 
 
 def _bodies(
-    outcome: Outcome, arm: RigidArm, values: Array, joints: Array
+    outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
     """What is seen of the robot; of the instrument only where it is known: a virtual one."""
     robot = outcome.robot.model
@@ -226,10 +226,10 @@ def _bodies(
 
 
 def _uncertainty(
-    identification: Identification, settings: Array, centers: Array, T_world_instrument: Array, reach_m: float
+    identification: Identification, inputs: Array, centers: Array, T_world_instrument: Array, reach_m: float
 ) -> Drawn | None:
     """What the covariance leaves in position; None where it is unknown, or nothing but rounding."""
-    covariance = position_covariance(identification, settings)
+    covariance = position_covariance(identification, inputs)
     if not np.isfinite(covariance).all():
         return None
     shapes = ellipsoids(covariance)

@@ -13,7 +13,7 @@ from lab.commands.robot import Robot
 from lab.commands.shared_options import ArmEffects
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.groups import GROUPS, HOUR_S
@@ -21,45 +21,45 @@ from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
-from lab.simulation.closed_robot import ClosedModel, random_values, real_mechanism
+from lab.simulation.closed_robot import ClosedModel, random_values, true_mechanism
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects
 from lab.simulation.random_effects import EffectSizes, random_conditions, random_effects
 from lab.simulation.true_robot import (
-    RealArm,
-    RealSerialArm,
+    TrueRobot,
+    TrueSerialRobot,
     random_perturbation,
     random_table,
     random_tracker,
-    real_arm,
-    real_arm_from_table,
     recorded,
+    true_robot,
+    true_robot_from_table,
 )
 
 FRESH_POSES = 1000
 USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 
 
-def perturbed_arm(robot: Robot, options: VirtualCampaign) -> RealArm:
+def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     """The virtual arm of these options, before its tracker, with its effects."""
-    effects = random_effects(robot.chain, _sizes(robot, options.effects), stream(options.seed, "effects"))
+    effects = random_effects(robot.chain, _sizes(robot, options.effects), rng_for(options.seed, "effects"))
     if robot.loads is not None:
         effects = replace(effects, payload_at_m=robot.loads.payload_at_m)
     return _geometry(robot, options).with_effects(effects)
 
 
-def truth_of(real: RealArm, arm: RigidArm) -> Truth | None:
+def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     """The parameters that the identifier should find, without effects, in the canonical gauge.
 
     Of a serial arm they are read off its joint axes. Of a mechanism they are those of the gauge that give its exact
     positions: None where none do, because what the gauge fixes shows in an imperfect copy.
     """
-    if isinstance(real, RealSerialArm):
+    if isinstance(real, TrueSerialRobot):
         assert isinstance(arm, SerialArm)
         return real.truth(arm)
     values = real.robot.values_before(arm, real.T_world_tracker)
     structure = base_set(arm, values)
-    joints = arm.structure_joints(STRUCTURE_POSES, stream(0, "structure"))
+    joints = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
     rigid = real.with_effects(Effects.none(arm.chain.size))
     exact = measured(arm.chain.joint_names, joints, arm.targets, rigid.points(joints, arm.targets))
     found = fit(arm, Observations.unweighted(exact), structure.kept, values, tolerance_m=1e-12).values
@@ -73,7 +73,7 @@ def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
     if asked.stiffness_nm_per_rad is not None:
         if robot.loads is None:
             raise LabError(f"--stiffness-nm-per-rad: robot {robot.name} has no masses, so nothing bends it")
-        bearing = robot.loads.bearing(stream(0, "structure"))
+        bearing = robot.loads.bearing(rng_for(0, "structure"))
         stiffness = {joint + 1: asked.stiffness_nm_per_rad for joint in bearing}
     return EffectSizes(
         stiffness_nm_per_rad=stiffness,
@@ -95,10 +95,10 @@ def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
     )
 
 
-def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
+def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     """The perturbed arm without effects."""
-    place = random_tracker(robot.model, stream(options.seed, "tracker"))
-    rng = stream(options.seed, "arm")
+    place = random_tracker(robot.model, rng_for(options.seed, "tracker"))
+    rng = rng_for(options.seed, "arm")
     sigmas = options.position_sigma_mm / 1e3, options.rotation_sigma_mrad / 1e3
     if isinstance(robot.model, ClosedModel):
         if options.dh_only or options.offset_sigma_mrad:
@@ -106,22 +106,22 @@ def _geometry(robot: Robot, options: VirtualCampaign) -> RealArm:
                 f"--dh-only and --offset-sigma-mrad are of serial arms; of {robot.name} every dimension is off, "
                 "its joints' offsets too"
             )
-        return real_mechanism(robot.model, random_values(robot.model.chain, *sigmas, rng), place)
+        return true_mechanism(robot.model, random_values(robot.model.chain, *sigmas, rng), place)
     model = robot.serial_model
     if options.dh_only:
         arm = robot.serial_arm(tuple(robot.tool))
         base, table, _ = arm.split(random_table(arm, *sigmas, rng))
         tool = arm.split(arm.nominal(robot.tool))[2]
-        return real_arm_from_table(model, arm, arm.assemble(base, table, tool), place)
+        return true_robot_from_table(model, arm, arm.assemble(base, table, tool), place)
     off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
-    return real_arm(model, off, place)
+    return true_robot(model, off, place)
 
 
 def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
     """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings."""
     model = robot.model
     if options.plan is None:
-        return random_poses(model, options.poses, stream(options.seed, "poses")), {}, ()
+        return random_poses(model, options.poses, rng_for(options.seed, "poses")), {}, ()
     plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
     plan = plan.only("calibrate")
     if not len(plan):
@@ -161,7 +161,7 @@ def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
 
 
 def drawn_conditions(
-    real: RealArm, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
+    real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
 ) -> dict[str, Array]:
     """What is set at each of so many poses of a campaign."""
     hours = USUAL_HOURS if options.effects.hours is None else options.effects.hours
@@ -169,9 +169,9 @@ def drawn_conditions(
     return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, asked)
 
 
-def fresh_poses(real: RealArm, options: VirtualCampaign, asked: Sequence[str]) -> Measurements:
+def fresh_poses(real: TrueRobot, options: VirtualCampaign, asked: Sequence[str]) -> Measurements:
     """Where the real arm's targets are at poses that were never measured, with conditions of their own."""
-    rng = stream(options.seed, "fresh")
+    rng = rng_for(options.seed, "fresh")
     poses = random_poses(real.robot, FRESH_POSES, rng)
     conditions = drawn_conditions(real, options, len(poses), rng, asked)
     return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)

@@ -5,7 +5,7 @@ import numpy as np
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_readings, rounding
@@ -36,12 +36,12 @@ def of_outliers(found: Identification, seen: Observations, outliers: Outliers) -
 
 
 def of_weakness(
-    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], found: Identification, settings: Array
+    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], found: Identification, inputs: Array
 ) -> list[str]:
     """What would show what points barely show."""
     if found.fit.condition <= WEAK_CONDITION or found.unseen or "sessions" in groups:
         return []
-    wanted = changes(robot, targets, groups, found.values, settings)[0]
+    wanted = changes(robot, targets, groups, found.values, inputs)[0]
     if wanted.condition > WORTH * found.fit.condition:
         return []
     return [
@@ -83,12 +83,12 @@ def of_joints(found: Identification, seen: Observations, rows: Measurements, mov
         moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
     """
     model, said = found.model, []
-    if (coarse := rounding(model, rows, found.values, sighting_of(model).positions or None)) is not None:
+    if (coarse := rounding(model, rows, found.values, observation_of(model).positions or None)) is not None:
         said.append(
             f"joint readings are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes "
             f"{1e3 * coarse.rms_m:.3g} mm (root mean square) of what is observed"
         )
-    derivative = by_readings(model, seen.settings, found.values, moves.shape[1])
+    derivative = by_readings(model, seen.inputs, found.values, moves.shape[1])
     for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions):
         here = np.array([session == lag.session for session in rows.sessions])
         made = (derivative @ (moves * np.where(lag.significant, lag.fractions, 0.0))[:, None, :, None])[..., 0]
@@ -116,20 +116,22 @@ def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measur
         said.append("no column payload_kg: nothing is taken to hang at the flange in any pose")
     if selection is not None:
         said += [
-            f"{group.name} is not tried: {group.why_not}" for group in selection.groups if "empty" in group.why_not
+            f"{group.name} is not tried: {group.infeasibility_reason}"
+            for group in selection.groups
+            if "empty" in group.infeasibility_reason
         ]
     return said
 
 
-def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], settings: Array) -> list[str]:
+def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], inputs: Array) -> list[str]:
     """By how much geometry alone is off, which is all that an MJCF or a table holds."""
-    positions = sighting_of(found.model).positions
+    positions = observation_of(found.model).positions
     if not groups or not positions:
         return []
     targets = tuple(name.split(".")[1] for name in found.model.names if name.startswith("tool.") and name[-2:] == ".x")
     rigid = robot.arm(targets)
-    whole = found.model.points(settings, found.values)[:, :positions]
-    alone = rigid.points(settings[:, : robot.chain.size], found.values[: len(rigid.names)])
+    whole = found.model.points(inputs, found.values)[:, :positions]
+    alone = rigid.points(inputs[:, : robot.chain.size], found.values[: len(rigid.names)])
     off = np.sqrt(((whole - alone) ** 2).sum(axis=2).mean())
     kind = "calibrated.toml" if robot.is_table else "calibrated.xml"
     return [f"{kind} holds geometry alone: without {', '.join(groups)} it is off by {1e3 * off:.2g} mm at these poses"]

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.calibrate.error_map import Places, thinned
+from lab.commands.calibrate.error_map import ErrorMap, thinned
 from lab.commands.calibrate.figures import PROMISED, Spread, histograms, size_maps
 from lab.commands.compensate.result import correction_summary
-from lab.commands.compensate.run import Corrected
+from lab.commands.compensate.run import CompensationResult
 from lab.commands.options import Correction
 from lab.commands.provenance import how_it_was_made
 from lab.core.se3 import Array
@@ -35,7 +35,7 @@ _NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is 
 MOST_LISTED = 100  # targets, in each table
 
 
-def write_correction_report(path: Path, done: Corrected, options: Correction) -> None:
+def write_correction_report(path: Path, done: CompensationResult, options: Correction) -> None:
     """Write the report of ``lab compensate``."""
     result = correction_summary(done)
     title = f"{result['robot']}: {result['converged']} of {result['targets']} targets corrected"
@@ -100,7 +100,7 @@ def _listed(header: list[str], rows: list[list[str]], count: int) -> Html:
     return together([table(header, rows), paragraph(more, "note")])
 
 
-def _spread(done: Corrected) -> Html:
+def _spread(done: CompensationResult) -> Html:
     moved, expected = (_reached(done, lengths) for lengths in (done.correction_m, done.predicted_m))
     if not len(moved):
         return Html("")
@@ -114,12 +114,12 @@ def _spread(done: Corrected) -> Html:
     return figure("moved-figure", [histograms("moved", spreads, "length")], caption)
 
 
-def _reached(done: Corrected, lengths: Array) -> Array:
+def _reached(done: CompensationResult, lengths: Array) -> Array:
     reached = lengths[done.found.converged]
     return np.asarray(reached[np.isfinite(reached)])
 
 
-def _where(done: Corrected) -> Html:
+def _where(done: CompensationResult) -> Html:
     reached = np.flatnonzero(done.found.converged)
     if not len(reached):
         return Html("")
@@ -128,14 +128,14 @@ def _where(done: Corrected) -> Html:
     middle, half = cube([done.targets.places[reached]])
     near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
     size, frame = "how far a target is moved", "targets"
-    places = Places(done.targets.places[rows], done.correction_m[rows], off[near], "", size, "not reached", frame)
+    places = ErrorMap(done.targets.places[rows], done.correction_m[rows], off[near], "", size, "not reached", frame)
     caption = "The targets in the frame of their file. The darker, the farther it is moved."
     if beyond := int((~near).sum()):
         caption += f" Not reached and too far off to be drawn: {beyond}."
     return figure("where", size_maps(places), caption)
 
 
-def _targets(done: Corrected) -> Html:
+def _targets(done: CompensationResult) -> Html:
     chain, found = done.run.robot.chain, done.found
     moved = 1e3 * (found.places - done.targets.places)
     units = ["mm" if slides else "°" for slides in chain.prismatic]

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from lab.commands.calibrate.result import number
 from lab.commands.calibrated_files import arm_files, table_text
-from lab.commands.compensate.run import Corrected
+from lab.commands.compensate.run import CompensationResult
 from lab.commands.options import Correction
 from lab.commands.run_folder import config, write_json
 from lab.compensation.ik_results import NEAR_RAD
@@ -23,7 +23,7 @@ MOST_FAILED = 10  # that are printed
 JOINTS, CARTESIAN, PROGRAM, NOMINAL = "joints.csv", "cartesian.csv", "program.mod", "nominal.toml"
 
 
-def correction_summary(done: Corrected) -> dict[str, Any]:
+def correction_summary(done: CompensationResult) -> dict[str, Any]:
     """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
     found, converged = done.found, done.found.converged
     near = np.flatnonzero(converged & (found.singular_rad < NEAR_RAD))
@@ -43,7 +43,7 @@ def correction_summary(done: Corrected) -> dict[str, Any]:
         "correction_mm": _mean_and_max(1e3 * done.correction_m[converged]),
         "predicted_mm": _mean_and_max(1e3 * done.predicted_m[converged]),
         "judged_mm": None if (judged := done.run.result.get("after_mm")) is None else judged["mean"],
-        "schemes_apart_mm": number(1e3 * found.apart_m[converged].max()) if converged.any() else None,
+        "schemes_apart_mm": number(1e3 * found.scheme_disagreement_m[converged].max()) if converged.any() else None,
         "near_singular": [
             {"id": done.targets.ids[i], "joint": names[found.singular_joint[i]], **_distance(done, int(i))}
             for i in near
@@ -53,14 +53,14 @@ def correction_summary(done: Corrected) -> dict[str, Any]:
     }
 
 
-def _distance(done: Corrected, target: int) -> dict[str, float]:
+def _distance(done: CompensationResult, target: int) -> dict[str, float]:
     """To the nearest singularity, as the joint that leads there counts it."""
     distance = float(done.found.singular_rad[target])
     slides = done.run.robot.chain.prismatic[done.found.singular_joint[target]]
     return {"distance_mm": 1e3 * distance} if slides else {"distance_deg": float(np.rad2deg(distance))}
 
 
-def warnings_of(done: Corrected) -> list[str]:
+def warnings_of(done: CompensationResult) -> list[str]:
     """What a reader should be told."""
     said, gate = list(done.warnings), done.run.options.get("gate_mm")
     expected = 1e3 * done.predicted_m[done.found.converged]
@@ -77,7 +77,7 @@ def _mean_and_max(values: Array) -> dict[str, float | None]:
     return {"mean": float(seen.mean()) if len(seen) else None, "max": float(seen.max()) if len(seen) else None}
 
 
-def write_correction(folder: Path, done: Corrected, options: Correction) -> None:
+def write_correction(folder: Path, done: CompensationResult, options: Correction) -> None:
     """The corrected targets and the arm, in every format."""
     run, rows = done.run, np.flatnonzero(done.found.converged)
     write_json(folder / "config.json", config("compensate", options, run.robot.sha256))
@@ -92,7 +92,7 @@ def write_correction(folder: Path, done: Corrected, options: Correction) -> None
     write_json(folder / "result.json", correction_summary(done))
 
 
-def _program(done: Corrected, rows: NDArray[np.int_]) -> str:
+def _program(done: CompensationResult, rows: NDArray[np.int_]) -> str:
     """The RAPID module, with the base and tool that suit the controller's links."""
     run, drawing = done.run, done.run.drawing(done.target)
     T_instrument_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
@@ -101,7 +101,7 @@ def _program(done: Corrected, rows: NDArray[np.int_]) -> str:
     return program_module(run.robot.name, ids, done.found.joints[rows], T_last_tool, se3.inverse(T_instrument_frame0))
 
 
-def _joint_columns(done: Corrected, rows: NDArray[np.int_]) -> dict[str, Array]:
+def _joint_columns(done: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:
     chain, joints = done.run.robot.chain, done.found.joints[rows]
     columns = {}
     for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True):
@@ -109,7 +109,7 @@ def _joint_columns(done: Corrected, rows: NDArray[np.int_]) -> dict[str, Array]:
     return columns
 
 
-def _cartesian_columns(done: Corrected, rows: NDArray[np.int_]) -> dict[str, Array]:
+def _cartesian_columns(done: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:
     """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
     places, tool = 1e3 * done.found.places[rows], done.targets.tool
     quaternions = se3.quaternion_from_rotation(done.R_targets[rows])
@@ -117,7 +117,7 @@ def _cartesian_columns(done: Corrected, rows: NDArray[np.int_]) -> dict[str, Arr
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
 
 
-def _write_csv(path: Path, done: Corrected, rows: NDArray[np.int_], columns: dict[str, Array]) -> None:
+def _write_csv(path: Path, done: CompensationResult, rows: NDArray[np.int_], columns: dict[str, Array]) -> None:
     """One row a target that is reached, with what was set there."""
     every = columns | {name: column[rows] for name, column in done.targets.conditions.items()}
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -127,7 +127,7 @@ def _write_csv(path: Path, done: Corrected, rows: NDArray[np.int_], columns: dic
             writer.writerow([done.targets.ids[i], *(repr(float(value)) for value in values)])
 
 
-def print_correction(done: Corrected, folder: Path) -> None:
+def print_correction(done: CompensationResult, folder: Path) -> None:
     """What became of the targets, in a few lines: how far they were moved, which fail and why."""
     console, result = Console(markup=False), correction_summary(done)
     console.print(

@@ -7,18 +7,18 @@ import numpy as np
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
 from lab.commands.options import Correction
 from lab.compensation.compensator import Compensation, Compensator
-from lab.core.errors import LabError, naming
+from lab.core.errors import LabError, error_context
 from lab.core.measurements import asked
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
-from lab.kinematics.inverse.newton import Wanted
+from lab.kinematics.inverse.newton import PoseTarget
 from lab.payload.sag_uncertainty import sag_uncertainty
 
 UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CompensationResult:
     """What became of a list of targets.
 
     Attributes:
@@ -30,9 +30,9 @@ class Corrected:
 
     run: Calibrated
     targets: Targets
-    wanted: Wanted
+    wanted: PoseTarget
     found: Compensation
-    settings: Array
+    inputs: Array
     without_effects_m: float | None
     warnings: tuple[str, ...]
 
@@ -46,7 +46,7 @@ class Corrected:
         """``(n,)`` root mean square error to expect at each target, of the parameters and of what the model lacks."""
         run = self.run
         lacking, larger, _ = run.lacking((run.result["noise_mm"] or 0.0) / 1e3)
-        jacobian = run.arm.observe(self.settings, run.values)[1][:, self.target]
+        jacobian = run.arm.observe(self.inputs, run.values)[1][:, self.target]
         rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
         known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
         return np.asarray(np.sqrt(known + self.load_m**2))
@@ -55,7 +55,7 @@ class Corrected:
     def load_m(self) -> Array:
         """``(n,)`` what of that is the uncertainty of an identified load that the arm carries there."""
         run, (arm, values) = self.run, self.run.geometry
-        joints = self.settings[:, : arm.chain.size]
+        joints = self.inputs[:, : arm.chain.size]
         if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
             return np.zeros(len(joints))
         off = sag_uncertainty(
@@ -67,7 +67,7 @@ class Corrected:
             run.load.covariance,
             self.target,
         )
-        carried = self.settings[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
+        carried = self.inputs[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
         return np.asarray(np.where(carried, off, 0.0))
 
     @property
@@ -81,7 +81,7 @@ class Corrected:
         return np.asarray(self.found.turns @ self.run.R_last_tool)
 
 
-def run_correction(options: Correction) -> Corrected:
+def run_correction(options: Correction) -> CompensationResult:
     """Correct the targets of a file for the arm of a run."""
     run = read_calibrated(options.run, options.load)
     if not options.force:
@@ -91,7 +91,7 @@ def run_correction(options: Correction) -> Corrected:
     return corrected(run, targets, str(options.targets))
 
 
-def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
+def corrected(run: Calibrated, targets: Targets, source: str) -> CompensationResult:
     """Correct targets for the arm of a run.
 
     Args:
@@ -113,12 +113,12 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
         )
     conditions, warnings = _conditions(run, targets, source)
     target = run.arm.targets.index(targets.tool)
-    wanted = Wanted(targets.places, targets.turns @ run.R_last_tool.T)
+    wanted = PoseTarget(targets.places, targets.turns @ run.R_last_tool.T)
     found = Compensator(run.drawing(target), run.arm, run.values)(wanted, conditions, targets.joints)
-    settings = np.concatenate([found.joints, conditions], axis=1)
+    inputs = np.concatenate([found.joints, conditions], axis=1)
     without = None
     if run.groups and found.converged.any():
-        some = settings[found.converged]
+        some = inputs[found.converged]
         rigid, values = run.geometry
         alone = rigid.points(some[:, : rigid.chain.size], values)[:, target]
         off = run.arm.points(some, run.values)[:, target] - alone
@@ -134,7 +134,7 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> Corrected:
             f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
         )
     said = (*run.warnings, *targets.warnings, *warnings)
-    done = Corrected(run, targets, wanted, found, settings, without, said)
+    done = CompensationResult(run, targets, wanted, found, inputs, without, said)
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
         words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
@@ -159,7 +159,7 @@ def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, 
     if run.load is not None and "payload_kg" in run.arm.conditions and "payload_kg" not in given:
         given = {**given, "payload_kg": np.full(len(targets), run.load.mass_kg)}
         said.append(f"every target carries the load that was identified, {run.load.mass_kg:.4g} kg")
-    with naming(source):
+    with error_context(source):
         columns = [
             asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}") for name in run.arm.conditions
         ]

@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lab.commands.design.run import Plan, Step
+from lab.commands.design.run import DesignStep, Plan
 from lab.commands.design.scene import PlanScene, plan_scene
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 PROMISE, WORST, RMS, O1 = "#0b5fa5", "#c2410c", "#3f8f4f", "#7c3aed"
 _TRACKER, _ARM, _VIA = "#c2185b", "#6b7280", "#9ca3af"
@@ -40,7 +40,7 @@ def plot_plan(folder: Path, plan: Plan) -> None:
         save(
             folder,
             "curve",
-            curve_figure(plan.curve, title, plan.problem.scaling.describe(), (total, plan.prediction.reached)),
+            curve_figure(plan.curve, title, plan.problem.scaling.describe(), (total, plan.prediction.coverage_radius)),
         )
         save(folder, "poses", _poses_figure(plan, plan_scene(plan)))
 
@@ -52,7 +52,9 @@ def save(folder: Path, name: str, figure: Figure) -> None:
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
 
 
-def curve_figure(curve: Sequence[Step], title: str, scaling: str, chosen: tuple[int, float] | None = None) -> Figure:
+def curve_figure(
+    curve: Sequence[DesignStep], title: str, scaling: str, chosen: tuple[int, float] | None = None
+) -> Figure:
     """Predicted errors on fresh poses (µm, left) and O1 (right) against the number of poses.
 
     Args:
@@ -64,7 +66,7 @@ def curve_figure(curve: Sequence[Step], title: str, scaling: str, chosen: tuple[
         axes = figure.add_subplot()
         poses = [step.poses for step in curve]
         for label, values, colour, style in (
-            ("95 % of fresh poses, in 95 % of campaigns", [s.prediction.reached for s in curve], PROMISE, "o-"),
+            ("95 % of fresh poses, in 95 % of campaigns", [s.prediction.coverage_radius for s in curve], PROMISE, "o-"),
             ("worst pose, RMS over campaigns", [s.prediction.rms.max() for s in curve], WORST, "^:"),
             ("all poses, RMS over campaigns", [_rms(s.prediction.rms) for s in curve], RMS, "s:"),
         ):
@@ -148,7 +150,7 @@ def _view(axes: Axes, shown: PlanScene, plane: tuple[int, int], name: str) -> No
     axes.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm", title=name)
 
 
-def _joints(axes: Axes, chain: Joints, joints: Array) -> None:
+def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
     """Every reading on its joint's range, the limits written at its ends."""
     share = (joints - chain.lower) / (chain.upper - chain.lower)
     rows = np.arange(chain.size)[::-1]

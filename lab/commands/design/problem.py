@@ -11,14 +11,14 @@ from lab.commands.options import PlannedCampaign
 from lab.commands.robot import Robot, load_virtual
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.design.criteria import Criterion, Scaling, criterion
 from lab.design.exchange import Feasible, Sensitivity, information
 from lab.design.tour import FreePath
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.gauge import BaseSet, base_set
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, path_check
 from lab.simulation.collisions import collides, random_poses
@@ -30,7 +30,7 @@ HUBS = 20  # candidates tried as places to pass through on the way to others
 
 
 @dataclass(frozen=True)
-class Access:
+class ReachabilityGraph:
     """Where the arm may be, and go.
 
     Attributes:
@@ -48,7 +48,7 @@ class Access:
 
 
 @dataclass(frozen=True)
-class Problem:
+class PoseProblem:
     """A planning problem, from which designs of any size are chosen.
 
     Attributes:
@@ -72,7 +72,7 @@ class Problem:
     goal: Criterion
     scaling: Scaling
     test: Array
-    access: Access
+    access: ReachabilityGraph
     already: Array
     before: Array
     warnings: tuple[str, ...]
@@ -83,7 +83,7 @@ class Problem:
         return information(self.before) if len(self.before) else None
 
 
-def pose_problem(options: PlannedCampaign) -> Problem:
+def pose_problem(options: PlannedCampaign) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
 
     Raises:
@@ -96,7 +96,9 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     structure = base_set(arm, values)
     kept = list(structure.kept)
     rows = 3 * len(arm.targets)
-    candidates = draw_candidates(model, options.targets, device, options.candidates, stream(options.seed, "candidates"))
+    candidates = draw_candidates(
+        model, options.targets, device, options.candidates, rng_for(options.seed, "candidates")
+    )
 
     everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
 
@@ -116,11 +118,11 @@ def pose_problem(options: PlannedCampaign) -> Problem:
     seen = whitened if scaling.kind == "whitened" else unweighted
     pool = seen(candidates.joints)
     factors = scaling.columns([arm.names[i] for i in kept], pool)
-    fresh = random_poses(model, TEST_POSES // len(arm.targets), stream(options.seed, "fresh"))
+    fresh = random_poses(model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
     test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
     already = _measured_before(options, robot)
-    return Problem(
+    return PoseProblem(
         robot=robot,
         arm=arm,
         structure=structure,
@@ -151,7 +153,7 @@ def _noisy(name: str) -> Instrument:
 
 
 def _home(
-    options: PlannedCampaign, chain: Joints, model: RobotModel, candidates: Array
+    options: PlannedCampaign, chain: JointSpec, model: RobotModel, candidates: Array
 ) -> tuple[Array, tuple[str, ...]]:
     """What is asked for; else the robot's home, or a pose near it if the arm touches itself there."""
     if options.home:
@@ -163,7 +165,7 @@ def _home(
     return nearest, (f"robot {chain.name} touches something at zero readings: the tour starts from a pose near them",)
 
 
-def _asked_home(given: Sequence[float], chain: Joints, model: RobotModel) -> Array:
+def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
     """The readings ``(n,)`` that ``--home`` says."""
     said = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
@@ -172,14 +174,14 @@ def _asked_home(given: Sequence[float], chain: Joints, model: RobotModel) -> Arr
     home = np.array(given) * scale
     if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
         raise LabError(f"{said}: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
-    if why := chain.why_not(home):
+    if why := chain.infeasibility_reason(home):
         raise LabError(f"{said}: {why}; start elsewhere")
     if collides(model, home[None])[0]:
         raise LabError(f"{said}: the arm touches itself or its surroundings there; start elsewhere")
     return home
 
 
-def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> Access:
+def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> ReachabilityGraph:
     """Hubs among the first candidates, and what can be reached from them."""
     free = path_check(model)
     found = [home]
@@ -203,7 +205,7 @@ def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible
         fine[fine] = reachable(joints[fine])
         return fine
 
-    return Access(np.array(found), free, reachable, feasible)
+    return ReachabilityGraph(np.array(found), free, reachable, feasible)
 
 
 def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:

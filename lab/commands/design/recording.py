@@ -23,7 +23,7 @@ from lab.commands.calibrate.recording_layout import (
     layout,
     main_view,
 )
-from lab.commands.calibrate.recording_text import legs_words, times
+from lab.commands.calibrate.recording_text import format_magnification, legs_words
 from lab.commands.design import console as said
 from lab.commands.design.result import plan_summary
 from lab.commands.design.run import Plan
@@ -122,7 +122,7 @@ def _passed(shown: PlanScene) -> NDArray[np.bool_]:
 def _curve(recording: rr.RecordingStream, plan: Plan) -> None:
     """What any number of poses promises (µm), and O1, which says little about it."""
     poses = np.array([step.poses for step in plan.curve])
-    promise = np.array([1e6 * step.prediction.reached for step in plan.curve])
+    promise = np.array([1e6 * step.prediction.coverage_radius for step in plan.curve])
     near = promise <= _TALLEST * promise[-1]  # a set that just shows the parameters would hide all others
     recording.log(PROMISE, rr.BarChart(promise[near], abscissa=poses[near], color=UNCERTAINTY), static=True)
     recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=MAPPING), static=True)
@@ -137,9 +137,9 @@ def _summary(plan: Plan, shown: PlanScene) -> str:
         "- **white**: the target at this stop; **red**: the tracker's beam, where the stop is measured",
         "- **timeline `time`**: the day as it goes, the arm at full speed, waiting where it is measured",
         "- **blue**, mapping ellipsoid: onto what J maps the unit ball of scaled parameters, "
-        f"{times(shown.mapping.factor)}",
+        f"{format_magnification(shown.mapping.factor)}",
         f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, "
-        f"{times(shown.uncertainty.factor)}",
+        f"{format_magnification(shown.uncertainty.factor)}",
         *([legs_words(shown.legs)] if shown.legs.measured else []),
     ]
     lines = (said.promise, said.certificate, said.tour_line, said.candidates_line, said.indices_line)

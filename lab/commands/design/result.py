@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from lab.commands.calibrate.result import number, statistics
-from lab.commands.design.run import Plan, Step
+from lab.commands.design.run import DesignStep, Plan
 from lab.commands.run_folder import config, write_json
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
@@ -33,7 +33,7 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
         "bound_gap": plan.certificate.gap,
         "pool": {"poses": plan.pool, "what": pool_in_words(plan)},
         "predicted_mm": statistics(plan.prediction.rms),
-        "promise_mm": 1e3 * plan.prediction.reached,
+        "promise_mm": 1e3 * plan.prediction.coverage_radius,
         "candidates": {
             "drawn": candidates.drawn,
             "feasible": len(candidates.joints),
@@ -98,12 +98,12 @@ def _indices(plan: Plan) -> dict[str, dict[str, Any]]:
     return {name: {"value": number(float(value)), "scaling": what} for name, (value, what) in found.items()}
 
 
-def _point(step: Step) -> dict[str, float | int]:
+def _point(step: DesignStep) -> dict[str, float | int]:
     rms: Array = 1e3 * step.prediction.rms
     return {
         "poses": step.poses,
         "rms_mm": float(np.sqrt(np.mean(rms**2))),
         "worst_mm": float(rms.max()),
-        "promise_mm": 1e3 * step.prediction.reached,
+        "promise_mm": 1e3 * step.prediction.coverage_radius,
         "o1": step.o1,
     }

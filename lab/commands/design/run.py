@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.identifiability import enough_poses
-from lab.commands.design.problem import Problem, pose_problem
+from lab.commands.design.problem import PoseProblem, pose_problem
 from lab.commands.options import PlannedCampaign
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.design.certificate import Certificate, certify
 from lab.design.criteria import Indices, indices
 from lab.design.exchange import Design, ascend, exchange, information
-from lab.design.predicted_accuracy import Prediction, predict, smallest_count
+from lab.design.predicted_accuracy import PredictedAccuracy, predict, smallest_count
 from lab.design.tour import Tour, plan_tour, rated
 from lab.simulation.candidate_poses import MARGIN
 
@@ -29,11 +29,11 @@ def _silent(_: str) -> None:
 
 
 @dataclass(frozen=True)
-class Step:
+class DesignStep:
     """One point of the curve against the number of poses: promise and O1 of an exchanged design."""
 
     poses: int
-    prediction: Prediction
+    prediction: PredictedAccuracy
     o1: float
 
 
@@ -52,15 +52,15 @@ class Plan:
     """
 
     options: PlannedCampaign
-    problem: Problem
+    problem: PoseProblem
     joints: Array
     design: Design
     pool: int
     certificate: Certificate
     d_efficiency: float
     indices: Indices
-    prediction: Prediction
-    curve: tuple[Step, ...]
+    prediction: PredictedAccuracy
+    curve: tuple[DesignStep, ...]
     tour: Tour
     seconds: float
     warnings: tuple[str, ...]
@@ -100,7 +100,7 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
     chain, warnings = rated(problem.robot.chain)
     home, safe = problem.access.hubs[0], problem.access.hubs[1:]
     tour = plan_tour(
-        design.joints, chain.speed, chain.acceleration, problem.access.free, stream(options.seed, "tour"), home, safe
+        design.joints, chain.speed, chain.acceleration, problem.access.free, rng_for(options.seed, "tour"), home, safe
     )
     return Plan(
         options=options,
@@ -119,9 +119,9 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
     )
 
 
-def best_design(options: PlannedCampaign, problem: Problem, count: int, progress: Progress = _silent) -> Design:
+def best_design(options: PlannedCampaign, problem: PoseProblem, count: int, progress: Progress = _silent) -> Design:
     """The best of several starts, each exchanged among the candidates and then moved uphill."""
-    rng, chain, measured = stream(options.seed, "design"), problem.robot.chain, problem.measured
+    rng, chain, measured = rng_for(options.seed, "design"), problem.robot.chain, problem.measured
     keep_off = MARGIN * (chain.upper - chain.lower)
     best: Design | None = None
     for start in range(options.starts):
@@ -141,7 +141,7 @@ def best_design(options: PlannedCampaign, problem: Problem, count: int, progress
     return best
 
 
-def _exchanged(problem: Problem, count: int, rng: np.random.Generator) -> Design:
+def _exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
     """A design among the candidates to which a free way leads; those without are left out as they are chosen."""
     left = np.arange(len(problem.pool))
     while True:
@@ -160,30 +160,30 @@ def _exchanged(problem: Problem, count: int, rng: np.random.Generator) -> Design
         left = np.delete(left, design.rows[cut_off])
 
 
-def _prediction(problem: Problem, joints: Array, seed: int) -> Prediction:
+def _prediction(problem: PoseProblem, joints: Array, seed: int) -> PredictedAccuracy:
     everything = problem.whitened(np.concatenate([joints, problem.already]))
-    return predict(information(everything), problem.test, stream(seed, "promise"))
+    return predict(information(everything), problem.test, rng_for(seed, "promise"))
 
 
-def _least(problem: Problem) -> int:
+def _least(problem: PoseProblem) -> int:
     """The fewest further poses that can show the base set."""
     return enough_poses(problem.pool, problem.before)
 
 
-def _of_any_size(options: PlannedCampaign, problem: Problem) -> Callable[[int], Design]:
+def _of_any_size(options: PlannedCampaign, problem: PoseProblem) -> Callable[[int], Design]:
     """Designs by exchange alone, each made once."""
     made: dict[int, Design] = {}
 
     def design(count: int) -> Design:
         if count not in made:
-            made[count] = _exchanged(problem, count, stream(options.seed, "design"))
+            made[count] = _exchanged(problem, count, rng_for(options.seed, "design"))
         return made[count]
 
     return design
 
 
 def _accurate_design(
-    options: PlannedCampaign, problem: Problem, least: int, quick: Callable[[int], Design], progress: Progress
+    options: PlannedCampaign, problem: PoseProblem, least: int, quick: Callable[[int], Design], progress: Progress
 ) -> Design:
     """The smallest design that promises the accuracy asked for.
 
@@ -194,7 +194,7 @@ def _accurate_design(
     most = max(least, min(MOST_POSES, len(problem.pool) // 2))
 
     def promise(design: Design) -> float:
-        return _prediction(problem, design.joints, options.seed).reached
+        return _prediction(problem, design.joints, options.seed).coverage_radius
 
     count = smallest_count(lambda size: promise(quick(size)), wanted, least, most)
     design = best_design(options, problem, count, progress)
@@ -213,12 +213,12 @@ def _accurate_design(
 
 def _curve(
     options: PlannedCampaign,
-    problem: Problem,
+    problem: PoseProblem,
     least: int,
     count: int,
     quick: Callable[[int], Design],
     progress: Progress,
-) -> tuple[Step, ...]:
+) -> tuple[DesignStep, ...]:
     """Promise and O1 against the number of poses, from the fewest possible to twice the plan's."""
     most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
     steps = []
@@ -227,5 +227,5 @@ def _curve(
         chosen = quick(int(size))
         everything = np.concatenate([chosen.jacobian, problem.before])
         o1 = float(indices(everything).o1)
-        steps.append(Step(int(size), _prediction(problem, chosen.joints, options.seed), o1))
+        steps.append(DesignStep(int(size), _prediction(problem, chosen.joints, options.seed), o1))
     return tuple(steps)

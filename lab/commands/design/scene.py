@@ -11,7 +11,7 @@ from lab.commands.design.result import pose_ids
 from lab.commands.design.run import Plan
 from lab.core.se3 import Array
 from lab.design.exchange import information
-from lab.design.tour import day_of, rated
+from lab.design.tour import rated, tour_trajectory
 from lab.formats.rapid import WAIT_S
 from lab.render.skeleton import Legs, frame_lines, frame_origins
 from lab.simulation.meshes import Shell, body_poses, shells
@@ -80,7 +80,7 @@ def plan_scene(plan: Plan) -> PlanScene:
     way = np.concatenate([between.reshape(-1, stops.shape[1]), stops[-1:]])
     mapping, uncertainty = _shapes(plan)
     waiting = np.where(plan.tour.measured >= 0, float(WAIT_S), 0.0)
-    day, arrivals = day_of(rated(problem.robot.chain)[0], stops, waiting)
+    day, arrivals = tour_trajectory(rated(problem.robot.chain)[0], stops, waiting)
     times = np.concatenate(
         [np.arange(left, came, STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]
     )

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.classical.delta import Delta
 from lab.kinematics.closed.classical.singularity import Distances
-from lab.kinematics.closed.configuration import Posture
+from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.recognize import CourseModel, course_model_of
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 TAKES = 4000  # random readings by which extents are found
 GRID = 60_000  # poses, at most, of the count of what is reachable
@@ -68,7 +68,7 @@ class ClosedShape:
 
 def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
     """The shape of a mechanism as drawn."""
-    taken = Joints.random_joints(mechanism, TAKES, stream(0, "structure"))
+    taken = JointSpec.random_joints(mechanism, TAKES, rng_for(0, "structure"))
     closed = mechanism.assembled(taken, mechanism.drawn)
     joints, passive = taken[closed.fits], closed.posture.passive.T[closed.fits]
     home = mechanism.assembled(mechanism.home[None], mechanism.drawn).posture
@@ -93,11 +93,11 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
 
 def _places(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
     """Of the platform's origin in the base ``(n, 3)`` m."""
-    posture = Posture.of(mechanism.tree, mechanism.dimensions(mechanism.drawn), joints, passive.T)
+    posture = Configuration.of(mechanism.tree, mechanism.dimensions(mechanism.drawn), joints, passive.T)
     return np.broadcast_to(posture.frames[mechanism.tree.platform][1][:3], (3, len(joints))).T
 
 
-def _rank(posture: Posture) -> int:
+def _rank(posture: Configuration) -> int:
     """Of the closures' derivatives by all that moves, in a posture of one pose."""
     tree, directions = posture.tree, posture.closures()[1]
     rows = np.zeros((tree.equations, len(tree.passive) + len(posture.readings)))
@@ -147,7 +147,7 @@ class _Search:
 
     def _nearest(self, kind: str) -> Nearest:
         """By walks from the nearest poses, with random steps that shrink; each is taken where it leads nearer."""
-        mechanism, rng = self.mechanism, stream(0, "structure", Distances._fields.index(kind))
+        mechanism, rng = self.mechanism, rng_for(0, "structure", Distances._fields.index(kind))
         starts = np.argsort(self._distance(kind, self.joints, self.passive))[:WALKERS]
         joints, passive = self.joints[starts], self.passive[starts]
         distance = self._distance(kind, joints, passive)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from lab.commands.calibrate.result import human_unit
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 
 def tidy(value: float) -> float:
@@ -31,13 +31,13 @@ def per_person(name: str, value: float) -> str:
     return f"{factor * value:+.3g} {unit}".replace("-", "−")
 
 
-def joint_kind(joints: Joints, i: int) -> dict[str, Any]:
+def joint_kind(joints: JointSpec, i: int) -> dict[str, Any]:
     """A joint's name, kind and sign."""
     kind = "prismatic" if joints.prismatic[i] else "revolute"
     return {"name": joints.joint_names[i], "type": kind, "sign": int(joints.sign[i])}
 
 
-def joint_limits(joints: Joints, i: int) -> dict[str, Any]:
+def joint_limits(joints: JointSpec, i: int) -> dict[str, Any]:
     """Its limits and largest speed, mm or degrees."""
     unit, scale = ("mm", 1e3) if joints.prismatic[i] else ("deg", 180 / np.pi)
     return {

@@ -15,7 +15,7 @@ from lab.commands.inspect.serial import drawn_serial, print_serial, shape_serial
 from lab.commands.robot import Robot
 from lab.commands.shared_options import LARGEST
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named
@@ -41,8 +41,8 @@ def inspection(question: Question) -> dict[str, Any]:
     arm, nominal = robot.arm_with(question.targets, question.groups), _nominal(question)
     structure = base_set(arm, nominal, fix=question.fix, free=question.free)
     hidden = aliases(arm, structure, column_scale(arm, nominal))
-    settings = arm.structure_joints(POSES, stream(0, "structure"))
-    jacobian = arm.observe(settings, arm.structural(nominal))[1].reshape(-1, len(arm.names))[:, list(structure.kept)]
+    inputs = arm.structure_joints(POSES, rng_for(0, "structure"))
+    jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[:, list(structure.kept)]
     names = [arm.names[i] for i in structure.kept]
     condition, usual = scaled_condition(jacobian), not (question.fix or question.free)
     asked = named(arm.names, "--fix", question.fix)
@@ -69,7 +69,7 @@ def inspection(question: Question) -> dict[str, Any]:
         "changes": {
             change.words: number(change.condition)
             for change in (
-                changes(robot, question.targets, question.groups, nominal, settings)
+                changes(robot, question.targets, question.groups, nominal, inputs)
                 if usual and condition > WEAK_CONDITION
                 else ()
             )

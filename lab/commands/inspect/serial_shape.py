@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import rates
 from lab.kinematics.inverse.analytic.determinant import Factor
@@ -35,7 +35,7 @@ class Singularity:
 
 
 @dataclass(frozen=True)
-class Shape:
+class SerialShape:
     """Of a drawing.
 
     Attributes:
@@ -50,13 +50,13 @@ class Shape:
     singularities: tuple[Singularity, ...]
 
 
-def shape_of(chain: Chain) -> Shape:
+def shape_of(chain: Chain) -> SerialShape:
     """The shape of an arm as drawn."""
     form = closed_form_of(chain)
     if form is None:
-        return Shape(reach(chain), None, "", ())
+        return SerialShape(reach(chain), None, "", ())
     singularities = tuple(_singularity(chain, factor) for factor in form.determinant.factors)
-    return Shape(reach(chain), form.branches, form.determinant.text, singularities)
+    return SerialShape(reach(chain), form.branches, form.determinant.text, singularities)
 
 
 def reach(chain: Chain) -> float:
@@ -75,14 +75,14 @@ def reach(chain: Chain) -> float:
         return -float(across @ across), -2 * jacobian.T @ across
 
     bounds = list(zip(chain.lower, chain.upper, strict=True))
-    starts = chain.random_joints(STARTS, stream(0, "structure"))
+    starts = chain.random_joints(STARTS, rng_for(0, "structure"))
     found = [minimize(nearness, start, jac=True, bounds=bounds, method="L-BFGS-B") for start in starts]
     return float(np.sqrt(-min(each.fun for each in found)))
 
 
 def _singularity(chain: Chain, factor: Factor) -> Singularity:
     """An example of a singularity within the limits, by Newton's method on its factor."""
-    joints = chain.random_joints(TRIES, stream(0, "structure"))
+    joints = chain.random_joints(TRIES, rng_for(0, "structure"))
     step = 1e-6
     for _ in range(20):
         value = factor.at(joints)

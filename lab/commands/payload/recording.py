@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from lab.commands.calibrate.recording_layout import FAR, SUMMARY, eye, layout, main_view
 from lab.commands.calibrate.scene import moved
 from lab.commands.payload.result import channels, cost_words, rows_of
-from lab.commands.payload.run import Weighed
+from lab.commands.payload.run import PayloadResult
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.render.rerun_primitives import Times, draw_shells, markdown, recording_to
@@ -27,7 +27,7 @@ _BALL_KG_M3 = 7850.0  # steel, where the inertia is not known
 _WEIGHT_M_PER_N = 0.01
 
 
-def record_payload(path: Path, run: Weighed) -> None:
+def record_payload(path: Path, run: PayloadResult) -> None:
     """Write the recording of ``lab payload``, with the blueprint that shows it."""
     assert run.records is not None
     loaded = run.records.run(True)
@@ -54,7 +54,7 @@ def _times(time_s: Array | None, count: int) -> Times:
     return [rr.TimeColumn("time", duration=time_s)]
 
 
-def _identity(run: Weighed) -> str:
+def _identity(run: PayloadResult) -> str:
     """The same for the same content, so that the same file gives the same recording."""
     assert run.records is not None
     digest = hashlib.sha256(run.robot.sha256.encode())
@@ -63,7 +63,7 @@ def _identity(run: Weighed) -> str:
     return digest.hexdigest()[:32]
 
 
-def _load(recording: rr.RecordingStream, at: Times, run: Weighed, Ts: Array) -> None:
+def _load(recording: rr.RecordingStream, at: Times, run: PayloadResult, Ts: Array) -> None:
     """The load as the solid ellipsoid that has its mass and inertia, and its weight as an arrow."""
     found = run.estimate
     half, axes = equivalent_ellipsoid(found.mass_kg, found.inertia_com_kgm2)
@@ -93,7 +93,7 @@ def equivalent_ellipsoid(mass_kg: float, inertia_kgm2: Array) -> tuple[Array, Ar
     return np.full(3, radius), np.eye(3)
 
 
-def _channels(recording: rr.RecordingStream, run: Weighed) -> None:
+def _channels(recording: rr.RecordingStream, run: PayloadResult) -> None:
     """Torques, or the wrench, with the load and without it."""
     assert run.records is not None
     for kind, loaded, colour in (("loaded", True, _WITH), ("unloaded", False, _WITHOUT)):
@@ -108,14 +108,14 @@ def _channels(recording: rr.RecordingStream, run: Weighed) -> None:
             recording.log(entity, rr.SeriesLines(colors=colour, names=kind, widths=1.5), static=True)
 
 
-def _named(run: Weighed, torques: Array | None, wrench: Array | None) -> list[tuple[str, Array]]:
+def _named(run: PayloadResult, torques: Array | None, wrench: Array | None) -> list[tuple[str, Array]]:
     """What the load was identified from."""
     seen = wrench if run.estimate.method.startswith("wrench") else torques
     assert seen is not None
     return [(name, values) for (name, _), values in zip(channels(run), seen.T, strict=True)]
 
 
-def _summary(run: Weighed) -> str:
+def _summary(run: PayloadResult) -> str:
     """What was found, in markdown."""
     found = run.estimate
     lines = [f"# {run.robot.name}: {found.mass_kg:.4g} kg at the hand", f"{found.method}.", f"{found.verdict.words}."]
@@ -132,7 +132,7 @@ def _summary(run: Weighed) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _blueprint(run: Weighed, origins: Array, reach: float, timeline: str) -> rrb.Blueprint:
+def _blueprint(run: PayloadResult, origins: Array, reach: float, timeline: str) -> rrb.Blueprint:
     """The arm large, what was measured beside it, text at hand."""
     views = [
         rrb.TimeSeriesView(origin=f"channels/{name}", name=f"{name}, {unit}", plot_legend=rrb.PlotLegend(visible=False))

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from lab.commands.options import PayloadTask
-from lab.commands.payload.result import channels, cost_words, people, rows_of
-from lab.commands.payload.run import Weighed
+from lab.commands.payload.result import channels, cost_words, display_unit, rows_of
+from lab.commands.payload.run import PayloadResult
 from lab.commands.provenance import how_it_was_made
 from lab.render.html import (
     Html,
@@ -31,7 +31,7 @@ MOST_DRAWN = 600  # rows
 _SEEN, _FITTED = "#9ca3af", "#0b5fa5"
 
 
-def write_payload_report(path: Path, run: Weighed, options: PayloadTask) -> None:
+def write_payload_report(path: Path, run: PayloadResult, options: PayloadTask) -> None:
     """Write the report of ``lab payload``."""
     found = run.estimate
     mass = f"{found.mass_kg:.4g} kg at the hand" if np.isfinite(found.mass_kg) else "a load that is not told"
@@ -50,22 +50,22 @@ def write_payload_report(path: Path, run: Weighed, options: PayloadTask) -> None
     write_page(path, f"{run.robot.name}: {mass}", parts)
 
 
-def _load(run: Weighed) -> Html:
+def _load(run: PayloadResult) -> Html:
     rows = [list(row) for row in rows_of(run.estimate)]
     caption = f"About and along the frame of the {run.estimate.frame}, with half-widths of 95 % intervals."
     below = "" if run.estimate is run.fitted else "No body has what least squares found: the nearest that one has."
     return together([table(["", "value", "±", "unit"], rows, caption), paragraph(below, "note")])
 
 
-def _along(run: Weighed) -> Html:
+def _along(run: PayloadResult) -> Html:
     rows = []
     for each in run.estimate.nuisance:
-        factor, unit = people(each.unit)
+        factor, unit = display_unit(each.unit)
         rows.append([each.name, short(factor * each.value), short(factor * each.half_width), unit])
     return table(["", "value", "±", "unit"], rows)
 
 
-def _explained(run: Weighed) -> Html:
+def _explained(run: PayloadResult) -> Html:
     """Each channel: what was seen, and what the load with what was fitted along makes of it."""
     found = run.estimate
     every = max(1, len(found.seen) // MOST_DRAWN)

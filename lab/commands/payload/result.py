@@ -9,7 +9,7 @@ from rich.table import Table
 
 from lab.commands.calibrate.result import number
 from lab.commands.options import PayloadTask
-from lab.commands.payload.run import Weighed
+from lab.commands.payload.run import PayloadResult
 from lab.commands.run_folder import config, write_json
 from lab.core.se3 import Array
 from lab.formats.load_csv import WRENCH
@@ -19,7 +19,7 @@ AXES = "xyz"
 _PEOPLE = {"s": (1e3, "ms"), "rad": (180 / np.pi, "°")}  # units that a person reads
 
 
-def payload_summary(run: Weighed) -> dict[str, Any]:
+def payload_summary(run: PayloadResult) -> dict[str, Any]:
     """What ``result.json`` holds and ``--json`` prints. SI units; null is what was not identified."""
     found = run.estimate
     rows = None if run.records is None else {"loaded": int(run.records.loaded.sum()), "all": len(run.records)}
@@ -69,7 +69,7 @@ def _of_nuisance(each: Nuisance) -> dict[str, Any]:
     }
 
 
-def write_payload(folder: Path, run: Weighed, options: PayloadTask) -> None:
+def write_payload(folder: Path, run: PayloadResult, options: PayloadTask) -> None:
     """What was asked, what came out, and the load itself for ``--load``."""
     write_json(folder / "config.json", config("payload", options, run.robot.sha256))
     write_json(folder / "result.json", payload_summary(run))
@@ -77,7 +77,7 @@ def write_payload(folder: Path, run: Weighed, options: PayloadTask) -> None:
         run.load.write(folder)
 
 
-def print_payload(run: Weighed, folder: Path) -> None:
+def print_payload(run: PayloadResult, folder: Path) -> None:
     """The load with its intervals, what is not known, whether to believe it, and what its uncertainty costs."""
     console, found = Console(markup=False), run.estimate
     console.print(f"{run.robot.name}: {found.method}; {found.rank} of {found.columns} parameters identified")
@@ -88,7 +88,7 @@ def print_payload(run: Weighed, folder: Path) -> None:
         table.add_row(name, value, width, unit)
     console.print(table)
     for each in found.nuisance:
-        factor, unit = people(each.unit)
+        factor, unit = display_unit(each.unit)
         console.print(f"  {each.name}: {factor * each.value:.4g} ± {factor * each.half_width:.2g} {unit}".rstrip())
     for words in found.unseen:
         console.print(f"not told: {words}")
@@ -118,7 +118,7 @@ def _rounded(value: float, half_width: float) -> tuple[str, str]:
     return f"{value:.{min(digits, 9)}f}".replace("-", "−"), f"{half_width:.{min(digits, 9)}f}"
 
 
-def channels(run: Weighed) -> list[tuple[str, str]]:
+def channels(run: PayloadResult) -> list[tuple[str, str]]:
     """Names and units of the columns that the load was identified from."""
     chain = run.robot.chain
     if run.records is None:
@@ -128,12 +128,12 @@ def channels(run: Weighed) -> list[tuple[str, str]]:
     return [(name, "N" if slides else "Nm") for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)]
 
 
-def people(unit: str) -> tuple[float, str]:
+def display_unit(unit: str) -> tuple[float, str]:
     """By what to multiply a number of this unit, and the unit that a person reads then."""
     return _PEOPLE.get(unit, (1.0, unit))
 
 
-def cost_words(run: Weighed) -> str:
+def cost_words(run: PayloadResult) -> str:
     """What the load's uncertainty costs."""
     soft = run.compliance[run.compliance > 0]
     by = f"{1 / soft[0]:g} Nm/rad" if len(soft) and np.ptp(soft) < 1e-9 * soft[0] else "the identified stiffness"

@@ -8,10 +8,10 @@ from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.options import PayloadTask
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.robot import Robot, load_robot
-from lab.core.errors import LabError, naming
-from lab.core.load_samples import LoadRecords, Mounting
+from lab.core.errors import LabError, error_context
+from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.load_csv import read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
@@ -31,7 +31,7 @@ WILD = 7.0  # standard deviations, which one in 4e11 readings passes
 
 
 @dataclass(frozen=True)
-class Weighed:
+class PayloadResult:
     """What became of a file.
 
     Attributes:
@@ -44,7 +44,7 @@ class Weighed:
     """
 
     robot: Robot
-    records: LoadRecords | None
+    records: PayloadSamples | None
     mounting: Mounting
     fitted: LoadEstimate
     estimate: LoadEstimate
@@ -65,7 +65,7 @@ class Weighed:
         return HandLoad.of(self.estimate)
 
 
-def run_payload(options: PayloadTask) -> Weighed:
+def run_payload(options: PayloadTask) -> PayloadResult:
     """Identify the load of a file.
 
     Raises:
@@ -84,16 +84,18 @@ def run_payload(options: PayloadTask) -> Weighed:
     elif method == "wrench":
         raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
     arm = robot.serial_arm(("p1",))
-    with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+    with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = _sensible(_fitted(options, robot, records, mounting, method))
     estimate = physical_estimate(fitted) if options.physical else fitted
     compliance = _compliance(robot, options.stiffness_nm_per_rad)
     cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
     warnings = (*robot.warnings, *records.warnings, *_said(estimate))
-    return Weighed(robot, records, mounting, fitted, estimate, compliance, cost, warnings)
+    return PayloadResult(robot, records, mounting, fitted, estimate, compliance, cost, warnings)
 
 
-def _fitted(options: PayloadTask, robot: Robot, records: LoadRecords, mounting: Mounting, method: str) -> LoadEstimate:
+def _fitted(
+    options: PayloadTask, robot: Robot, records: PayloadSamples, mounting: Mounting, method: str
+) -> LoadEstimate:
     arm = robot.serial_arm(("p1",))
     values = arm.nominal(robot.tool)
     if method == "wrench":
@@ -127,7 +129,7 @@ def _refuse(options: PayloadTask, name: str, given: bool, method: str) -> None:
         raise LabError(f"--{name} is for --method {method}: leave it out")
 
 
-def _by_sag(options: PayloadTask) -> Weighed:
+def _by_sag(options: PayloadTask) -> PayloadResult:
     """From tracker positions with and without the load, and the compliances of a calibrated arm."""
     assert options.run is not None
     run = read_calibrated(options.run)
@@ -143,13 +145,13 @@ def _by_sag(options: PayloadTask) -> Weighed:
     if robot.loads is None:
         raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
     joints, unloaded, loaded = _paired(options, data)
-    with naming(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+    with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = _sensible(from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded))
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
     said = (*run.warnings, *data.warnings, *_said(estimate))
-    return Weighed(robot, None, mounting, fitted, estimate, compliance, cost, said, data.targets)
+    return PayloadResult(robot, None, mounting, fitted, estimate, compliance, cost, said, data.targets)
 
 
 def _paired(options: PayloadTask, data: Measurements) -> tuple[Array, Array, Array]:
@@ -168,7 +170,7 @@ def _paired(options: PayloadTask, data: Measurements) -> tuple[Array, Array, Arr
 def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
     """Of the joints that bear the arm's weight (or would, if it had a mass), all alike."""
     compliance = np.zeros(robot.chain.size)
-    bearing = range(robot.chain.size) if robot.loads is None else robot.loads.bearing(stream(0, "structure"))
+    bearing = range(robot.chain.size) if robot.loads is None else robot.loads.bearing(rng_for(0, "structure"))
     compliance[[j for j in bearing if not robot.chain.prismatic[j]]] = 1 / stiffness_nm_per_rad
     return compliance
 
@@ -179,7 +181,7 @@ def _cost(
     covariance = HandLoad.of(estimate).covariance
     if not np.isfinite(covariance).all():
         return float("nan")
-    joints = random_poses(robot.model, COSTED, stream(0, "fresh"))
+    joints = random_poses(robot.model, COSTED, rng_for(0, "fresh"))
     off = sag_uncertainty(arm, values, compliance, joints, mounting.gravity, covariance)
     return float(np.sqrt((off**2).mean()))
 

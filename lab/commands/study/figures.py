@@ -21,7 +21,7 @@ from lab.commands.design.figures import STYLE, save
 from lab.commands.study.text import circumstances, effect_words, factor_words, level_words, metric_words, varying
 from lab.studies.analysis import Analysis, Comparison, Mean, Pair
 from lab.studies.grid import ANY, Cell
-from lab.studies.table import Group, groups
+from lab.studies.table import CellGroup, groups
 
 LINES = (  # the colours rise in lightness, to differ in grey too; marks and dashes tell them apart as well
     ("#1e1b4b", "o", "-"),
@@ -73,7 +73,7 @@ def means_figure(analysis: Analysis, metric: str, factor: str, line: str | None 
     names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
     places = _places([getattr(cells[i], factor) for group in shown for i in group.cells])
 
-    def draw(axes: Axes, group: Group) -> None:
+    def draw(axes: Axes, group: CellGroup) -> None:
         for k, name in enumerate(names):
             mine = [
                 (places[getattr(cells[i], factor)], means[i]) for i in group.cells if _line_name(cells[i], line) == name

@@ -11,7 +11,7 @@ from lab.commands.calibrate.result import number, statistics
 from lab.commands.options import Verification
 from lab.commands.run_folder import config, write_json
 from lab.commands.verify.run import VerifiedRun
-from lab.verification.hypotheses import Extent
+from lab.verification.hypotheses import Displacement
 from lab.verification.prediction import LEVEL
 from lab.verification.test import Hypothesis
 
@@ -63,7 +63,7 @@ def _of_hypothesis(each: Hypothesis) -> dict[str, Any]:
     }
 
 
-def _of_extent(extent: Extent) -> dict[str, float | None]:
+def _of_extent(extent: Displacement) -> dict[str, float | None]:
     """How far something went; null where that does not apply or is not told."""
     return {
         "shift_mm": number(1e3 * extent.shift_m),

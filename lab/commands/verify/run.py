@@ -8,7 +8,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import Observations, whitening
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
-from lab.calibration.observations.protocol import sighting_of
+from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
@@ -17,7 +17,7 @@ from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
-from lab.verification.prediction import Promise
+from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified, verify
 
 LEAST_SPREAD = 3  # poses whose spread says something
@@ -59,9 +59,9 @@ def run_verification(options: Verification) -> VerifiedRun:
     if not len(rows):
         raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")
     with _naming(options):
-        seen, promise = _against(calibrated, rows, options)
-        _refuse_implausible(promise, seen)
-        verified = verify(promise, seen, options.refit, [rows.where(i) for i in range(len(rows))])
+        seen, prediction = _against(calibrated, rows, options)
+        _refuse_implausible(prediction, seen)
+        verified = verify(prediction, seen, options.refit, [rows.where(i) for i in range(len(rows))])
     return VerifiedRun(calibrated, rows, verified, tuple(_warnings(calibrated, read, rows, verified)))
 
 
@@ -81,7 +81,9 @@ def _refuse_unseen_base(calibrated: Calibrated, options: Verification) -> None:
         )
 
 
-def _against(calibrated: Calibrated, rows: Measurements, options: Verification) -> tuple[Observations, Promise]:
+def _against(
+    calibrated: Calibrated, rows: Measurements, options: Verification
+) -> tuple[Observations, CalibrationPrediction]:
     """The measurements weighed, and what the run says of them.
 
     Where the run's residuals were more than noise, or its noise was estimated, they are the measure: what the model
@@ -104,16 +106,16 @@ def _against(calibrated: Calibrated, rows: Measurements, options: Verification) 
             f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; "
             "identify again with more poses, or with --noise-mm"
         )
-    seen, _ = weighed(sighting_of(arm), rows, _noise(calibrated, options))
-    lacking, larger, freedom = calibrated.lacking(root_mean_square_sigma(seen, 0))
-    return _widened(seen, lacking), Promise(arm, values, free, larger * covariance, freedom, strange)
+    seen, _ = weighed(observation_of(arm), rows, _noise(calibrated, options))
+    lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(seen, 0))
+    return _widened(seen, lacking), CalibrationPrediction(arm, values, free, larger * covariance, dof, strange)
 
 
-def _refuse_implausible(promise: Promise, seen: Observations) -> None:
+def _refuse_implausible(prediction: CalibrationPrediction, seen: Observations) -> None:
     """Points that spread unlike the robot's are of another unit, or of another robot."""
-    predicted = promise.arm.points(seen.settings, promise.values)
+    predicted = prediction.arm.points(seen.inputs, prediction.values)
     spreads = [spread(np.where(np.isnan(seen.points), np.nan, points)) for points in (seen.points, predicted)]
-    if len(seen.settings) >= LEAST_SPREAD and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]:
+    if len(seen.inputs) >= LEAST_SPREAD and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]:
         raise LabError(
             f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
             "wrong unit, or another robot"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array, exp, left_jacobian, pose
-from lab.kinematics.closed.configuration import Posture, crossed
+from lab.kinematics.closed.configuration import Configuration, crossed
 from lab.kinematics.closed.loop_closure import Closed
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.serial.arm import DEFAULT_TOOL, chunks, padded
@@ -76,7 +76,7 @@ class ClosedArm:
             jacobian[..., part][..., ~closed.fits] = np.nan
         return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
-    def by_joints(self, jacobian: Array) -> Array:
+    def joint_derivatives(self, jacobian: Array) -> Array:
         """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
         offsets = [self.names.index(self.chain.offset_of(joint)) for joint in range(self.chain.size)]
         moved: Array = jacobian[..., offsets] * self.chain.sign
@@ -119,7 +119,7 @@ class ClosedArm:
                 out[:, i, side] = posture.frames[end][1][:3].T
         return out
 
-    def _along(self, posture: Posture, ends: list[int]) -> Array:
+    def _along(self, posture: Configuration, ends: list[int]) -> Array:
         tree = self.chain.tree
         near, far = (list(dict.fromkeys(frame for frame, _ in tree.ancestry(end))) or [end] for end in ends)
         count = posture.passive.shape[1]
@@ -151,11 +151,11 @@ class ClosedArm:
             square = np.linalg.det(moved @ moved.swapaxes(1, 2))
             return np.stack([np.log(np.abs(square)) / 2, -np.log(np.abs(np.linalg.det(closed)))])
 
-    def preferred(self) -> tuple[int, ...]:
+    def column_priority(self) -> tuple[int, ...]:
         """The base, the mechanism's parameters as they come, then the targets."""
         return tuple(range(len(self.names)))
 
-    def structural(self, values: Array) -> Array:
+    def rank_point(self, values: Array) -> Array:
         """``values`` with the mechanism as drawn: what a symmetry of the drawing hides, an imperfect copy may show."""
         nominal = self.chain.drawn
         return np.concatenate([values[:6], nominal[6:], values[len(nominal) :]])
@@ -172,7 +172,7 @@ class ClosedArm:
         for part in chunks(len(joints), len(self.targets)):
             yield part, self.chain.assembled(joints[part], values, quickly=quickly)
 
-    def _targets(self, posture: Posture, values: Array) -> Array:
+    def _targets(self, posture: Configuration, values: Array) -> Array:
         """Target positions ``(5, k, n)`` from the platform."""
         (x, y, z), origin = posture.frames[self.chain.tree.platform]
         tool = values[len(self.chain.names) :].reshape(-1, 3)

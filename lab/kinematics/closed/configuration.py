@@ -34,7 +34,7 @@ class Dimensions:
 
 
 @dataclass
-class Posture:
+class Configuration:
     """A mechanism at n poses.
 
     Attributes:
@@ -53,13 +53,13 @@ class Posture:
     steps: list[list[tuple[Array, Array | None]]]
 
     @staticmethod
-    def of(tree: Tree, dimensions: Dimensions, joints: Array, passive: Array) -> "Posture":
+    def of(tree: Tree, dimensions: Dimensions, joints: Array, passive: Array) -> "Configuration":
         """At readings ``(n, joints)`` and passive values ``(z, n)``."""
         x, y, z = (padded(column) for column in exp(dimensions.base[3:]).T)
         count = len(tree.frames)
         empty: tuple[Axes, Array] = ((x, y, z), padded(dimensions.base[:3]))
         readings = dimensions.scale[:, None] * joints.T
-        found = Posture(tree, dimensions, readings, passive, empty, [empty] * count, [[] for _ in range(count)])
+        found = Configuration(tree, dimensions, readings, passive, empty, [empty] * count, [[] for _ in range(count)])
         for frame in range(count):
             found._walk(frame)
         return found

@@ -15,7 +15,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
-from lab.kinematics.closed.configuration import Dimensions, Posture
+from lab.kinematics.closed.configuration import Configuration, Dimensions
 from lab.kinematics.closed.structure import Tree
 
 SINGULAR = 1e3  # condition of the closures by the passive values from which on a pose is refused
@@ -28,7 +28,7 @@ FIRST_STEP, LEAST_STEP = 0.5, 2.0**-6  # of the way from a known place
 
 
 @dataclass(frozen=True)
-class Known:
+class SolvedPoses:
     """Poses whose passive values are known, all of one mode.
 
     Attributes:
@@ -41,9 +41,9 @@ class Known:
     passive: Array
     sense: float
 
-    def take(self, rows: NDArray[np.int_]) -> "Known":
+    def take(self, rows: NDArray[np.int_]) -> "SolvedPoses":
         """Some of them."""
-        return Known(self.joints[rows], self.passive[:, rows], self.sense)
+        return SolvedPoses(self.joints[rows], self.passive[:, rows], self.sense)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Assembly:
     lever_m: Array
     turns: NDArray[np.bool_]
 
-    def from_known(self, joints: Array, known: Known, least_step: float = LEAST_STEP) -> "Closed":
+    def from_known(self, joints: Array, known: SolvedPoses, least_step: float = LEAST_STEP) -> "Closed":
         """At readings ``(n, joints)``, each from a known place of its own.
 
         Args:
@@ -80,7 +80,7 @@ class Assembly:
 
         Of use where they cannot be closed, or to close them for the first time; the gaps ``(closures,)`` are in m.
         """
-        posture = Posture.of(self.tree, self.dimensions, joints[None], passive[:, None])
+        posture = Configuration.of(self.tree, self.dimensions, joints[None], passive[:, None])
         if not len(passive):
             return passive, np.empty(0)
 
@@ -91,13 +91,15 @@ class Assembly:
         found = scipy.optimize.least_squares(gaps, passive * self.lever_m, xtol=1e-15, ftol=1e-15, gtol=1e-15)
         return np.asarray(found.x / self.lever_m), gaps(found.x)
 
-    def _corrected(self, joints: Array, start: Array, open_by: Array | float) -> tuple[Posture, NDArray[np.bool_]]:
+    def _corrected(
+        self, joints: Array, start: Array, open_by: Array | float
+    ) -> tuple[Configuration, NDArray[np.bool_]]:
         """Newton's method from passive values ``(z, n)``; and ``(n,)`` where it stayed on its way and closed.
 
         Args:
             open_by: gaps ``(closures, n)`` m that are to be left.
         """
-        posture = Posture.of(self.tree, self.dimensions, joints, start)
+        posture = Configuration.of(self.tree, self.dimensions, joints, start)
         smooth, before = np.ones(len(joints), dtype=bool), np.full(len(joints), np.inf)
         for _ in range(MOST_CORRECTIONS):
             gaps, directions = posture.closures()
@@ -112,14 +114,14 @@ class Assembly:
                 return posture, smooth
         return posture, smooth & shut
 
-    def _followed(self, joints: Array, known: Known, least_step: float) -> Array:
+    def _followed(self, joints: Array, known: SolvedPoses, least_step: float) -> Array:
         """Passive values ``(z, n)`` along straight ways from known places; NaN where a way ends.
 
         The gaps that these dimensions leave at a place known of others are closed in proportion on the way.
         """
         passive, reached = known.passive.copy(), np.zeros(len(joints))
         step = np.full(len(joints), FIRST_STEP)
-        gaps = np.array(Posture.of(self.tree, self.dimensions, known.joints, passive).closures()[0])
+        gaps = np.array(Configuration.of(self.tree, self.dimensions, known.joints, passive).closures()[0])
         while (rows := np.flatnonzero((reached < 1) & (step >= least_step))).size:
             to = np.minimum(reached[rows] + step[rows], 1.0)
             at = known.joints[rows] + to[:, None] * (joints[rows] - known.joints[rows])
@@ -130,7 +132,7 @@ class Assembly:
         passive[:, reached < 1] = np.nan
         return passive
 
-    def closed(self, posture: Posture, sense: float) -> "Closed":
+    def closed(self, posture: Configuration, sense: float) -> "Closed":
         """What a posture is, if its passive values are those of closed loops in the mode of such a sense."""
         with np.errstate(all="ignore"):  # of what is not closed
             directions = posture.closures()[1]
@@ -149,12 +151,12 @@ class Closed:
 
     Attributes:
         posture: there; NaN where they cannot be in the mode of what was known.
-        directions: of the closures (``Posture.closures``).
+        directions: of the closures (``Configuration.closures``).
         inverse: ``(n, z, closures)`` of the closures' derivatives by the passive values.
         condition: ``(n,)`` of these, one at best, lengths beside levers; inf where the loops are open.
     """
 
-    posture: Posture
+    posture: Configuration
     directions: list[Array]
     inverse: Array
     condition: Array

@@ -9,13 +9,13 @@ import scipy  # its parts are loaded at their first use, which not every process
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.closed.configuration import Dimensions, Posture
-from lab.kinematics.closed.loop_closure import CLOSED_M, LEAST_STEP, SINGULAR, Assembly, Closed, Known
+from lab.kinematics.closed.configuration import Configuration, Dimensions
+from lab.kinematics.closed.loop_closure import CLOSED_M, LEAST_STEP, SINGULAR, Assembly, Closed, SolvedPoses
 from lab.kinematics.closed.structure import Tree
 from lab.kinematics.closed.validation import refuse_unsound
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import BASE_NAMES
 
 SAMPLED = 1.5  # times the closures' condition in the drawn position, up to which poses are drawn at random
@@ -30,7 +30,7 @@ _BLOCK, _MOST_BLOCKS = 256, 200  # of random readings
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mechanism(Joints):
+class Mechanism(JointSpec):
     """A mechanism whose joints are measured and whose passive values the closures give."""
 
     tree: Tree
@@ -90,13 +90,13 @@ class Mechanism(Joints):
         if quickly or not lost.size or values is self.drawn:
             return found
         drawn = self._assembly(self.drawn).from_known(joints[lost], nearest.take(lost))
-        again = assembly.from_known(joints[lost], Known(joints[lost], drawn.posture.passive, nearest.sense))
+        again = assembly.from_known(joints[lost], SolvedPoses(joints[lost], drawn.posture.passive, nearest.sense))
         passive = found.posture.passive.copy()
         passive[:, lost] = again.posture.passive
         found.posture.move(passive)
         return assembly.closed(found.posture, nearest.sense)
 
-    def _nearest(self, joints: Array) -> Known:
+    def _nearest(self, joints: Array) -> SolvedPoses:
         """The station nearest to each of the readings ``(n, joints)``."""
         known, tree = self._stations
         return known.take(tree.query(joints / self._ranges)[1])
@@ -108,7 +108,7 @@ class Mechanism(Joints):
         """A LabError where the loops do not close in the drawn position."""
         assert self._stations
 
-    def stands(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
+    def is_assemblable(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
         """As of any joints: whether the drawing's loops close, in the mode of the drawn position."""
         if not well:
             return np.asarray(self.assembled(joints, self.drawn).condition < SINGULAR)
@@ -126,7 +126,7 @@ class Mechanism(Joints):
     @cached_property
     def _copies(self) -> list[Array]:
         """Parameters ``(p,)`` of imperfect copies, off by more than a real one should be."""
-        rng = stream(0, "arm")
+        rng = rng_for(0, "arm")
         return [self.drawn + OFF * rng.standard_normal(len(self.drawn)) for _ in range(COPIES)]
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
@@ -139,7 +139,7 @@ class Mechanism(Joints):
         have = 0
         for _ in range(_MOST_BLOCKS + count // _BLOCK):
             block = super().random_joints(_BLOCK, rng)
-            found.append(block[self.stands(block, well=True)])
+            found.append(block[self.is_assemblable(block, well=True)])
             have += len(found[-1])
             if have >= count:
                 return np.concatenate(found)[:count]
@@ -147,7 +147,7 @@ class Mechanism(Joints):
             f"robot '{self.name}': hardly any readings within the limits close its loops; narrow the joints' limits"
         )
 
-    def why_not(self, joints: Array) -> str:
+    def infeasibility_reason(self, joints: Array) -> str:
         """Why the drawing's loops do not close at readings ``(joints,)``, in words; empty if they do."""
         found = self.assembled(joints[None], self.drawn)
         if found.fits[0]:
@@ -162,7 +162,7 @@ class Mechanism(Joints):
 
     def _said_open(self, joints: Array, gaps: Array) -> str:
         """Which closures stay open at readings ``(joints,)``, and by how much, if these are their gaps."""
-        posture = Posture.of(self.tree, self.dimensions(self.drawn), joints[None], self._drawn_passive[:, None])
+        posture = Configuration.of(self.tree, self.dimensions(self.drawn), joints[None], self._drawn_passive[:, None])
         long = np.array([float(np.ravel(length)[0]) for length in posture.lengths()])
         rods, opened = len(long), np.abs(gaps)
         opened[:rods] = np.abs(np.sqrt(np.maximum(long**2 + 2 * long * gaps[:rods], 0.0)) - long)
@@ -192,15 +192,15 @@ class Mechanism(Joints):
     def _drawn_passive(self) -> Array:
         return np.array([self.tree.step(f, s).value for f, s in self.tree.passive])
 
-    def _at_home(self, passive: Array) -> Posture:
-        return Posture.of(self.tree, self.dimensions(self.drawn), self.home[None], passive[:, None])
+    def _at_home(self, passive: Array) -> Configuration:
+        return Configuration.of(self.tree, self.dimensions(self.drawn), self.home[None], passive[:, None])
 
     @property
     def _ranges(self) -> Array:
         return self.upper - self.lower
 
     @cached_property
-    def _stations(self) -> tuple[Known, Any]:
+    def _stations(self) -> tuple[SolvedPoses, Any]:
         """Where the drawing's passive values are known: home, and what can be reached from there, place by place.
 
         Raises:
@@ -221,15 +221,15 @@ class Mechanism(Joints):
                 f"robot '{self.name}': the drawn position is singular, the closures do not hold the platform there; "
                 "place rods that are alike or in line otherwise, or draw another position"
             )
-        known = Known(self.home[None], passive[:, None], sense)
-        sobol = scipy.stats.qmc.Sobol(self.size, scramble=True, rng=stream(0, "structure"))
+        known = SolvedPoses(self.home[None], passive[:, None], sense)
+        sobol = scipy.stats.qmc.Sobol(self.size, scramble=True, rng=rng_for(0, "structure"))
         left = scipy.stats.qmc.scale(sobol.random(STATIONS), self.lower, self.upper)
         grown = True
         while grown and len(left):
             nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
             found = assembly.from_known(left, known.take(nearest))
             good = found.condition < STATION  # an imperfect copy may lack what is nearly singular
-            known = Known(
+            known = SolvedPoses(
                 np.concatenate([known.joints, left[good]]),
                 np.concatenate([known.passive, found.posture.passive[:, good]], axis=1),
                 known.sense,

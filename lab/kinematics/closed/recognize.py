@@ -15,7 +15,7 @@ from lab.kinematics.closed.classical.plane import left, wrapped
 from lab.kinematics.closed.classical.rpr2 import TwoLegs
 from lab.kinematics.closed.classical.rpr3 import ThreeLegs
 from lab.kinematics.closed.classical.singularity import Distances
-from lab.kinematics.closed.configuration import Posture
+from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import Tree
 
@@ -93,7 +93,7 @@ def course_model_of(mechanism: Mechanism) -> CourseModel | None:
     """The closed form of a mechanism, wherever it is placed; None where it is none of the three."""
     tree = mechanism.tree
     zeros = np.zeros((1, mechanism.size)), np.zeros((len(tree.passive), 1))
-    posture = Posture.of(tree, mechanism.dimensions(mechanism.drawn), *zeros)
+    posture = Configuration.of(tree, mechanism.dimensions(mechanism.drawn), *zeros)
     legs = [_leg(tree, posture, rod.ends) for rod in tree.rods]
     found = [leg for leg in legs if leg is not None]
     if tree.pins or not found or len(found) < len(legs):
@@ -123,7 +123,7 @@ class _Leg:
     far: Array
 
 
-def _leg(tree: Tree, posture: Posture, ends: tuple[int, int]) -> _Leg | None:
+def _leg(tree: Tree, posture: Configuration, ends: tuple[int, int]) -> _Leg | None:
     """A rod between what passive values do not move and what all of them move, and no joint."""
     near, far = sorted(ends, key=lambda end: tree.loose[end])
     on_the_platform = [step for step in tree.ancestry(far) if _moves(tree, step)]
@@ -138,7 +138,7 @@ def _moves(tree: Tree, step: _Motion) -> bool:
     return described.passive or described.joint is not None
 
 
-def _origin(posture: Posture, step: _Motion) -> Array:
+def _origin(posture: Configuration, step: _Motion) -> Array:
     """Where a turn's axis passes ``(3,)``."""
     origin = posture.steps[step[0]][step[1]][1]
     assert origin is not None
@@ -181,7 +181,7 @@ def _three_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array, pivot
     )
 
 
-def _delta(mechanism: Mechanism, posture: Posture, legs: list[_Leg], directions: Array) -> CourseModel | None:
+def _delta(mechanism: Mechanism, posture: Configuration, legs: list[_Leg], directions: Array) -> CourseModel | None:
     """Hips on a level circle about its centre, rods' ends on another, arms that turn about tangents of the first."""
     tree, lengths = mechanism.tree, [rod.length_m for rod in mechanism.tree.rods]
     movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1 and tree.step(*leg.moves[0]).is_turn]

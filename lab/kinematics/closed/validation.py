@@ -4,10 +4,10 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.kinematics.closed.structure import Rod, Tree
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 
-def refuse_unsound(joints: Joints, tree: Tree) -> None:
+def refuse_unsound(joints: JointSpec, tree: Tree) -> None:
     """A LabError where joints, passive values and closures do not go together."""
     _refuse_misnamed(joints, tree)
     missing = len(tree.passive) - tree.equations
@@ -23,7 +23,7 @@ def refuse_unsound(joints: Joints, tree: Tree) -> None:
             _refuse_short(joints, rod, rod.joint)
 
 
-def _refuse_misnamed(joints: Joints, tree: Tree) -> None:
+def _refuse_misnamed(joints: JointSpec, tree: Tree) -> None:
     """Each joint moves one thing."""
     movers = [step.joint for frame in tree.frames for step in frame.path] + [rod.joint for rod in tree.rods]
     for i, name in enumerate(joints.joint_names):
@@ -32,7 +32,7 @@ def _refuse_misnamed(joints: Joints, tree: Tree) -> None:
             raise LabError(f"robot '{joints.name}', joint {name}: moves {times}; let one step or rod name it")
 
 
-def _refuse_idle(joints: Joints, tree: Tree) -> None:
+def _refuse_idle(joints: JointSpec, tree: Tree) -> None:
     """Passive values move closures; joints move these or the platform, which moves."""
     carrying = tree.ancestry(tree.platform)
     ends = [end for rod in tree.rods for end in rod.ends] + [end for pin in tree.pins for end in pin.ends]
@@ -53,7 +53,7 @@ def _refuse_idle(joints: Joints, tree: Tree) -> None:
         raise LabError(f"robot '{joints.name}': nothing moves {name}, its platform; name a frame that moves")
 
 
-def _refuse_short(joints: Joints, rod: Rod, joint: int) -> None:
+def _refuse_short(joints: JointSpec, rod: Rod, joint: int) -> None:
     """A leg has a length wherever its joint stands."""
     ends = rod.length_m + joints.sign[joint] * np.array([joints.lower[joint], joints.upper[joint]])
     if ends.min() <= 0:

@@ -76,8 +76,8 @@ def torque_regressor(
     """
     hinges = _hinges(arm, values, joints)
     regressor = wrench_regressor(_moved(arm, hinges, speeds, accelerations), gravity)
-    by_joints: Array = np.swapaxes(_jacobian(arm, hinges), 1, 2) @ regressor
-    return by_joints
+    joint_derivatives: Array = np.swapaxes(_jacobian(arm, hinges), 1, 2) @ regressor
+    return joint_derivatives
 
 
 def hand_jacobian(arm: SerialArm, values: Array, joints: Array) -> Array:

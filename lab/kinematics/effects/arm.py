@@ -16,7 +16,7 @@ LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
 
 
 @dataclass(frozen=True)
-class AffectedArm:
+class ArmWithEffects:
     """An arm whose joints stand where its effects put them.
 
     Every effect sees the readings, and their offsets add up: what one effect does to another is of
@@ -44,45 +44,45 @@ class AffectedArm:
         drawn = self.arm.nominal(tool)
         return np.concatenate([drawn, np.zeros(len(self.names) - len(drawn))])
 
-    def points(self, settings: Array, values: Array) -> Array:
+    def points(self, inputs: Array, values: Array) -> Array:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at settings ``(n, joints + conditions)``."""
-        stands, frame = (moved[0] for moved in self._moved(settings, values))
+        stands, frame = (moved[0] for moved in self._moved(inputs, values))
         points = self.arm.points(stands, self._geometric(values))
         return _seen_from(points, frame) if self._frame_moves else points
 
-    def observe(self, settings: Array, values: Array) -> tuple[Array, Array]:
+    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(n, k, 3, parameters)``."""
-        (stands, by_joint), (frame, by_frame) = self._moved(settings, values)
+        (stands, by_joint), (frame, by_frame) = self._moved(inputs, values)
         points, rigid = self.arm.observe(stands, self._geometric(values))
         first = rigid.shape[-1]
         jacobian = np.empty((*points.shape, len(self.names)), dtype=np.result_type(rigid, stands))
         jacobian[..., :first] = rigid
-        jacobian[..., first:] = self.arm.by_joints(rigid) @ by_joint[:, None]
+        jacobian[..., first:] = self.arm.joint_derivatives(rigid) @ by_joint[:, None]
         if self._frame_moves:
             jacobian = _seen_from(jacobian.swapaxes(2, 3), frame, shifted=False).swapaxes(2, 3)
             jacobian[..., first:] += _by_frame(points, frame) @ by_frame[:, None]
             points = _seen_from(points, frame)
         return points, jacobian
 
-    def tool(self, settings: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+    def tool(self, inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
         """Poses of a target and how the readings move them, as of the arm alone (``RigidArm.tool``).
 
         The derivative is the rigid arm's where its joints stand: it lacks how effects change with the readings.
         """
-        stands, frame = (moved[0] for moved in self._moved(settings, values))
+        stands, frame = (moved[0] for moved in self._moved(inputs, values))
         Ts, jacobian = self.arm.tool(stands, self._geometric(values), target)
         if self._frame_moves:
             Ts = se3.pose(se3.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
         return Ts, jacobian
 
-    def preferred(self) -> tuple[int, ...]:
+    def column_priority(self) -> tuple[int, ...]:
         """The arm's order of preference, then the effects'."""
-        return (*self.arm.preferred(), *range(len(self.arm.names), len(self.names)))
+        return (*self.arm.column_priority(), *range(len(self.arm.names), len(self.names)))
 
-    def structural(self, values: Array) -> Array:
+    def rank_point(self, values: Array) -> Array:
         """``values`` with nominally parallel axes exactly parallel, and effects that show their parameters."""
         typical = [effect.typical or (0.0,) * len(effect.parameters) for effect in self.effects]
-        return np.concatenate([self.arm.structural(self._geometric(values)), *typical])
+        return np.concatenate([self.arm.rank_point(self._geometric(values)), *typical])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Readings within the limits, and conditions of every kind."""
@@ -97,11 +97,11 @@ class AffectedArm:
     def _geometric(self, values: Array) -> Array:
         return values[: len(self.arm.names)]
 
-    def _moved(self, settings: Array, values: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    def _moved(self, inputs: Array, values: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Where the joints stand ``(n, joints)`` and the frame ``(n, 7)``, each with its derivatives by the effects."""
         size, first = self.arm.chain.size, len(self.arm.names)
-        joints, conditions = settings[:, :size], settings[:, size:]
-        kind = np.result_type(settings, values)
+        joints, conditions = inputs[:, :size], inputs[:, size:]
+        kind = np.result_type(inputs, values)
         stands, frame = joints.astype(kind), np.zeros((len(joints), 7), dtype=kind)
         total = len(self.names) - first
         by_joint = np.zeros((len(joints), size, total), dtype=kind)
@@ -150,14 +150,14 @@ def _some(condition: str, count: int, rng: np.random.Generator) -> Array:
     return rng.uniform(0.0, HOUR_S, count)
 
 
-Arm = RigidArm | AffectedArm
+Arm = RigidArm | ArmWithEffects
 
 
 def rigid_part(arm: Arm) -> RigidArm:
     """The geometry of an arm, whose parameters come first."""
-    return arm.arm if isinstance(arm, AffectedArm) else arm
+    return arm.arm if isinstance(arm, ArmWithEffects) else arm
 
 
 def affected(arm: RigidArm, effects: Sequence[Effect]) -> Arm:
     """The arm with these effects; the arm itself where there are none."""
-    return AffectedArm(arm, tuple(effects)) if effects else arm
+    return ArmWithEffects(arm, tuple(effects)) if effects else arm

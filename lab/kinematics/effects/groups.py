@@ -12,10 +12,10 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.measurements import SESSION
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
 NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
@@ -24,7 +24,7 @@ TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
 
 
 @dataclass(frozen=True)
-class Course:
+class SessionInfo:
     """How a campaign went: its sessions in their order, and when its clock was started (s)."""
 
     sessions: tuple[str, ...] = ()
@@ -55,7 +55,7 @@ class Effect:
     typical: tuple[float, ...] = ()
 
 
-def gear(chain: Joints) -> Effect:
+def gear(chain: JointSpec) -> Effect:
     """Gear ratios that are off: joint i stands at (1 + e_i) q_i."""
     names = tuple(f"joint{i + 1}.gear" for i in range(chain.size))
 
@@ -67,7 +67,7 @@ def gear(chain: Joints) -> Effect:
     return Effect("gear", names, offsets)
 
 
-def harmonics(chain: Joints, order: int = 1) -> Effect:
+def harmonics(chain: JointSpec, order: int = 1) -> Effect:
     """Runout of gear or encoder: joint i stands at q_i + s_i sin(k q_i) + c_i cos(k q_i), k the order."""
     turning = _turning(chain)
     names = tuple(f"joint{i + 1}.{wave}{order}" for i in turning for wave in ("sin", "cos"))
@@ -82,7 +82,7 @@ def harmonics(chain: Joints, order: int = 1) -> Effect:
     return Effect("harmonics" if order == 1 else f"harmonics{order}", names, offsets)
 
 
-def coupling(chain: Joints) -> Effect:
+def coupling(chain: JointSpec) -> Effect:
     """Axes that their neighbours drag along: joint i stands at q_i + k_ij q_j, and the last one also by j = i - 2."""
     last, turning = chain.size - 1, _turning(chain)
     pairs = [*((i, i - 1) for i in range(1, chain.size)), *([(last, last - 2)] if last >= 2 else [])]
@@ -98,7 +98,7 @@ def coupling(chain: Joints) -> Effect:
     return Effect("coupling", names, offsets)
 
 
-def backlash(chain: Joints) -> Effect:
+def backlash(chain: JointSpec) -> Effect:
     """Play of full width b_i: joint i stands at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
     names = tuple(f"joint{i + 1}.backlash" for i in range(chain.size))
 
@@ -117,7 +117,7 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
     bear the arm's weight and g their torques (``Loads``). With ``payload``, an unknown mass at the
     last frame's origin is fitted too, beside the rows' own ``payload_kg``.
     """
-    bearing = loads.bearing(stream(0, "structure"))
+    bearing = loads.bearing(rng_for(0, "structure"))
     names = tuple(f"joint{i + 1}.compliance" for i in bearing) + (("payload.mass",) if payload else ())
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
@@ -168,10 +168,10 @@ def sessions(names: Sequence[str]) -> Effect:
 
 
 GROUPS = ("compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions")
-OF_ITS_CAMPAIGN = ("drift", "sessions")  # groups that say nothing of another day
+CAMPAIGN_SPECIFIC = ("drift", "sessions")  # groups that say nothing of another day
 
 
-def effect(name: str, chain: Joints, loads: Loads | None, course: Course = Course()) -> Effect:
+def effect(name: str, chain: JointSpec, loads: Loads | None, course: SessionInfo = SessionInfo()) -> Effect:
     """The group of that name for an arm; a LabError where there is none, or no masses or sessions for it."""
     if name not in GROUPS:
         raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}")
@@ -199,5 +199,5 @@ def effect(name: str, chain: Joints, loads: Loads | None, course: Course = Cours
     return found
 
 
-def _turning(chain: Joints) -> tuple[int, ...]:
+def _turning(chain: JointSpec) -> tuple[int, ...]:
     return tuple(i for i in range(chain.size) if not chain.prismatic[i])

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from lab.core import se3
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.inverse.analytic.select import ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import FREEDOMS, Wanted, reach, tool_at
-from lab.kinematics.joints import Joints
+from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, tool_at
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 
@@ -44,7 +44,7 @@ class Drawing:
             form = closed_form_of(self.arm.chain.with_table(self.arm.split(self.values)[1]))
         object.__setattr__(self, "closed_form", form)
 
-    def ways(self, wanted: Wanted, reference: Array) -> Solutions:
+    def ways(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Some ways to reach each ``(n, k, joints)``, all of the closed form where there is one.
 
         A target with fewer ways than others has the rest at readings zero, with an infinite gap.
@@ -66,7 +66,7 @@ class Drawing:
                 getattr(found, name)[rows, : part.gap_m.shape[1]] = getattr(part, name)
         return found
 
-    def again(self, wanted: Wanted, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
+    def again(self, wanted: PoseTarget, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
         """Readings ``(n, joints)`` for somewhere else, in the branches and turns of ``joints``; and what is reached.
 
         Args:
@@ -84,7 +84,7 @@ class Drawing:
             found[other] = self._near(wanted.take(other), joints[other])
         return found, reached
 
-    def _near(self, wanted: Wanted, joints: Array) -> Array:
+    def _near(self, wanted: PoseTarget, joints: Array) -> Array:
         """The same by Newton's method."""
         return reach(self.arm, self.values, wanted, joints, np.empty((len(wanted), 0)), self.target).joints
 
@@ -97,20 +97,20 @@ class Drawing:
         """Places ``(k, 3)`` m of the targets in the last frame."""
         return self.values[-3 * len(self.arm.targets) :].reshape(-1, 3)
 
-    def last_frames(self, wanted: Wanted) -> Array:
+    def last_frames(self, wanted: PoseTarget) -> Array:
         """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there, turned as near as the arm can."""
         Ts: Array = se3.inverse(self.arm.T_tracker_frame0(self.values)) @ se3.pose(wanted.turns, wanted.places)
         turns = Ts[:, :3, :3] if self.closed_form is None else self.closed_form.nearest_turns(Ts[:, :3, :3])
         return se3.pose(turns, Ts[:, :3, 3] - turns @ self.tools[self.target])
 
-    def _by_closed_form(self, wanted: Wanted, reference: Array) -> Solutions:
+    def _by_closed_form(self, wanted: PoseTarget, reference: Array) -> Solutions:
         assert self.closed_form is not None
         return self.closed_form.solve(self.last_frames(wanted), np.nan_to_num(reference))
 
-    def _searched(self, wanted: Wanted, reference: Array) -> Solutions:
+    def _searched(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Newton's method from the reference, and from the nearest of many random poses."""
         chain = self.arm.chain
-        samples = chain.random_joints(SAMPLES, stream(0, "structure"))
+        samples = chain.random_joints(SAMPLES, rng_for(0, "structure"))
         Ts = self.tool(samples)[0]
         near = np.empty((len(wanted), SEARCHED), dtype=np.int_)
         for turned in (True, False):
@@ -141,7 +141,7 @@ def _landmarks(places: Array, turns: Array, turned: bool) -> Array:
 
 
 def ordered(
-    chain: Joints, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_]
+    chain: JointSpec, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.int_]]:
     """The ways in order of preference: reached, within limits, not disliked, and near.
 
@@ -169,7 +169,7 @@ def ordered(
     return joints, order
 
 
-def nearest_turns(chain: Joints, joints: Array, near: Array) -> Array:
+def nearest_turns(chain: JointSpec, joints: Array, near: Array) -> Array:
     """The same readings ``(..., joints)`` but for whole turns of hinges: nearest to others, within limits if any is."""
     turn = np.where(chain.prismatic, 0.0, 2 * np.pi)
     found = joints + turn * np.round((near - joints) / (2 * np.pi))

@@ -27,7 +27,7 @@ LEAST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3  # beside singular values in m
 
 
 @dataclass(frozen=True)
-class Wanted:
+class PoseTarget:
     """Where a target of the tool is wanted, in the tracker's frame.
 
     Attributes:
@@ -50,9 +50,9 @@ class Wanted:
         """``(n,)``: whether the rotation matters."""
         return np.asarray(np.isfinite(self.turns).all(axis=(1, 2)))
 
-    def take(self, rows: NDArray[np.int_]) -> "Wanted":
+    def take(self, rows: NDArray[np.int_]) -> "PoseTarget":
         """Some of them."""
-        return Wanted(self.places[rows], self.turns[rows])
+        return PoseTarget(self.places[rows], self.turns[rows])
 
     def errors(self, Ts: Array) -> Array:
         """What is missing ``(n, 6)`` from poses ``(n, 4, 4)``: m, and the rotation vector log(R_wanted R') (rad)."""
@@ -64,7 +64,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Reached:
+class IKResult:
     """Where Newton's method ended.
 
     Attributes:
@@ -85,7 +85,7 @@ class Reached:
         return np.asarray(_in_tolerances(self.left) < 1.0)
 
 
-def reach(arm: Arm, values: Array, wanted: Wanted, start: Array, conditions: Array, target: int = 0) -> Reached:
+def reach(arm: Arm, values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
     """Readings that bring a target to where it is wanted, from readings ``start`` ``(n, joints)``.
 
     Newton's method; where a step does not bring the target nearer, a damped one (Levenberg 1944). Steps are
@@ -123,16 +123,16 @@ def reach(arm: Arm, values: Array, wanted: Wanted, start: Array, conditions: Arr
         worse = going[~better]
         damping[worse] = np.maximum(10 * damping[worse], LEAST_DAMPING)
         steps[going] += 1
-    return Reached(joints, errors, left, steps)
+    return IKResult(joints, errors, left, steps)
 
 
-def tool_at(arm: Arm, settings: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+def tool_at(arm: Arm, inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
     """Poses of a target, and how the readings move them (``RigidArm.tool``).
 
     Where the robot cannot stand so, as its loops do not close, the target is far away, and nothing moves it: no step
     that leads there is taken.
     """
-    Ts, jacobian = arm.tool(settings, values, target)
+    Ts, jacobian = arm.tool(inputs, values, target)
     lost = np.isnan(Ts).any(axis=(1, 2))
     Ts[lost], jacobian[lost] = NOWHERE, 0.0
     return Ts, jacobian

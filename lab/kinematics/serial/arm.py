@@ -119,9 +119,9 @@ class SerialArm:
 
     def joint_jacobian(self, joints: Array, values: Array) -> Array:
         """Derivatives of the targets with respect to the readings, ``(n, k, 3, joints)``."""
-        return self.by_joints(self.observe(joints, values)[1])
+        return self.joint_derivatives(self.observe(joints, values)[1])
 
-    def by_joints(self, jacobian: Array) -> Array:
+    def joint_derivatives(self, jacobian: Array) -> Array:
         """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
         moving = [self.names.index(f"link{i + 1}.{'d' if p else 'theta'}") for i, p in enumerate(self.chain.prismatic)]
         moved: Array = jacobian[..., moving] * self.chain.sign
@@ -170,7 +170,7 @@ class SerialArm:
         """The chain's elementary motions with every joint reading zero, base first."""
         return self._walk(np.zeros((1, self.chain.size)), values)[0]
 
-    def preferred(self) -> tuple[int, ...]:
+    def column_priority(self) -> tuple[int, ...]:
         """All columns in the order of preference that gives the canonical gauge (``gauge``)."""
         return preferred_columns(self.chain, self.names)
 
@@ -178,7 +178,7 @@ class SerialArm:
         """Readings at which identifiability is decided: random within the limits."""
         return self.chain.random_joints(count, rng)
 
-    def structural(self, values: Array) -> Array:
+    def rank_point(self, values: Array) -> Array:
         """``values`` with nominally parallel axes exactly parallel, where the rank is decided."""
         base, table, tool = self.split(values)
         flags = np.array(self.chain.parallel)

@@ -28,11 +28,11 @@ class Stacked(Protocol):
 
 def stacked(arm: RigidArm) -> Stacked:
     """Many arms of this drawing."""
-    return StackedArm(arm) if isinstance(arm, SerialArm) else OneByOne(arm)
+    return StackedArm(arm) if isinstance(arm, SerialArm) else SequentialBatch(arm)
 
 
 @dataclass(frozen=True)
-class OneByOne:
+class SequentialBatch:
     """Arms of one drawing, asked one after the other: of a mechanism, whose loops close in their own time."""
 
     arm: RigidArm

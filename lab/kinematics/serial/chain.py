@@ -15,7 +15,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 Convention = Literal["distal", "craig"]
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
@@ -23,7 +23,7 @@ PARALLEL_RAD = 0.035  # neighbouring axes within 2 degrees are nominally paralle
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chain(Joints):
+class Chain(JointSpec):
     """A serial chain of n joints, as drawn.
 
     Attributes:

@@ -14,7 +14,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.profiles import (
     SLACK,
     Axis,
@@ -29,7 +29,7 @@ from lab.kinematics.trajectory.profiles import (
 
 EXACT = 1e-9  # rad or m, or per s: by how much a reading may pass its limit, or two ends miss each other
 
-Law = Callable[[Joints, Array, Array, Array, Array], "Trajectory"]
+Law = Callable[[JointSpec, Array, Array, Array, Array], "Trajectory"]
 """A move from start to end, at a start speed and an end speed, ``(n,)`` each."""
 
 
@@ -133,7 +133,7 @@ def joined(parts: Sequence[Trajectory]) -> Trajectory:
 
 
 def possible_seconds(
-    chain: Joints, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
+    chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
 ) -> list[Span]:
     """The durations that ``own_phases`` can have, as spans (from, to) in rising order; the last one goes to infinity.
 
@@ -143,7 +143,7 @@ def possible_seconds(
 
 
 def own_phases(
-    chain: Joints,
+    chain: JointSpec,
     start: Array,
     end: Array,
     start_speed: Array | None = None,
@@ -189,7 +189,7 @@ def _told(spans: Sequence[Span]) -> str:
 
 
 def common_phases(
-    chain: Joints, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
+    chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
 ) -> Trajectory:
     """The quickest move whose phases tau, u - tau, tau all joints have in common: straight if at rest at both ends.
 
@@ -207,7 +207,7 @@ def common_phases(
     return found
 
 
-def through(chain: Joints, points: Array, speeds: Array, law: Law = common_phases) -> Trajectory:
+def through(chain: JointSpec, points: Array, speeds: Array, law: Law = common_phases) -> Trajectory:
     """A path through via points, each passed exactly and at the speed that is asked for.
 
     Args:
@@ -222,7 +222,7 @@ def through(chain: Joints, points: Array, speeds: Array, law: Law = common_phase
     return joined([law(chain, *points[i : i + 2], *speeds[i : i + 2]) for i in range(len(points) - 1)])
 
 
-def blended(chain: Joints, points: Array, error: Array | float) -> Trajectory:
+def blended(chain: JointSpec, points: Array, error: Array | float) -> Trajectory:
     """A path that passes near via points, from rest to rest: stretches of constant speed, joined by parabolic blends.
 
     A stretch is only as fast as the blends at its ends allow all along, so that a path with sharp turns and a small
@@ -249,7 +249,7 @@ def blended(chain: Joints, points: Array, error: Array | float) -> Trajectory:
     return _in_phases(chain, durations, ramps, points[0], speeds[0])
 
 
-def _in_phases(chain: Joints, durations: Array, ramps: Array, start: Array, start_speed: Array) -> Trajectory:
+def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, start_speed: Array) -> Trajectory:
     """A trajectory in which speeds change by ``ramps`` ``(m, n)``, without those that only rounding has made."""
     lasting = durations > SLACK * durations.sum()
     accelerations = ramps[lasting] / durations[lasting, None]
@@ -257,7 +257,7 @@ def _in_phases(chain: Joints, durations: Array, ramps: Array, start: Array, star
     return Trajectory(durations[lasting], accelerations, start, start_speed)
 
 
-def check_within(chain: Joints, trajectory: Trajectory) -> None:
+def check_within(chain: JointSpec, trajectory: Trajectory) -> None:
     """Refuse a trajectory that leaves the limits of the readings between its ends.
 
     Raises:
@@ -274,21 +274,21 @@ def check_within(chain: Joints, trajectory: Trajectory) -> None:
         )
 
 
-def _axes(chain: Joints, points: Array, speeds: Array) -> list[Axis]:
+def _axes(chain: JointSpec, points: Array, speeds: Array) -> list[Axis]:
     """What each joint is to do between two points."""
     rows = np.stack([points[1] - points[0], *speeds, chain.speed, chain.acceleration], axis=1)
     return [Axis(*row) for row in rows.tolist()]
 
 
 def _move(
-    chain: Joints, start: Array, end: Array, start_speed: Array | None, end_speed: Array | None
+    chain: JointSpec, start: Array, end: Array, start_speed: Array | None, end_speed: Array | None
 ) -> tuple[Array, Array]:
     """The points and speeds ``(2, n)`` of a move, checked."""
     speeds = [np.zeros(chain.size) if speed is None else speed for speed in (start_speed, end_speed)]
     return _checked(chain, [start, end], speeds)
 
 
-def _checked(chain: Joints, points: Sequence[Array] | Array, speeds: Sequence[Array] | Array) -> tuple[Array, Array]:
+def _checked(chain: JointSpec, points: Sequence[Array] | Array, speeds: Sequence[Array] | Array) -> tuple[Array, Array]:
     """Points and the speeds there ``(m, n)``, if the chain can have them: the one place where all of it is checked.
 
     Raises:

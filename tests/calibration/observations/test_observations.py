@@ -7,16 +7,16 @@ import pytest
 from helpers.pose_data import off_by, seen_poses
 from helpers.robots import IRB120, RX130, assert_derivatives, data_file, table_robot
 
-from lab.calibration.identify import Identification, Wishes, identify
+from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observations.anchor_changes import found_sessions, with_sessions
 from lab.calibration.observations.fixture_kinds import Cable, Planes, Sockets
-from lab.calibration.observations.fixtures import PLACE, Places
+from lab.calibration.observations.fixtures import PLACE, Fixtures
 from lab.calibration.observations.full_pose import Poses, balanced
-from lab.calibration.observations.protocol import Points, Sighting, sighting_of
-from lab.calibration.observations.select import Observing, sighted
+from lab.calibration.observations.protocol import Observation, Points, observation_of
+from lab.calibration.observations.select import ObservationOptions, sighted
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.joint_rounding import rounding
-from lab.calibration.validation import Errors, Judgement, configurations, errors_of, kept_together, split_by_label
+from lab.calibration.validation import Errors, Validation, configurations, errors_of, kept_together, split_by_label
 from lab.calibration.verdict import Verdict, rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
 from lab.commands.calibrate.run import run_measured
@@ -33,41 +33,41 @@ from lab.kinematics.serial.arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
-KINDS: dict[str, type[Places]] = {"cable": Cable, "socket": Sockets, "plane": Planes}
+KINDS: dict[str, type[Fixtures]] = {"cable": Cable, "socket": Sockets, "plane": Planes}
 
 
-def many(kind: type[Places], places: int, arm: SerialArm = ARM, **more) -> Places:
+def many(kind: type[Fixtures], places: int, arm: SerialArm = ARM, **more) -> Fixtures:
     """A sighting of some places, without data."""
     labels = [f"l{i // 2}.{i % 2}" for i in range(places)]
     return kind(arm, arm.nominal(), tuple(range(places)), tuple(labels), **more)
 
 
-def somewhere_true(sight: Places, rng: np.random.Generator) -> Array:
+def somewhere_true(observation: Fixtures, rng: np.random.Generator) -> Array:
     """True values: the base at the origin, links and tool off, places where the arm can touch them."""
-    true = off_by(sight, sight.nominal(sight.drawing), rng)
-    joints = sight.arm.structure_joints(len(sight.numbers), rng)
-    points = sight.arm.points(joints, true[: len(sight.arm.names)])[:, 0]
-    if isinstance(sight, Cable):
+    true = off_by(observation, observation.nominal(observation.drawing), rng)
+    joints = observation.arm.structure_joints(len(observation.numbers), rng)
+    points = observation.arm.points(joints, true[: len(observation.arm.names)])[:, 0]
+    if isinstance(observation, Cable):
         points = points + np.array([0.1, -0.9, -0.6])
-        true[len(sight.arm.names) : sight.first] = -0.012
-    true[sight.first :] = sight.through(points, rng).ravel()
+        true[len(observation.arm.names) : observation.first] = -0.012
+    true[observation.first :] = observation.through(points, rng).ravel()
     return true
 
 
-def seen_places(sight: Places, rows: int, rng: np.random.Generator) -> tuple[Measurements, Array]:
+def seen_places(observation: Fixtures, rows: int, rng: np.random.Generator) -> tuple[Measurements, Array]:
     """Exact measurements of each place in turn, and the truth."""
-    true = somewhere_true(sight, rng)
-    turns = np.resize(np.array(sight.numbers, float), 20 * rows)
-    settings = np.column_stack([sight.arm.structure_joints(20 * rows, rng), turns])
-    if sight.touched:
-        settings = sight._touching(settings, true)
-    settings = settings[:rows]
-    observed = np.zeros((len(settings), 1, sight.points(settings, true).shape[2]))
-    if not sight.touched:
-        observed = sight.points(settings, true)
-    data = measured(NAMES, settings[:, :-1], sight.targets, observed)
+    true = somewhere_true(observation, rng)
+    turns = np.resize(np.array(observation.numbers, float), 20 * rows)
+    inputs = np.column_stack([observation.arm.structure_joints(20 * rows, rng), turns])
+    if observation.touched:
+        inputs = observation._touching(inputs, true)
+    inputs = inputs[:rows]
+    observed = np.zeros((len(inputs), 1, observation.points(inputs, true).shape[2]))
+    if not observation.touched:
+        observed = observation.points(inputs, true)
+    data = measured(NAMES, inputs[:, :-1], observation.targets, observed)
     assert len(data) == rows
-    return replace(data, conditions={PLACE: settings[:, -1]}), true
+    return replace(data, conditions={PLACE: inputs[:, -1]}), true
 
 
 # Derivatives
@@ -76,21 +76,21 @@ def seen_places(sight: Places, rows: int, rng: np.random.Generator) -> tuple[Mea
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_derivatives_of_places(kind) -> None:
     rng = np.random.default_rng(0)
-    sight = many(kind, 3)
-    true = somewhere_true(sight, rng)
-    settings = np.column_stack([IRB120.chain.random_joints(7, rng), [0, 1, 2, 2, 0, 1, 0]])
-    observed, jacobian = sight.observe(settings, true)
-    np.testing.assert_array_equal(observed, sight.points(settings, true))
-    assert_derivatives(lambda values: sight.points(settings, values), jacobian, true)
+    observation = many(kind, 3)
+    true = somewhere_true(observation, rng)
+    inputs = np.column_stack([IRB120.chain.random_joints(7, rng), [0, 1, 2, 2, 0, 1, 0]])
+    observed, jacobian = observation.observe(inputs, true)
+    np.testing.assert_array_equal(observed, observation.points(inputs, true))
+    assert_derivatives(lambda values: observation.points(inputs, values), jacobian, true)
 
 
 def test_a_level_plane_is_no_singularity() -> None:
     rng = np.random.default_rng(0)
-    sight = many(Planes, 1)
-    values = np.append(sight.drawing, [0.0, 0.0, 0.3])
-    settings = np.column_stack([IRB120.chain.random_joints(5, rng), np.zeros(5)])
-    assert_derivatives(lambda v: sight.points(settings, v), sight.observe(settings, values)[1], values)
-    sizes = np.linalg.svd(sight.observe(settings, values)[1][:, 0, 0, -3:], compute_uv=False)
+    observation = many(Planes, 1)
+    values = np.append(observation.drawing, [0.0, 0.0, 0.3])
+    inputs = np.column_stack([IRB120.chain.random_joints(5, rng), np.zeros(5)])
+    assert_derivatives(lambda v: observation.points(inputs, v), observation.observe(inputs, values)[1], values)
+    sizes = np.linalg.svd(observation.observe(inputs, values)[1][:, 0, 0, -3:], compute_uv=False)
     assert sizes[-1] > 0.1
 
 
@@ -105,28 +105,28 @@ def log_of_small(rotation: Array) -> Array:
 @pytest.mark.parametrize("arm", [ARM, SerialArm(RX130), SerialArm(IRB120.chain, ("p1", "p2"))], ids=["1", "craig", "2"])
 def test_derivatives_of_poses(arm: SerialArm) -> None:
     """The residual's own formula, complex, at rotations by up to a radian: not the code's."""
-    sight, data, true = (
+    observation, data, true = (
         seen_poses(arm, 6, 0, sigma_rad=0.3) if len(arm.targets) == 1 else (Poses(arm, "p1"), None, None)
     )
     rng = np.random.default_rng(1)
     if data is None:
-        true = sight.nominal(arm.nominal()) + 0.1 * rng.normal(size=len(sight.names))
+        true = observation.nominal(arm.nominal()) + 0.1 * rng.normal(size=len(observation.names))
         joints = arm.chain.random_joints(6, rng)
         near = arm.flange(joints, true[:-3])[:, :3, :3] @ se3.exp(true[-3:] + 0.2)
-        settings = np.column_stack([joints, se3.quaternion_from_rotation(near)])
+        inputs = np.column_stack([joints, se3.quaternion_from_rotation(near)])
     else:
-        settings = data.settings(sight.conditions)
-    measured_back = np.swapaxes(se3.rotation_from_quaternion(settings[:, -4:]), 1, 2)
+        inputs = data.inputs(observation.conditions)
+    measured_back = np.swapaxes(se3.rotation_from_quaternion(inputs[:, -4:]), 1, 2)
 
     def rotation(values: Array) -> Array:
-        predicted = arm.flange(settings[:, :-4], values[:-3])[:, :3, :3] @ se3.exp(values[-3:])
+        predicted = arm.flange(inputs[:, :-4], values[:-3])[:, :3, :3] @ se3.exp(values[-3:])
         return log_of_small(measured_back @ predicted)
 
-    observed, jacobian = sight.observe(settings, true)
+    observed, jacobian = observation.observe(inputs, true)
     np.testing.assert_allclose(observed[:, -1], rotation(true), atol=1e-14)
     assert 0.1 < np.abs(observed[:, -1]).max() < 1.2
     assert_derivatives(rotation, jacobian[:, -1], true, relative=1e-12)
-    assert_derivatives(lambda v: arm.points(settings[:, :-4], v[:-3]), jacobian[:, :-1], true)
+    assert_derivatives(lambda v: arm.points(inputs[:, :-4], v[:-3]), jacobian[:, :-1], true)
 
 
 # Ranks
@@ -135,13 +135,13 @@ def test_derivatives_of_poses(arm: SerialArm) -> None:
 def test_ranks_of_poses() -> None:
     """4 R + 6 of a pose (facts.md, section 2), and the same ones whatever the numbers."""
     for chain in (IRB120.chain, RX130):
-        sight = Poses(SerialArm(chain), "p1")
-        kept = base_set(sight, sight.nominal(SerialArm(chain).nominal())).kept
-        assert len(kept) == 30 and len(sight.names) == 37
-        assert {"tool.rx", "tool.ry", "tool.rz"} <= {sight.names[i] for i in kept}
+        observation = Poses(SerialArm(chain), "p1")
+        kept = base_set(observation, observation.nominal(SerialArm(chain).nominal())).kept
+        assert len(kept) == 30 and len(observation.names) == 37
+        assert {"tool.rx", "tool.ry", "tool.rz"} <= {observation.names[i] for i in kept}
     three = SerialArm(IRB120.chain, ("p1", "p2", "p3"))
-    sight = Poses(three, "p2")
-    assert len(base_set(sight, sight.nominal(three.nominal())).kept) == 33 + 3
+    observation = Poses(three, "p2")
+    assert len(base_set(observation, observation.nominal(three.nominal())).kept) == 33 + 3
 
 
 RANKS = {
@@ -157,22 +157,22 @@ RANKS = {
 @pytest.mark.parametrize(("kind", "places", "distance"), RANKS)
 def test_ranks_of_places(kind: str, places: int, distance: float | None) -> None:
     more = {} if distance is None else {"distance_m": distance}
-    sight = many(KINDS[kind], places, **more)
-    values = somewhere_true(sight, np.random.default_rng(0))
-    structure = base_set(sight, values, known=sight.further(sight.structural(values))[1])
+    observation = many(KINDS[kind], places, **more)
+    values = somewhere_true(observation, np.random.default_rng(0))
+    structure = base_set(observation, values, known=observation.extra_residuals(observation.rank_point(values))[1])
     assert len(structure.kept) == RANKS[kind, places, distance]
-    fixed = {sight.names[i] for i in structure.fixed}
+    fixed = {observation.names[i] for i in structure.fixed}
     assert {f"base.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")} <= fixed
     assert ("link4.d" in fixed) == (kind != "cable" and distance is None)  # 302 mm: the longest link is the scale
 
 
 def test_structure_poses_touch() -> None:
     for kind in (Sockets, Planes):
-        sight = many(kind, 4)
-        settings = sight.structure_joints(60, np.random.default_rng(0))
-        values = sight.structural(sight.nominal(sight.drawing))
-        assert settings.shape == (60, 7) and np.abs(sight.points(settings, values)).max() < 1e-11
-        assert set(settings[:, -1]) == {0, 1, 2, 3}
+        observation = many(kind, 4)
+        inputs = observation.structure_joints(60, np.random.default_rng(0))
+        values = observation.rank_point(observation.nominal(observation.drawing))
+        assert inputs.shape == (60, 7) and np.abs(observation.points(inputs, values)).max() < 1e-11
+        assert set(inputs[:, -1]) == {0, 1, 2, 3}
 
 
 # Recovery
@@ -180,9 +180,9 @@ def test_structure_poses_touch() -> None:
 
 def test_exact_poses_give_the_truth() -> None:
     for seed, arm in enumerate([ARM, SerialArm(RX130)]):
-        sight, data, true = seen_poses(arm, 30, seed)
-        assert isinstance(sight, Sighting) and sighting_of(sight) is sight
-        found = identify(sight, data, arm.nominal())
+        observation, data, true = seen_poses(arm, 30, seed)
+        assert isinstance(observation, Observation) and observation_of(observation) is observation
+        found = identify(observation, data, arm.nominal())
         assert found.status == "converged" and len(found.fit.free) == 30 and found.spread == pytest.approx(1, abs=0.2)
         assert np.abs(found.values - true).max() < 1e-11
 
@@ -192,9 +192,9 @@ def test_exact_poses_give_the_truth() -> None:
 def test_exact_places_give_the_truth(kind, places: int, rows: int, distance: float | None) -> None:
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        sight = many(kind, places)
-        data, true = seen_places(sight, rows, rng)
-        found = identify(sight, data, ARM.nominal())
+        observation = many(kind, places)
+        data, true = seen_places(observation, rows, rng)
+        found = identify(observation, data, ARM.nominal())
         assert found.status == "converged" and not found.unseen and found.plausible
         assert np.abs(found.values - true).max() < 1e-11
 
@@ -202,28 +202,28 @@ def test_exact_places_give_the_truth(kind, places: int, rows: int, distance: flo
 def test_a_known_distance_is_the_scale() -> None:
     """Sockets of an arm 1 % too long: without the distance it is not seen, with it every length comes out."""
     rng = np.random.default_rng(0)
-    sight = many(Sockets, 4)
-    data, true = seen_places(sight, 80, rng)
-    centres = true[sight.first :].reshape(2, 2, 3)
+    observation = many(Sockets, 4)
+    data, true = seen_places(observation, 80, rng)
+    centres = true[observation.first :].reshape(2, 2, 3)
     apart = np.linalg.norm(centres[:, 1] - centres[:, 0], axis=1)
-    scaled = replace(sight, distance_m=float(apart[0] * 1.01))
+    scaled = replace(observation, distance_m=float(apart[0] * 1.01))
     data = data.take(np.flatnonzero(data.conditions[PLACE] < 2))  # one location, one distance
     found = identify(scaled, data, ARM.nominal())
     assert found.status == "converged"
-    assert found.values[sight.names.index("link4.d")] == pytest.approx(0.302 * 1.01, abs=1e-9)
-    free = identify(replace(sight, distance_m=None), data, ARM.nominal())
-    assert free.values[sight.names.index("link4.d")] == 0.302
+    assert found.values[observation.names.index("link4.d")] == pytest.approx(0.302 * 1.01, abs=1e-9)
+    free = identify(replace(observation, distance_m=None), data, ARM.nominal())
+    assert free.values[observation.names.index("link4.d")] == 0.302
 
 
 def test_known_noise_leaves_the_distance_its_weight() -> None:
     rng = np.random.default_rng(1)
-    sight = many(Sockets, 2)
-    data, true = seen_places(sight, 60, rng)
-    apart = float(np.linalg.norm(np.diff(true[sight.first :].reshape(2, 3), axis=0)))
+    observation = many(Sockets, 2)
+    data, true = seen_places(observation, 60, rng)
+    apart = float(np.linalg.norm(np.diff(true[observation.first :].reshape(2, 3), axis=0)))
     noisy = replace(data, points=data.points + 1e-4 * rng.normal(size=data.points.shape))
     values = []
     for noise in (Noise(), Noise(sigma_m=1e-4)):
-        found = identify(replace(sight, distance_m=apart), noisy, ARM.nominal(), noise)
+        found = identify(replace(observation, distance_m=apart), noisy, ARM.nominal(), noise)
         values.append(found.values)
     np.testing.assert_allclose(values[0], values[1], atol=1e-9)
 
@@ -235,8 +235,8 @@ def test_the_ratio_of_the_noises_is_found() -> None:
     """From 60 poses 2 (180 - 15) numbers: one part in 18 or so for each; and from either side."""
     ratios = []
     for seed in range(6):
-        sight, data, _ = seen_poses(ARM, 60, seed, 1e-4, 3e-4)
-        found = [balanced(replace(sight, ratio=start), data, ARM.nominal()).ratio for start in (0.1, 30.0)]
+        observation, data, _ = seen_poses(ARM, 60, seed, 1e-4, 3e-4)
+        found = [balanced(replace(observation, ratio=start), data, ARM.nominal()).ratio for start in (0.1, 30.0)]
         assert found[0] == pytest.approx(found[1], rel=0.02)
         ratios.append(found[0])
     assert np.mean(ratios) == pytest.approx(3.0, rel=0.08)
@@ -244,22 +244,22 @@ def test_the_ratio_of_the_noises_is_found() -> None:
 
 
 def test_the_ratio_matters_and_exact_poses_leave_it() -> None:
-    sight, data, _ = seen_poses(ARM, 30, 0)
-    assert balanced(sight, data, ARM.nominal()).ratio == sight.ratio
+    observation, data, _ = seen_poses(ARM, 30, 0)
+    assert balanced(observation, data, ARM.nominal()).ratio == observation.ratio
     errors: dict[float, list[float]] = {1.0: [], 30.0: []}
     for seed in range(6):
-        sight, data, true = seen_poses(ARM, 40, seed, 1e-4, 3e-3)
+        observation, data, true = seen_poses(ARM, 40, seed, 1e-4, 3e-3)
         fresh = IRB120.chain.random_joints(200, np.random.default_rng(seed))
         for ratio, out in errors.items():
-            found = identify(replace(sight, ratio=ratio), data, ARM.nominal())
+            found = identify(replace(observation, ratio=ratio), data, ARM.nominal())
             off = ARM.points(fresh, found.values[:-3]) - ARM.points(fresh, true[:-3])
             out.append(float(np.linalg.norm(off, axis=2).mean()))
     assert np.mean(errors[30.0]) < 0.8 * np.mean(errors[1.0])
 
 
 def test_a_trackers_weights_are_for_positions() -> None:
-    sight, data, true = seen_poses(ARM, 40, 0, 1e-5, 1e-5)
-    found = identify(sight, data, ARM.nominal(), Noise(INSTRUMENTS["leica-at960"]))
+    observation, data, true = seen_poses(ARM, 40, 0, 1e-5, 1e-5)
+    found = identify(observation, data, ARM.nominal(), Noise(INSTRUMENTS["leica-at960"]))
     assert found.status == "converged" and np.abs(found.values - true).max() < 1e-3
     cable = many(Cable, 2)
     with pytest.raises(LabError, match=r"leica-at960 measures points.*--noise-mm"):
@@ -268,35 +268,35 @@ def test_a_trackers_weights_are_for_positions() -> None:
 
 
 def test_rows_without_an_orientation_still_give_a_position() -> None:
-    sight, data, true = seen_poses(ARM, 30, 2)
+    observation, data, true = seen_poses(ARM, 30, 2)
     points = data.points.copy()
     points[::3, 1] = np.nan
     points[1::3, 0] = np.nan
-    found = identify(sight, replace(data, points=points), ARM.nominal())
+    found = identify(observation, replace(data, points=points), ARM.nominal())
     assert np.abs(found.values - true).max() < 1e-11
-    assert np.isnan(sight.errors(replace(data, points=points), true)[1::3]).all()
+    assert np.isnan(observation.errors(replace(data, points=points), true)[1::3]).all()
 
 
 # Rows that were not fitted
 
 
 def test_positions_alone_are_judged() -> None:
-    sight, data, true = seen_poses(ARM, 40, 0, 1e-4, 1e-1)
+    observation, data, true = seen_poses(ARM, 40, 0, 1e-4, 1e-1)
     np.testing.assert_allclose(
-        sight.errors(data, true)[:, 0],
+        observation.errors(data, true)[:, 0],
         np.linalg.norm(data.points[:, 0] - ARM.points(data.joints, true[:-3])[:, 0], axis=1),
     )
-    assert sight.errors(data, true).shape == (40, 1)
+    assert observation.errors(data, true).shape == (40, 1)
 
 
 def test_places_that_were_not_fitted_are_placed_by_their_own_rows() -> None:
     for kind in (Sockets, Planes, Cable):
         rng = np.random.default_rng(0)
-        sight = many(kind, 6)
-        data, _ = seen_places(sight, 180, rng)
+        observation = many(kind, 6)
+        data, _ = seen_places(observation, 180, rng)
         known = data.conditions[PLACE] < 4
-        found = identify(sight, data.take(np.flatnonzero(known)), ARM.nominal())
-        assert len(found.model.numbers) == 4 and len(found.values) == len(sight.names) - 6
+        found = identify(observation, data.take(np.flatnonzero(known)), ARM.nominal())
+        assert len(found.model.numbers) == 4 and len(found.values) == len(observation.names) - 6
         errors = errors_of(found, data)
         assert errors.after.shape == (180, 1) and np.nanmax(errors.after) < 1e-7
         assert np.nanmean(errors.before) > 1e-4
@@ -304,10 +304,10 @@ def test_places_that_were_not_fitted_are_placed_by_their_own_rows() -> None:
 
 def test_a_place_of_a_few_rows_is_not_judged_by_itself() -> None:
     """One ball in a socket sits exactly in the mean of itself: that says nothing."""
-    sight = many(Sockets, 6)
-    data, _ = seen_places(sight, 60, np.random.default_rng(0))
+    observation = many(Sockets, 6)
+    data, _ = seen_places(observation, 60, np.random.default_rng(0))
     place = data.conditions[PLACE]
-    found = identify(sight, data.take(np.flatnonzero(place < 4)), ARM.nominal())
+    found = identify(observation, data.take(np.flatnonzero(place < 4)), ARM.nominal())
     rest = data.take([*np.flatnonzero(place == 4)[:3], *np.flatnonzero(place == 5)])
     errors = errors_of(found, rest).after
     assert np.isnan(errors[:3]).all() and np.isfinite(errors[3:]).all()
@@ -318,7 +318,7 @@ def test_locations_are_held_out_whole() -> None:
     labels = kept_together(many(Sockets, 6), data)
     np.testing.assert_array_equal(labels, data.conditions[PLACE] // 2)
     few = data.take(np.flatnonzero(data.conditions[PLACE] < 4))
-    assert many(Sockets, 4).held_together(few) is None  # two locations: by configuration
+    assert many(Sockets, 4).cv_groups(few) is None  # two locations: by configuration
 
 
 # Measured arms
@@ -334,13 +334,13 @@ def cable_file() -> tuple[SerialArm, Measurements]:
 def test_a_draw_wire() -> None:
     """Three anchors: at most 0.36 mm on rows held out (0.264 is the rounding of the joints alone)."""
     arm, data = cable_file()
-    sight, seen = sighted(arm, with_sessions(data, (0, 140, 506)), arm.nominal(), Observing("cable"))
-    assert isinstance(sight, Cable) and sight.labels == ("1", "2", "3")
+    observation, seen = sighted(arm, with_sessions(data, (0, 140, 506)), arm.nominal(), ObservationOptions("cable"))
+    assert isinstance(observation, Cable) and observation.labels == ("1", "2", "3")
     assert [warning for warning in seen.warnings if warning.startswith("row 950: its point is 99")]
     before, after = [], []
     for seed in range(4):
         rows, held = split_by_label(configurations(seen.joints), 0.3, seed)
-        found = identify(sight, seen.take(rows), arm.nominal(), wishes=Wishes(tolerance=Tolerance()))
+        found = identify(observation, seen.take(rows), arm.nominal(), request=IdentifyOptions(tolerance=Tolerance()))
         assert found.status == "converged" and len(found.fit.free) == 31
         errors = errors_of(found, seen.take(held))
         before.append(np.sqrt(np.mean(errors.before**2)))
@@ -357,30 +357,30 @@ def test_a_draw_wire() -> None:
 def test_anchors_that_moved_are_found() -> None:
     """From residuals alone, with rows 201 and 950 among them; and nothing is found where nothing moved."""
     arm, data = cable_file()
-    sight, seen = sighted(arm, data, arm.nominal(), Observing("cable"))
-    starts = found_sessions(sight, seen, arm.nominal())
+    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("cable"))
+    starts = found_sessions(observation, seen, arm.nominal())
     assert len(starts) == 3 and starts[0] == 0 and abs(starts[1] - 140) <= 2 and abs(starts[2] - 506) <= 2
     spoilt = seen.points.copy()
     spoilt[[60, 300, 301, 900]] += 0.05
-    again = found_sessions(sight, replace(seen, points=spoilt), arm.nominal())
+    again = found_sessions(observation, replace(seen, points=spoilt), arm.nominal())
     assert len(again) == 3 and np.abs(np.subtract(again, starts)).max() <= 3
-    still = found_sessions(sight, seen.take(range(140, 506)), arm.nominal())
+    still = found_sessions(observation, seen.take(range(140, 506)), arm.nominal())
     assert still == (0,)
 
 
-def wire_readings(seed: int, marks: list[int], move_m: float) -> tuple[Places, Measurements]:
+def wire_readings(seed: int, marks: list[int], move_m: float) -> tuple[Fixtures, Measurements]:
     """A wrong arm's wire lengths with 0.3 mm of noise, three of them bad; the anchor moves at these rows."""
     rng = np.random.default_rng(seed)
-    sight = many(Cable, 1)
-    true = somewhere_true(sight, rng)
+    observation = many(Cable, 1)
+    true = somewhere_true(observation, rng)
     joints = 0.6 * IRB120.chain.random_joints(300, rng)
     anchors = np.array([0.3, -1.0, -0.3]) + move_m * rng.normal(size=(len(marks) + 1, 3))
     there = anchors[np.searchsorted(marks, np.arange(300), side="right")]
     lengths = np.linalg.norm(ARM.points(joints, true[: len(ARM.names)])[:, 0] - there, axis=1)
     lengths += 0.3e-3 * rng.normal(size=300)
     lengths[[50, 155, 250]] += 0.08
-    data = measured(NAMES, joints, sight.targets, lengths[:, None, None])
-    return sight, replace(data, conditions={PLACE: np.zeros(300)})
+    data = measured(NAMES, joints, observation.targets, lengths[:, None, None])
+    return observation, replace(data, conditions={PLACE: np.zeros(300)})
 
 
 def test_moved_anchors_of_a_virtual_wire() -> None:
@@ -388,8 +388,8 @@ def test_moved_anchors_of_a_virtual_wire() -> None:
     right = 0
     for seed in range(8):
         marks = [80, 150, 220]
-        sight, data = wire_readings(seed, marks, 20e-3)
-        found = found_sessions(sight, data, ARM.nominal())
+        observation, data = wire_readings(seed, marks, 20e-3)
+        found = found_sessions(observation, data, ARM.nominal())
         right += len(found) == 4 and np.abs(np.subtract(found[1:], marks)).max() <= 3
     assert right >= 7
     for seed in range(5):
@@ -402,18 +402,18 @@ def sockets_file(distance: float | None) -> tuple[SerialArm, Sockets, Measuremen
     data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, observe="socket")
     assert not data.warnings
     arm = robot.arm(("p1",))
-    sight, seen = sighted(arm, data, arm.nominal(), Observing("socket", socket_distance_m=distance))
-    assert isinstance(sight, Sockets)
-    return arm, sight, seen
+    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("socket", socket_distance_m=distance))
+    assert isinstance(observation, Sockets)
+    return arm, observation, seen
 
 
 def test_balls_in_sockets() -> None:
     """The last location held out, its centres from its own rows: at most 0.25 mm, 2.90 before."""
-    arm, sight, seen = sockets_file(0.05)
-    location = kept_together(sight, seen)
+    arm, observation, seen = sockets_file(0.05)
+    location = kept_together(observation, seen)
     assert sorted(set(location)) == list(range(6))
     last = location == 5
-    found = identify(sight, seen.take(np.flatnonzero(~last)), arm.nominal())
+    found = identify(observation, seen.take(np.flatnonzero(~last)), arm.nominal())
     errors = errors_of(found, seen.take(np.flatnonzero(last)))
     assert found.status == "converged" and len(found.fit.free) == 25 + 30
     assert errors.after.size == 60 and 1e3 * errors.before.mean() == pytest.approx(2.90, abs=0.02)
@@ -424,8 +424,8 @@ def test_balls_in_sockets() -> None:
 
 def test_sockets_without_a_known_distance_show_it() -> None:
     """One link is held as the scale; the distance between the sockets comes out as it is."""
-    arm, sight, seen = sockets_file(None)
-    found = identify(sight, seen, arm.nominal())
+    arm, observation, seen = sockets_file(None)
+    found = identify(observation, seen, arm.nominal())
     assert len(found.fit.free) == 24 + 36 and "link5.d" not in [found.model.names[i] for i in found.fit.free]
     centres = found.values[found.model.first :].reshape(-1, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(np.diff(centres, axis=1), axis=2), 0.05, atol=0.2e-3)
@@ -436,8 +436,8 @@ def ur10_poses(meaning: str) -> Identification:
     file = data_file("ur10_ipa_D.csv")
     data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, observe="pose")
     arm = robot.arm(("p1",))
-    sight, seen = sighted(arm, data, arm.nominal(), Observing("pose", meaning))
-    return identify(sight, seen.take(range(0, 632, 2)), arm.nominal())
+    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("pose", meaning))
+    return identify(observation, seen.take(range(0, 632, 2)), arm.nominal())
 
 
 def test_measured_poses() -> None:
@@ -484,8 +484,8 @@ def test_every_way_to_write_an_orientation(tmp_path) -> None:
         data = read(tmp_path, text)
         assert not data.warnings
         arm = SerialArm(IRB120.chain, data.targets)
-        sight, seen = sighted(arm, data, arm.nominal(), Observing("pose", meaning))
-        turned = se3.rotation_from_quaternion(seen.settings(sight.conditions)[0, -4:])
+        observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("pose", meaning))
+        turned = se3.rotation_from_quaternion(seen.inputs(observation.conditions)[0, -4:])
         np.testing.assert_allclose(turned, rotation, atol=1e-14)
         assert seen.seen.tolist() == [[True, True], [True, False]]
         write_measurements(tmp_path / "again.csv", data, IRB120.chain.prismatic)
@@ -522,7 +522,7 @@ REFUSED = {
 def test_what_cannot_be_observed_is_refused(columns, row, kind, meaning, what, tmp_path) -> None:
     data = read(tmp_path, f"{HEADER},{columns}\n1,2,3,4,5,6,{row}\n", kind)
     with pytest.raises(LabError, match=what):
-        sighted(ARM, data, ARM.nominal(), Observing(kind, meaning))
+        sighted(ARM, data, ARM.nominal(), ObservationOptions(kind, meaning))
 
 
 BLANKS = {
@@ -545,7 +545,7 @@ def test_a_row_says_which_place_it_is_of(kind, columns, rows, what, tmp_path) ->
     lines = "".join(f"{i},2,3,4,5,6,{row}\n" for i, row in enumerate(rows))
     data = read(tmp_path, f"{HEADER},{columns}\n{lines}", kind)
     with pytest.raises(LabError, match=what):
-        sighted(ARM, data, ARM.nominal(), Observing(kind))
+        sighted(ARM, data, ARM.nominal(), ObservationOptions(kind))
 
 
 ALL_TOLD = {
@@ -561,7 +561,7 @@ ALL_TOLD = {
 def test_what_needs_no_place_may_have_none(kind, columns, rows, labels, tmp_path) -> None:
     lines = "".join(f"{i},2,3,4,5,6,{row}\n" for i, row in enumerate(rows))
     data = read(tmp_path, f"{HEADER},{columns}\n{lines}", kind)
-    assert sighted(ARM, data, ARM.nominal(), Observing(kind))[0].labels == labels
+    assert sighted(ARM, data, ARM.nominal(), ObservationOptions(kind))[0].labels == labels
 
 
 # What no place holds: the result is bad
@@ -593,32 +593,32 @@ def test_random_poses_are_of_no_place(kind, columns, cell, tmp_path) -> None:
         assert np.nanmax(np.abs(outcome.identification.residuals)) < 1e-3  # it fits, and says nothing
 
 
-FITS = Judgement("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
+FITS = Validation("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_poses_at_places_are_good(kind) -> None:
-    sight = many(kind, 3)
-    data, true = seen_places(sight, 120, np.random.default_rng(0))
-    found = identify(sight, data, ARM.nominal())
+    observation = many(kind, 3)
+    data, true = seen_places(observation, 120, np.random.default_rng(0))
+    found = identify(observation, data, ARM.nominal())
     assert verdict(found, FITS, 1e-3) == Verdict("good")
     off = found.values.copy()
-    off[sight.names.index("link4.a")] += 19e-3 - true[sight.names.index("link4.a")]
+    off[observation.names.index("link4.a")] += 19e-3 - true[observation.names.index("link4.a")]
     assert verdict(replace(found, values=off), FITS, 1e-3).word == "good"
-    off[sight.names.index("link4.a")] += 2e-3
+    off[observation.names.index("link4.a")] += 2e-3
     assert "21 mm from the drawing" in verdict(replace(found, values=off), FITS, 1e-3).reason
 
 
 def test_orientations_that_do_not_fit_are_bad() -> None:
     """A constant quaternion beside good positions, whether the noise is given or not; a poor probe is no such thing."""
     for sigma_rad, word in ((1e-4, "good"), (30e-3, "good"), (90e-3, "bad")):
-        sight, data, _ = seen_poses(ARM, 60, 0, 1e-4, sigma_rad)
-        found = identify(balanced(sight, data, ARM.nominal()), data, ARM.nominal())
+        observation, data, _ = seen_poses(ARM, 60, 0, 1e-4, sigma_rad)
+        found = identify(balanced(observation, data, ARM.nominal()), data, ARM.nominal())
         assert rotation_noise_rad(found) == pytest.approx(sigma_rad, rel=0.15)
         assert verdict(found, FITS, 1e-3).word == word
     same = {name: np.full(60, float(name == "p1_qw")) for name in data.conditions}
     constant = replace(data, conditions=same)
-    found = identify(balanced(sight, constant, ARM.nominal()), constant, ARM.nominal())
+    found = identify(balanced(observation, constant, ARM.nominal()), constant, ARM.nominal())
     given = identify(found.model, constant, ARM.nominal(), Noise(sigma_m=1e-4))
     for each in (found, given):
         judged = verdict(each, FITS, 1e-3)
@@ -640,28 +640,28 @@ def test_two_orientations_and_two_targets_are_refused(tmp_path) -> None:
     data = read(tmp_path, f"{HEADER},{','.join(names)}\n0,0,0,0,0,0,{','.join(['1,2,3,1,0,0,0'] * 2)}\n")
     arm = SerialArm(IRB120.chain, ("p1", "p2"))
     with pytest.raises(LabError, match="p1 and p2 have orientations"):
-        sighted(arm, data, arm.nominal(), Observing("pose"))
+        sighted(arm, data, arm.nominal(), ObservationOptions("pose"))
     with pytest.raises(LabError, match="--observe plane takes one target"):
-        sighted(arm, data, arm.nominal(), Observing("plane"))
+        sighted(arm, data, arm.nominal(), ObservationOptions("plane"))
 
 
 def test_few_rows_are_left_out_and_told(tmp_path) -> None:
     rows = "".join(f"{i},2,3,4,5,6,a,{i % 2}\n" for i in range(6)) + "1,1,1,1,1,1,b,0\n"
     data = read(tmp_path, f"{HEADER},location,socket\n{rows}", "socket")
-    sight, seen = sighted(ARM, data, ARM.nominal(), Observing("socket"))
-    assert isinstance(sight, Sockets) and sight.labels == ("a.0", "a.1") and len(seen) == 6
+    observation, seen = sighted(ARM, data, ARM.nominal(), ObservationOptions("socket"))
+    assert isinstance(observation, Sockets) and observation.labels == ("a.0", "a.1") and len(seen) == 6
     assert any("socket b.0 has 1 of the 2 rows" in warning for warning in seen.warnings)
     three = read(
         tmp_path, f"{HEADER},location,socket\n" + "".join(f"{i},2,3,4,5,6,a,{i % 3}\n" for i in range(6)), "socket"
     )
     with pytest.raises(LabError, match="location a has 3 sockets"):
-        sighted(ARM, three, ARM.nominal(), Observing("socket", socket_distance_m=0.05))
+        sighted(ARM, three, ARM.nominal(), ObservationOptions("socket", socket_distance_m=0.05))
 
 
 def test_points_are_left_as_they_are() -> None:
     data = measured(NAMES, np.zeros((1, 6)), ("p1",), np.zeros((1, 1, 3)))
-    model, same = sighted(ARM, data, ARM.nominal(), Observing())
-    assert model is ARM and same is data and isinstance(sighting_of(ARM), Points)
+    model, same = sighted(ARM, data, ARM.nominal(), ObservationOptions())
+    assert model is ARM and same is data and isinstance(observation_of(ARM), Points)
 
 
 def test_readings_that_are_not_rounded_have_no_limit() -> None:

@@ -8,8 +8,8 @@ from helpers.robots import IRB120, perturbed, somewhere
 from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Observations, fit, whitening
-from lab.calibration.statistics.goodness_of_fit import LEVEL, Adequacy, adequacy, isotropy, sandwich
-from lab.calibration.statistics.linearized import Shape, linearized
+from lab.calibration.statistics.goodness_of_fit import LEVEL, GoodnessOfFit, goodness_of_fit, isotropy, sandwich
+from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
@@ -51,16 +51,21 @@ def sagging(joints: Array, largest_rad: float) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("device", "shape", "poses"), [(UNIFORM, Shape("uniform"), 30), (GAUSSIAN, Shape(), 12), (TRACKER, Shape(), 30)]
+    ("device", "shape", "poses"),
+    [
+        (UNIFORM, NoiseDistribution("uniform"), 30),
+        (GAUSSIAN, NoiseDistribution(), 12),
+        (TRACKER, NoiseDistribution(), 30),
+    ],
 )
-def test_a_true_model_is_rejected_at_the_level(device: Instrument, shape: Shape, poses: int) -> None:
+def test_a_true_model_is_rejected_at_the_level(device: Instrument, shape: NoiseDistribution, poses: int) -> None:
     """5 % of 500 campaigns, 3 sigma is 2.9 %; over 10,000 it was 4.4 to 5.0 %. Plain chi squared of uniform: 1.3."""
     rejected = 0
     for seed in range(10):
         truth, joints, rng = robot(seed, poses)
         for _ in range(50):
             seen, solution = fitted(device, truth, joints, rng)
-            found = adequacy(ARM, seen, solution, known=True, shape=shape)
+            found = goodness_of_fit(ARM, seen, solution, known=True, shape=shape)
             assert found.by == "chi2" and found.adequate == (found.p >= LEVEL)
             rejected += not found.adequate
     assert rejected / 500 == pytest.approx(0.05, abs=0.029)
@@ -72,18 +77,18 @@ def test_a_missing_compliance_is_seen_and_said() -> None:
         truth, joints, rng = robot(seed, 30)
         exact = ARM.points(sagging(joints, 2e-4), truth)
         seen = seen_by(UNIFORM, joints, exact, rng, True)
-        found = adequacy(ARM, seen, fit(ARM, seen, FREE, truth), known=True, shape=Shape("uniform"))
+        found = goodness_of_fit(ARM, seen, fit(ARM, seen, FREE, truth), known=True, shape=NoiseDistribution("uniform"))
         assert found.adequate is False and found.p < 1e-3
         assert "not adequate" in found.words and "times the noise" in found.words
 
 
-def repeated(seed: int, sag_rad: float) -> Adequacy:
+def repeated(seed: int, sag_rad: float) -> GoodnessOfFit:
     """20 configurations, ten of them measured three times with readings that differ by 0.1 mrad."""
     truth, joints, rng = robot(seed, 20)
     labels = np.concatenate([np.arange(20), np.arange(10), np.arange(10)])
     joints = joints[labels] + 1e-4 * rng.normal(size=(40, 6))
     seen = seen_by(GAUSSIAN, joints, ARM.points(sagging(joints, sag_rad), truth), rng, False)
-    return adequacy(ARM, seen, fit(ARM, seen, FREE, truth), known=False, labels=labels)
+    return goodness_of_fit(ARM, seen, fit(ARM, seen, FREE, truth), known=False, labels=labels)
 
 
 def test_repeats_tell_what_noise_is() -> None:
@@ -94,12 +99,12 @@ def test_repeats_tell_what_noise_is() -> None:
     assert np.mean([not repeated(seed, 1e-3).adequate for seed in range(20)]) > 0.9
 
 
-def held_out(seed: int, off_m: float) -> Adequacy:
+def held_out(seed: int, off_m: float) -> GoodnessOfFit:
     truth, joints, rng = robot(seed, 30)
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     fresh = IRB120.chain.random_joints(10, rng)
     held = seen_by(GAUSSIAN, fresh, ARM.points(fresh, truth) + off_m * rng.normal(size=(10, 1, 3)), rng, False)
-    return adequacy(ARM, seen, solution, known=False, held=held)
+    return goodness_of_fit(ARM, seen, solution, known=False, held=held)
 
 
 def test_poses_held_out_say_only_whether_the_claim_holds() -> None:
@@ -116,7 +121,7 @@ def test_the_held_out_statistic_is_the_prediction_error_in_its_own_covariance() 
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     fresh = IRB120.chain.random_joints(4, rng)
     held = seen_by(GAUSSIAN, fresh, ARM.points(fresh, truth), rng, False)
-    found = adequacy(ARM, seen, solution, known=False, held=held)
+    found = goodness_of_fit(ARM, seen, solution, known=False, held=held)
     predicted, jacobian = ARM.observe(fresh, solution.values)
     rows, errors = jacobian[..., list(FREE)].reshape(12, -1), (held.points - predicted).ravel()
     covariance = np.eye(12) + rows @ solution.unit_covariance() @ rows.T
@@ -130,13 +135,13 @@ def test_where_nothing_tells_nothing_is_said() -> None:
     truth, joints, rng = robot(0, 30)
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     for labels in (None, np.arange(30)):
-        found = adequacy(ARM, seen, solution, known=False, labels=labels)
+        found = goodness_of_fit(ARM, seen, solution, known=False, labels=labels)
         assert found.adequate is None and found.by == "nothing" and np.isnan(found.p)
         assert "--instrument" in found.words and "--noise-mm" in found.words
     few, solution = fitted(GAUSSIAN, truth, joints[:9], rng)
-    assert "measure more poses" in adequacy(ARM, few, solution, known=True).words
+    assert "measure more poses" in goodness_of_fit(ARM, few, solution, known=True).words
     coarse = replace(seen, whiten=np.full((30, 1), 1 / 300e-6))
-    found = adequacy(ARM, coarse, fit(ARM, coarse, FREE, truth), known=True)
+    found = goodness_of_fit(ARM, coarse, fit(ARM, coarse, FREE, truth), known=True)
     assert found.adequate is None and "too large" in found.words
 
 
@@ -163,7 +168,7 @@ def test_a_sandwich_covers_parameter_by_parameter() -> None:
         seen, solution = fitted(TRACKER, truth, joints, rng, known=False)
         error = np.abs(solution.values - truth)[list(FREE)]
         found = sandwich(linearized(ARM, seen, solution.values, FREE))
-        mended += error <= stats.t.ppf(0.975, found.freedom) * np.sqrt(np.diag(found.covariance))
+        mended += error <= stats.t.ppf(0.975, found.dof) * np.sqrt(np.diag(found.covariance))
         variance = 2 * solution.cost_trace[-1] / 63
         plain += error <= stats.t.ppf(0.975, 63) * np.sqrt(variance * np.diag(solution.unit_covariance()))
     assert np.abs(mended / 300 - 0.95).max() < 0.035

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, data_file, somewhere, table_robot
 
-from lab.calibration.identify import Identification, Wishes, identify
+from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.statistics import candidate_models as trials
-from lab.calibration.statistics.candidate_models import Large, Task
+from lab.calibration.statistics.candidate_models import FullModel, SelectionTask
 from lab.calibration.statistics.model_selection import CANDIDATES, Selection, objection, select
 from lab.calibration.statistics.nested_models import Score
 from lab.calibration.weights import Noise
@@ -20,16 +20,16 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.arm import AffectedArm, affected
-from lab.kinematics.effects.groups import Course, Effect
+from lab.kinematics.effects.arm import ArmWithEffects, affected
+from lab.kinematics.effects.groups import Effect, SessionInfo
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.simulation.collisions import random_poses
 from lab.simulation.random_effects import EffectSizes, random_effects
-from lab.simulation.true_robot import random_perturbation, random_tracker, real_arm, track
+from lab.simulation.true_robot import random_perturbation, random_tracker, track, true_robot
 
 SIGMA = 5e-6
-SESSIONS = Course(("a", "b"))
+SESSIONS = SessionInfo(("a", "b"))
 SIZE = {"compliance": 1e-5, "gear": 2e-4, "backlash": 1e-4, "drift": 1e-4}  # of the others 1e-4
 
 
@@ -44,12 +44,12 @@ def irb120(groups: Sequence[str]) -> Model:
 def simulated(arm: Model, values: Array, poses: int, rng: np.random.Generator, sigma_m: float = SIGMA) -> Measurements:
     """What Gaussian noise leaves of an arm with effects, with all conditions that any group asks for."""
     every = IRB120.arm_with(arm.targets, CANDIDATES, SESSIONS)
-    settings = every.structure_joints(poses, rng)
-    columns = {name: settings[:, 6 + i] for i, name in enumerate(every.conditions)}
+    inputs = every.structure_joints(poses, rng)
+    columns = {name: inputs[:, 6 + i] for i, name in enumerate(every.conditions)}
     asked = [columns[name][:, None] for name in arm.conditions]
-    points = arm.points(np.concatenate([settings[:, :6], *asked], axis=1), values)
+    points = arm.points(np.concatenate([inputs[:, :6], *asked], axis=1), values)
     points = points + sigma_m * rng.standard_normal(points.shape)
-    return replace(measured(IRB120.chain.joint_names, settings[:, :6], arm.targets, points), conditions=columns)
+    return replace(measured(IRB120.chain.joint_names, inputs[:, :6], arm.targets, points), conditions=columns)
 
 
 def values_with(arm: Model, rng: np.random.Generator) -> Array:
@@ -85,11 +85,11 @@ def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None
         *(name for name in CANDIDATES if name != group),
     ]
     geometry, taken = found.groups[:2]
-    assert taken.chosen and not taken.why_not and geometry.chosen
+    assert taken.chosen and not taken.infeasibility_reason and geometry.chosen
     assert taken.holdout_m < 0.6 * geometry.holdout_m and taken.bic < geometry.bic - 100 and taken.f_p < 1e-10
     assert len(found.identification.fit.free) == geometry.parameters + taken.parameters
     for other in found.groups[2:]:
-        assert not other.chosen and other.why_not and other.parameters > 0 and other.bic > taken.bic - 10
+        assert not other.chosen and other.infeasibility_reason and other.parameters > 0 and other.bic > taken.bic - 10
 
 
 def test_a_rigid_arm_stays_rigid() -> None:
@@ -104,7 +104,7 @@ def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
     for seed in range(3):
         rng = np.random.default_rng(seed)
         sizes = EffectSizes(stiffness_nm_per_rad={2: 1e5, 3: 1e5}, harmonic_rad=0.2e-3)
-        real = real_arm(robot, random_perturbation(robot, 0.5e-3, 1.5e-3, rng), random_tracker(robot, rng))
+        real = true_robot(robot, random_perturbation(robot, 0.5e-3, 1.5e-3, rng), random_tracker(robot, rng))
         real = real.with_effects(random_effects(IRB120.chain, sizes, rng))
         joints, fresh = random_poses(robot, 60, rng), random_poses(robot, 200, rng)
         conditions = {"payload_kg": rng.choice([0.0, 3.0], 60)}
@@ -115,22 +115,25 @@ def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
         assert bought[0] > 0.05e-3 and bought[0] > bought[1] > bought[2] and bought[2] < 0.015e-3
         model, values = found.identification.model, found.identification.values
         exact = real.points(fresh, ("p1",), {"payload_kg": np.full(200, 3.0)})
-        settings = np.insert(fresh, 6, 3.0, axis=1)
-        assert np.linalg.norm(model.points(settings, values) - exact, axis=2).mean() < 0.007e-3
-        assert row(found, "backlash").why_not.startswith("column approach_") and row(found, "drift").parameters == 0
+        inputs = np.insert(fresh, 6, 3.0, axis=1)
+        assert np.linalg.norm(model.points(inputs, values) - exact, axis=2).mean() < 0.007e-3
+        assert (
+            row(found, "backlash").infeasibility_reason.startswith("column approach_")
+            and row(found, "drift").parameters == 0
+        )
 
 
 @pytest.fixture(scope="module")
-def near_compliance() -> tuple[Measurements, Identification, Large]:
+def near_compliance() -> tuple[Measurements, Identification, FullModel]:
     data = example(["compliance", "harmonics"])
     found = identify(irb120(["compliance"]), data, nominal(irb120(["compliance"])), Noise(None, SIGMA))
-    task = Task(irb120, nominal, data, Noise(None, SIGMA), Wishes())
-    return data, found, Large.of(task, CANDIDATES, task.identified(()), 0)
+    task = SelectionTask(irb120, nominal, data, Noise(None, SIGMA), IdentifyOptions())
+    return data, found, FullModel.of(task, CANDIDATES, task.identified(()), 0)
 
 
 def by_known_noise(whole: Identification) -> float:
     """Known noise to that which the table takes: never less, and as much as the residuals."""
-    return 1 / max(1.0, float(np.sqrt(2 * whole.fit.cost_trace[-1] / whole.freedom)))
+    return 1 / max(1.0, float(np.sqrt(2 * whole.fit.cost_trace[-1] / whole.dof)))
 
 
 @pytest.mark.parametrize("groups", [(), ("compliance",), ("compliance", "harmonics"), ("compliance", "gear", "drift")])
@@ -138,7 +141,7 @@ def test_scores_are_those_of_refits(near_compliance, groups: tuple[str, ...]) ->
     """Sum of squares and held-out errors of nested models, larger and smaller, from one linearization."""
     data, found, large = near_compliance
     table = large.around(found)
-    names = large.sight.model.names
+    names = large.observation.model.names
     arm = irb120(groups)
     whole = identify(arm, data, nominal(arm), Noise(None, SIGMA))
     score = table.score([names.index(arm.names[i]) for i in whole.fit.free])
@@ -147,7 +150,7 @@ def test_scores_are_those_of_refits(near_compliance, groups: tuple[str, ...]) ->
     for fold in range(5):
         part, test = data.take(np.flatnonzero(large.folds != fold)), data.take(np.flatnonzero(large.folds == fold))
         values = identify(arm, part, nominal(arm), Noise(None, SIGMA)).values
-        lengths.append(np.linalg.norm(arm.points(test.settings(arm.conditions), values) - test.points, axis=2)[:, 0])
+        lengths.append(np.linalg.norm(arm.points(test.inputs(arm.conditions), values) - test.points, axis=2)[:, 0])
     np.testing.assert_allclose(score.errors, np.concatenate(lengths), rtol=1e-2, atol=1e-7)
     free = [names.index(arm.names[i]) for i in whole.fit.free]
     if not groups or groups == ("compliance", "harmonics"):
@@ -179,8 +182,8 @@ def test_all_three_must_say_so(near_compliance) -> None:
 def test_rows_of_one_configuration_are_held_out_together() -> None:
     data = example((), poses=40)
     data = data.take(np.repeat(np.arange(40), 3))
-    task = Task(irb120, nominal, data, Noise(), Wishes())
-    large = Large.of(task, ["gear"], task.identified(()), 0)
+    task = SelectionTask(irb120, nominal, data, Noise(), IdentifyOptions())
+    large = FullModel.of(task, ["gear"], task.identified(()), 0)
     assert (large.folds.reshape(40, 3) == large.folds[::3, None]).all() and set(large.folds) == set(range(5))
     table = large.around(task.identified(()))
     assert np.bincount(table.cluster).tolist() == [3] * 40
@@ -224,7 +227,7 @@ def test_a_group_that_later_ones_replace_is_dropped() -> None:
     found = select(watched, data, nominal, Noise(None, SIGMA), candidates=tuple(own))
     assert sorted(found.chosen) == ["wave2", "wave3"]
     assert taken[-1] == found.chosen and "wave231" in taken[-2]
-    assert "significant" in row(found, "wave231").why_not
+    assert "significant" in row(found, "wave231").infeasibility_reason
     np.testing.assert_allclose(found.identification.values[-2:], 2e-4, atol=1e-5)
 
 
@@ -235,7 +238,7 @@ def test_what_poses_do_not_show_is_held() -> None:
     data = example(["backlash"])
     from_one_side = {**data.conditions, arm.conditions[3]: np.ones(60)}
     data = replace(data, conditions=from_one_side)
-    points = arm.points(data.settings(arm.conditions), values_with(arm, rng)) + SIGMA * rng.standard_normal((60, 1, 3))
+    points = arm.points(data.inputs(arm.conditions), values_with(arm, rng)) + SIGMA * rng.standard_normal((60, 1, 3))
     data = replace(data, points=points)
     found = select(irb120, data, nominal, Noise(None, SIGMA))
     taken = row(found, "backlash")
@@ -244,7 +247,7 @@ def test_what_poses_do_not_show_is_held() -> None:
     assert found.identification.values[arm.names.index("joint4.backlash")] == 0.0
     all_from_one_side = {**data.conditions, **{name: np.ones(60) for name in arm.conditions}}
     found = select(irb120, replace(data, conditions=all_from_one_side), nominal)
-    assert row(found, "backlash").why_not == "these poses do not show it"
+    assert row(found, "backlash").infeasibility_reason == "these poses do not show it"
 
 
 def test_parameters_too_unsure_to_tell_are_held() -> None:
@@ -261,7 +264,7 @@ def test_parameters_too_unsure_to_tell_are_held() -> None:
 
 def test_too_few_poses() -> None:
     found = select(irb120, example(["gear"], poses=17), nominal, Noise(None, SIGMA))
-    assert found.chosen == () and row(found, "harmonics").why_not.startswith("too few poses for 3")
+    assert found.chosen == () and row(found, "harmonics").infeasibility_reason.startswith("too few poses for 3")
 
 
 def test_masses_and_columns_that_are_missing() -> None:
@@ -272,39 +275,39 @@ def test_masses_and_columns_that_are_missing() -> None:
     points = arm.points(joints, somewhere(arm, rng)) + SIGMA * rng.standard_normal((60, 1, 3))
     data = measured(robot.chain.joint_names, joints, ("p1",), points)
     found = select(lambda g: robot.arm_with(("p1",), g), data, lambda m: m.nominal(robot.tool))
-    assert found.chosen == () and "table without masses" in row(found, "compliance").why_not
-    assert row(found, "drift").why_not == "column time_s is missing: the model needs it in every row"
+    assert found.chosen == () and "table without masses" in row(found, "compliance").infeasibility_reason
+    assert row(found, "drift").infeasibility_reason == "column time_s is missing: the model needs it in every row"
     assert (
         np.isnan(row(found, "drift").bic)
         and "no such group"
         in row(
             select(lambda g: robot.arm_with(("p1",), g), data, lambda m: m.nominal(robot.tool), candidates=["sag"]),
             "sag",
-        ).why_not
+        ).infeasibility_reason
     )
 
 
 def test_wishes_hold_for_every_model() -> None:
     """Patterns of a group's parameters as well; names that no model has are an error."""
     data = example(["compliance"])
-    wishes = Wishes(fix=("joint2.compliance", "link3.a"))
-    found = select(irb120, data, nominal, Noise(None, SIGMA), wishes)
+    request = IdentifyOptions(fix=("joint2.compliance", "link3.a"))
+    found = select(irb120, data, nominal, Noise(None, SIGMA), request)
     free = [found.identification.model.names[i] for i in found.identification.fit.free]
     assert "joint2.compliance" not in free and "link3.a" not in free and row(found, "compliance").parameters == 1
     with pytest.raises(LabError, match=r"--fix link9.a: no such parameter"):
-        select(irb120, data, nominal, Noise(None, SIGMA), Wishes(fix=("link9.a",)))
+        select(irb120, data, nominal, Noise(None, SIGMA), IdentifyOptions(fix=("link9.a",)))
 
 
 def test_a_group_that_does_not_converge_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     def stubborn(model: Model, *rest) -> Identification:
         found = identify(model, *rest)
-        stuck = isinstance(model, AffectedArm) and any(e.name == "compliance" for e in model.effects)
+        stuck = isinstance(model, ArmWithEffects) and any(e.name == "compliance" for e in model.effects)
         return replace(found, fit=replace(found.fit, status="not converged")) if stuck else found
 
     monkeypatch.setattr(trials, "identify", stubborn)
     found = select(irb120, example(["compliance"]), nominal, Noise(None, SIGMA))
     assert "compliance" not in found.chosen and found.identification.status == "converged"
-    assert row(found, "compliance").why_not == "Gauss-Newton does not converge with it"
+    assert row(found, "compliance").infeasibility_reason == "Gauss-Newton does not converge with it"
 
 
 def test_a_thousand_poses_with_three_targets() -> None:

@@ -8,7 +8,7 @@ from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.statistics.joint_lag import lagging
-from lab.calibration.statistics.linearized import Shape, linearized, smallest_p
+from lab.calibration.statistics.linearized import NoiseDistribution, linearized, smallest_p
 from lab.calibration.statistics.outliers import Outliers, find_outliers, leave_out, would_matter
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
@@ -16,10 +16,10 @@ from lab.kinematics.serial.arm import SerialArm
 
 ARM, THREE = SerialArm(IRB120.chain), SerialArm(IRB120.chain, ("p1", "p2", "p3"))
 SIGMA = 8e-6 / np.sqrt(3)
-UNIFORM = Shape("uniform")
+UNIFORM = NoiseDistribution("uniform")
 
 
-def campaign(seed: int, poses: int = 60, arm: SerialArm = ARM, shape: Shape = UNIFORM, known: bool = True):
+def campaign(seed: int, poses: int = 60, arm: SerialArm = ARM, shape: NoiseDistribution = UNIFORM, known: bool = True):
     """Measurements of a perturbed arm, the drawing located before the same tracker, and the arm's truth."""
     rng = np.random.default_rng(seed)
     start = somewhere(arm, rng)
@@ -74,8 +74,10 @@ def test_bad_rows_are_named_and_do_no_harm(known: bool) -> None:
     assert good <= 3  # 0.4 expected at the level; Poisson: more than 3 once in 1,300
 
 
-@pytest.mark.parametrize(("shape", "known"), [(UNIFORM, True), (Shape(), True), (Shape(), False), (UNIFORM, False)])
-def test_nothing_but_noise_is_named_at_the_level(shape: Shape, known: bool) -> None:
+@pytest.mark.parametrize(
+    ("shape", "known"), [(UNIFORM, True), (NoiseDistribution(), True), (NoiseDistribution(), False), (UNIFORM, False)]
+)
+def test_nothing_but_noise_is_named_at_the_level(shape: NoiseDistribution, known: bool) -> None:
     """10 % of 100 campaigns: 3 sigma is 9 %. A plug-in MAD scale has several times the level."""
     named = 0
     for seed in range(100):
@@ -91,14 +93,16 @@ def test_the_reference_is_the_distribution_of_the_smallest_p() -> None:
     within = linear.within(np.ones(60, dtype=bool))
     for known in (True, False):
         rng = np.random.default_rng(0)
-        gaussian, uniform = (smallest_p(within, linear.seen, s, known, 4000, rng) for s in (Shape(), UNIFORM))
+        gaussian, uniform = (
+            smallest_p(within, linear.seen, s, known, 4000, rng) for s in (NoiseDistribution(), UNIFORM)
+        )
         assert np.mean(gaussian <= 0.05 / 60) == pytest.approx(0.049, abs=0.011)  # 3 sigma of 4,000 is 0.010
         assert np.mean(uniform <= 0.05 / 60) < 0.005
 
 
 def test_shapes_have_variance_one_and_their_kurtosis() -> None:
     rng = np.random.default_rng(0)
-    for shape in (Shape(), UNIFORM, Shape("uniform", 4)):
+    for shape in (NoiseDistribution(), UNIFORM, NoiseDistribution("uniform", 4)):
         draws = shape.draw((400_000,), rng)
         assert draws.var() == pytest.approx(1, abs=0.007)
         assert (draws**4).mean() - 3 == pytest.approx(shape.excess_kurtosis, abs=0.05)
@@ -155,8 +159,8 @@ def test_unseen_targets_weigh_nothing() -> None:
     points[::3, 0] = points[::6, 1] = points[4] = np.nan
     points[12, 2] += 0.3e-3
     gappy = replace(seen, points=points)
-    found = found_in(gappy, start, np.random.default_rng(0), THREE, shape=Shape())
-    again = found_in(leave_out(gappy, np.array([4])), start, np.random.default_rng(0), THREE, shape=Shape())
+    found = found_in(gappy, start, np.random.default_rng(0), THREE, shape=NoiseDistribution())
+    again = found_in(leave_out(gappy, np.array([4])), start, np.random.default_rng(0), THREE, shape=NoiseDistribution())
     assert found.rows.tolist() == [12] and again.rows.tolist() == [11]
     np.testing.assert_allclose(found.fit.values, again.fit.values, atol=1e-12)
     np.testing.assert_allclose(found.p_values, again.p_values, rtol=1e-6)
@@ -168,7 +172,7 @@ def test_what_the_parameters_need_is_kept_and_told() -> None:
     found = found_in(moved(seen, [3], 1e-2), start, rng)
     assert not len(found.rows)
     seen, start, truth, rng = campaign(2, 40)
-    joints = seen.settings.copy()
+    joints = seen.inputs.copy()
     joints[2:, 0] = 0.3  # the first two alone turn joint 1
     still = Observations(joints, ARM.points(joints, truth) + SIGMA * UNIFORM.draw((40, 1, 3), rng), seen.whiten)
     found = found_in(moved(still, [0], 1e-2), start, rng)
@@ -177,7 +181,7 @@ def test_what_the_parameters_need_is_kept_and_told() -> None:
 
 def test_a_given_sigma_that_most_poses_are_beyond_is_not_believed() -> None:
     """A tenth of the true sigma would name every pose."""
-    seen, start, _, rng = campaign(5, shape=Shape())
+    seen, start, _, rng = campaign(5, shape=NoiseDistribution())
     rows = [5, 17]
     spoilt = replace(moved(seen, rows, 1e-3 * directions(rng, 2)), whiten=10 * seen.whiten)
     found = found_in(spoilt, start, rng)
@@ -186,7 +190,7 @@ def test_a_given_sigma_that_most_poses_are_beyond_is_not_believed() -> None:
 
 def test_exact_measurements_have_no_outliers() -> None:
     seen, start, truth, rng = campaign(6, known=False)
-    exact = replace(seen, points=ARM.points(seen.settings, truth))
+    exact = replace(seen, points=ARM.points(seen.inputs, truth))
     assert not len(found_in(exact, start, rng, known=False).rows)
 
 
@@ -198,10 +202,10 @@ def test_what_else_is_known_stays_in_every_fit() -> None:
     def prior(values: Array) -> tuple[Array, Array]:
         return np.array([(0.071 - values[column]) / 1e-9]), np.eye(len(values))[[column]] / 1e-9
 
-    found = found_in(moved(seen, [8], 5e-3), start, rng, further=prior, shape=Shape())
+    found = found_in(moved(seen, [8], 5e-3), start, rng, extra_residuals=prior, shape=NoiseDistribution())
     assert found.fit.values[column] == pytest.approx(0.071, abs=1e-6)
     assert 8 in found.rows and found.rows.max() < 60 and len(found.weights) == 60
-    without = fit(ARM, leave_out(moved(seen, [8], 5e-3), found.rows), found.fit.free, start, further=prior)
+    without = fit(ARM, leave_out(moved(seen, [8], 5e-3), found.rows), found.fit.free, start, extra_residuals=prior)
     np.testing.assert_allclose(found.fit.values, without.values, atol=1e-11)
 
 
@@ -212,7 +216,7 @@ def test_whether_it_would_matter() -> None:
     found = found_in(spoilt, start, rng)
     plain = fit(ARM, spoilt, found.fit.free, start)
     change = would_matter(ARM, spoilt, plain.values, found.fit.values)
-    by_hand = ARM.points(seen.settings, plain.values) - ARM.points(seen.settings, found.fit.values)
+    by_hand = ARM.points(seen.inputs, plain.values) - ARM.points(seen.inputs, found.fit.values)
     assert change == pytest.approx(np.sqrt((by_hand**2).sum(axis=2).mean())) and 3e-4 < change < 5e-3
     assert would_matter(ARM, spoilt, start, start) == 0
 
@@ -221,14 +225,14 @@ def lagged(seed: int, fractions):
     """Two sessions, in the second of which the arm lacks some of each move; and what ``lagging`` says."""
     seen, _, truth, rng = campaign(seed, 60, known=False)
     sessions = ["a"] * 25 + ["b"] * 35
-    behind = seen.settings.copy()
-    behind[26:] -= np.array(fractions) * np.diff(seen.settings[25:], axis=0)
+    behind = seen.inputs.copy()
+    behind[26:] -= np.array(fractions) * np.diff(seen.inputs[25:], axis=0)
     points = ARM.points(behind, truth) + SIGMA * rng.normal(size=seen.points.shape)
     late = replace(seen, points=points)
     solution = fit(ARM, late, base_set(ARM, ARM.nominal()).kept, truth)
-    moves = np.diff(seen.settings, axis=0, prepend=seen.settings[:1])
+    moves = np.diff(seen.inputs, axis=0, prepend=seen.inputs[:1])
     moves[25] = 0.0
-    return lagging(ARM, late, solution, moves, ARM.joint_jacobian(seen.settings, solution.values), sessions)
+    return lagging(ARM, late, solution, moves, ARM.joint_jacobian(seen.inputs, solution.values), sessions)
 
 
 def test_joints_that_lag_are_told_by_session_and_joint() -> None:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.observations.select import Observing
+from lab.calibration.observations.select import ObservationOptions
 from lab.calibration.weights import Noise
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.shared_options import Fitting
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.effects.arm import AffectedArm
-from lab.kinematics.effects.groups import Course
+from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.groups import SessionInfo
 from lab.kinematics.gauge import base_set
 
 SIGMA = 5e-6
@@ -22,9 +22,9 @@ NAMES = IRB120.chain.joint_names
 def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Measurements:
     """A virtual arm by its equations: geometry off by 0.5 mm and mrad, effects of the given sizes by name."""
     rng = np.random.default_rng(seed)
-    course = Course(tuple(dict.fromkeys(sessions or ())))
+    course = SessionInfo(tuple(dict.fromkeys(sessions or ())))
     arm = IRB120.arm_with(("p1",), groups, course)
-    rigid = arm.arm if isinstance(arm, AffectedArm) else arm
+    rigid = arm.arm if isinstance(arm, ArmWithEffects) else arm
     values = arm.nominal(IRB120.tool)
     values[: len(rigid.names)] = somewhere(rigid, rng)
     kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
@@ -33,12 +33,12 @@ def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Me
         values[i] = sizes.get(arm.names[i], sizes.get(arm.names[i].rpartition(".")[2], 0.0))
     data = measured(NAMES, joints, ("p1",), np.zeros((len(joints), 1, 3)))
     data = replace(data, conditions=conditions, sessions=tuple(sessions or data.sessions))
-    points = arm.points(data.settings(arm.conditions), values) + SIGMA * rng.normal(size=(len(joints), 1, 3))
+    points = arm.points(data.inputs(arm.conditions), values) + SIGMA * rng.normal(size=(len(joints), 1, 3))
     return replace(data, points=points)
 
 
 def fitter(data: Measurements, noise: Noise | None = None, **options) -> Fitter:
-    return Fitter(IRB120, ("p1",), data, Observing(), noise or Noise(), Fitting(**options), False, 0)
+    return Fitter(IRB120, ("p1",), data, ObservationOptions(), noise or Noise(), Fitting(**options), False, 0)
 
 
 def random_joints(count: int, seed: int) -> np.ndarray:

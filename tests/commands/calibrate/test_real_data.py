@@ -23,8 +23,8 @@ def test_irb120_by_its_protocol() -> None:
             data_file("irb120_liaowu_calib36.csv"), validate=data_file("irb120_liaowu_test40.csv"), refit=("tool",)
         )
     )
-    errors = outcome.judgement.errors
-    assert errors is not None and errors.after.size == 40 and outcome.judgement.judged_by == "file"
+    errors = outcome.validation.errors
+    assert errors is not None and errors.after.size == 40 and outcome.validation.judged_by == "file"
     assert mean_mm(errors.before) == pytest.approx(4.83, abs=0.2)
     assert mean_mm(errors.after) <= 0.34 and 1e3 * errors.after.max() <= 0.70
     assert mean_mm(errors.after) > 0.2  # near zero would be a leak
@@ -37,7 +37,7 @@ def test_irb120_by_its_protocol() -> None:
 
 def test_ur10_random_poses() -> None:
     outcome = run_measured(MeasuredCampaign(data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml")), holdout=0.3))
-    errors = outcome.judgement.errors
+    errors = outcome.validation.errors
     assert errors is not None and 0.3 < mean_mm(errors.after) <= 0.47 < mean_mm(errors.before)
     assert outcome.verdict.word == "good"
 
@@ -47,7 +47,7 @@ def test_ur10_cubes_over_ten_splits() -> None:
     after = []
     for seed in range(10):
         options = MeasuredCampaign(data_file("ur10_ipa_D.csv"), str(data_file("ur10.toml")), seed=seed, holdout=0.3)
-        errors = run_measured(options).judgement.errors
+        errors = run_measured(options).validation.errors
         assert errors is not None
         after.append(mean_mm(errors.after))
     assert 0.3 < np.mean(after) <= 0.37
@@ -57,8 +57,8 @@ def test_ur10_cubes_over_ten_splits() -> None:
 @pytest.mark.parametrize("file", ["ur10_ipa_C.csv", "ur10_ipa_D.csv"])
 def test_ur10_is_cross_validated_where_nothing_is_asked(file: str) -> None:
     outcome = run_measured(MeasuredCampaign(data_file(file), str(data_file("ur10.toml"))))
-    errors = outcome.judgement.errors
-    assert outcome.judgement.judged_by == "cross-validation" and errors is not None
+    errors = outcome.validation.errors
+    assert outcome.validation.judged_by == "cross-validation" and errors is not None
     assert np.isfinite(errors.after).all() and mean_mm(errors.after) <= 0.47
     named = [warning for warning in outcome.warnings if "rx_deg, ry_deg, rz_deg" in warning]
     assert len(named) == 1 and "ignored" in named[0]
@@ -81,7 +81,7 @@ def liaowu(model: str, robust: bool = False):
 def test_irb120_bends(robust: bool) -> None:
     """Its compliance is found, and halves what geometry leaves on poses of another day."""
     outcome = liaowu("auto", robust)
-    errors = outcome.judgement.errors
+    errors = outcome.validation.errors
     assert outcome.fit.groups == ("compliance",) and errors is not None
     assert 0.1 < mean_mm(errors.after) <= 0.18 and 1e3 * errors.after.max() <= 0.37
     soft = dict(zip(outcome.identification.model.names, outcome.identification.values, strict=True))
@@ -92,8 +92,8 @@ def test_irb120_with_a_wire() -> None:
     """Anchors found from the residuals, row 950 told, the rounding of the joints named as the limit."""
     file = data_file("irb120_cable_robotcali_1042.csv")
     outcome = run_measured(MeasuredCampaign(file, observe="cable", fitting=Fitting(prior=True)))
-    errors = outcome.judgement.errors
-    assert outcome.judgement.judged_by == "cross-validation" and errors is not None
+    errors = outcome.validation.errors
+    assert outcome.validation.judged_by == "cross-validation" and errors is not None
     rms = 1e3 * float(np.sqrt(np.nanmean(errors.after**2)))
     assert 0.27 < rms <= 0.36 < 1e3 * float(np.sqrt(np.nanmean(errors.before**2))) + 0.01
     said = "\n".join(outcome.warnings)
@@ -110,7 +110,7 @@ def test_panda_with_sockets(tmp_path) -> None:
     file = tmp_path / "marked.csv"
     file.write_text("\n".join([f"{header},use", *marked]) + "\n")
     options = MeasuredCampaign(file, str(data_file("panda.toml")), observe="socket", socket_distance_mm=50.0)
-    errors = run_measured(options).judgement.errors
+    errors = run_measured(options).validation.errors
     assert errors is not None and mean_mm(errors.before) == pytest.approx(2.90, abs=0.02)
     assert 0.15 < mean_mm(errors.after) <= 0.25
 
@@ -120,8 +120,8 @@ def test_ur10_is_no_worse_with_what_it_calls_for() -> None:
     for model in ("geometric", "auto"):
         file, robot = data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml"))
         outcome = run_measured(MeasuredCampaign(file, robot, holdout=0.3, fitting=Fitting(model)))
-        assert outcome.judgement.errors is not None and outcome.verdict.word == "good"
-        after.append(mean_mm(outcome.judgement.errors.after))
+        assert outcome.validation.errors is not None and outcome.verdict.word == "good"
+        after.append(mean_mm(outcome.validation.errors.after))
     assert outcome.fit.groups[:1] == ("harmonics2",) and after[1] <= after[0]
 
 
@@ -130,7 +130,7 @@ def test_ur10_as_poses(tmp_path) -> None:
     file, robot = data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml"))
     options = MeasuredCampaign(file, robot, holdout=0.3, observe="pose", orientation="intrinsic-xyz")
     outcome = run_measured(options)
-    errors = outcome.judgement.errors
+    errors = outcome.validation.errors
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
     assert 0.3 < summary(outcome)["noise_mrad"] < 1.5 and outcome.verdict.word == "good"

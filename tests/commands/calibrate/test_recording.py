@@ -79,7 +79,7 @@ def column(path, entity, name, timeline="pose"):
     """Indices and values of a component over a timeline, one list of values a row."""
     reader = RrdReader(path)
     rows = {}
-    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
+    for chunk in reader.rng_for(store=reader.recordings()[0]).filter(content=entity):
         batch = chunk.to_record_batch()
         if timeline in batch.schema.names and name in batch.schema.names:
             rows.update(zip(batch.column(timeline).to_pylist(), batch.column(name).to_pylist(), strict=True))
@@ -89,7 +89,7 @@ def column(path, entity, name, timeline="pose"):
 
 def statics(path, entity, name):
     reader = RrdReader(path)
-    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
+    for chunk in reader.rng_for(store=reader.recordings()[0]).filter(content=entity):
         batch = chunk.to_record_batch()
         if "pose" not in batch.schema.names and name in batch.schema.names:
             return batch.column(name).to_pylist()[0]
@@ -182,7 +182,7 @@ def test_singular_values_and_convergence_are_the_fits(recording, outcome):
     bars = statics(recording, "/singular_values", "BarChart:values")
     assert fit.singular_values.tolist() in list(_nested(bars))
     reader = RrdReader(recording)
-    (chunk,) = reader.stream(store=reader.recordings()[0]).filter(content="/convergence/rms")
+    (chunk,) = reader.rng_for(store=reader.recordings()[0]).filter(content="/convergence/rms")
     batch = chunk.to_record_batch()
     assert batch.column("iteration").to_pylist() == list(range(fit.iterations + 1))
     rms = np.array(batch.column("Scalars:scalars").to_pylist())[:, 0]

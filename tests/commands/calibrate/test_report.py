@@ -256,7 +256,7 @@ def test_held_out_poses_are_drawn_where_they_are(outcome, tmp_path: Path) -> Non
     held = found.measurements.without(found.fitted.ids)
     places = error_places(found, options)
     assert len(held) == 15 and sorted(places.sizes) == list(places.sizes) and not places.thinned
-    np.testing.assert_allclose(places.sizes, np.sort(found.judgement.errors.after[:, 0]), rtol=1e-12)
+    np.testing.assert_allclose(places.sizes, np.sort(found.validation.errors.after[:, 0]), rtol=1e-12)
     expected = se3.transform(world_of(found), held.points[:, 0])
     apart = np.linalg.norm(places.points[:, None] - expected, axis=2)
     assert sorted(apart.argmin(axis=1)) == list(range(15))

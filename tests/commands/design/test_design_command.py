@@ -23,10 +23,10 @@ from lab.commands.design.run import plan_campaign
 from lab.commands.design.scene import plan_scene
 from lab.commands.options import PlannedCampaign
 from lab.core.instruments import instrument
-from lab.core.random import stream
+from lab.core.random import rng_for
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.rapid import rapid_module, why_no_rapid
-from lab.simulation.true_robot import random_perturbation, random_tracker, real_arm, track
+from lab.simulation.true_robot import random_perturbation, random_tracker, track, true_robot
 
 POSES = 14
 ASKED = f"design --candidates 300 --starts 1 --poses {POSES} --seed 3"
@@ -112,9 +112,9 @@ def test_identify_takes_the_filled_template_and_refuses_the_empty_one(folder: Pa
     chain, device = IRB120.chain, instrument("uniform-8um")
     read = read_measurements(folder / "plan.csv", chain.joint_names, chain.prismatic, points=False)
     model = IRB120.model
-    off = random_perturbation(model, 0.5e-3, 1.5e-3, stream(0, "arm"))
-    real = real_arm(model, off, random_tracker(model, stream(0, "tracker")))
-    points = track(real, read.joints, ("p1",), device, stream(0, "noise")).points
+    off = random_perturbation(model, 0.5e-3, 1.5e-3, rng_for(0, "arm"))
+    real = true_robot(model, off, random_tracker(model, rng_for(0, "tracker")))
+    points = track(real, read.joints, ("p1",), device, rng_for(0, "noise")).points
     rows = list(csv.reader((folder / "plan.csv").read_text().splitlines()))
     places = [rows[0].index(f"p1_{axis}_mm") for axis in "xyz"]
     for row, point in zip(rows[1:], points[:, 0], strict=True):

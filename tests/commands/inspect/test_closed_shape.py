@@ -13,7 +13,7 @@ from lab.cli import main
 from lab.commands.inspect.closed_shape import SINGULAR, ClosedShape, closed_shape_of
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.joints import Joints
+from lab.kinematics.joints import JointSpec
 
 MODELS = ROOT / "models"
 NAMES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")
@@ -56,7 +56,7 @@ def test_a_nearest_pose_is_as_near_as_any_at_random(name: str, shapes: Shapes) -
     mechanism, shape = shapes[name]
     course = shape.course
     assert course is not None
-    joints = Joints.random_joints(mechanism, 5000, np.random.default_rng(7))
+    joints = JointSpec.random_joints(mechanism, 5000, np.random.default_rng(7))
     closed = mechanism.assembled(joints, mechanism.drawn)
     at_random = course.distances(joints[closed.fits], closed.posture.passive.T[closed.fits])
     for each in shape.singularities:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT, RX130
 
-from lab.calibration.identify import Wishes, identify
+from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.prior import Tolerance
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
@@ -55,7 +55,7 @@ def test_the_derivatives_are_those_of_the_points(name: str) -> None:
         np.testing.assert_allclose(jacobian[..., column], slope, rtol=1e-6, atol=3e-8, err_msg=arm.names[column])
     Ts, twist = arm.tool(joints, values, 1)
     np.testing.assert_allclose(Ts[:, :3, 3], points[:, 1], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(twist[:, :3], arm.by_joints(jacobian)[:, 1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(twist[:, :3], arm.joint_derivatives(jacobian)[:, 1], rtol=0, atol=1e-12)
     for joint, move in enumerate(step * np.eye(arm.chain.size)):
         after, before = (arm.tool(joints + sign * move, values, 1)[0] for sign in (1, -1))
         turned = (after[:, :3, :3] - before[:, :3, :3]) / (2 * step) @ Ts[:, :3, :3].swapaxes(1, 2)
@@ -153,8 +153,8 @@ def test_the_ranks_are_found_unaided(
     values[:6] = 0.0  # so that the base's x, y and rz are those of the plane
     whole = affected(arm, [gear(arm.chain)] if gains else [])
     asked = [i for i, n in enumerate(whole.names) if not any(n.startswith(h.rstrip("*")) for h in held)]
-    settings = whole.structure_joints(200, np.random.default_rng(0))
-    _, jacobian = whole.observe(settings, np.concatenate([values, np.zeros(len(whole.names) - len(values))]))
+    inputs = whole.structure_joints(200, np.random.default_rng(0))
+    _, jacobian = whole.observe(inputs, np.concatenate([values, np.zeros(len(whole.names) - len(values))]))
     found = base_set_of(jacobian.reshape(-1, len(whole.names))[:, asked], range(count))
     assert len(asked) == count and len(found.kept) == rank
 
@@ -191,7 +191,7 @@ def test_six_rods_are_found_with_a_prior_though_their_drawing_hides_them() -> No
         joints, fresh = arm.structure_joints(50, rng), arm.structure_joints(300, rng)
         seen = arm.points(joints, true) + SIGMA_M * rng.standard_normal((50, 1, 3))
         data = measured(arm.chain.joint_names, joints, arm.targets, seen)
-        found = identify(arm, data, nominal, Noise(None, SIGMA_M), Wishes(tolerance=Tolerance(1e-4, 1e-4)))
+        found = identify(arm, data, nominal, Noise(None, SIGMA_M), IdentifyOptions(tolerance=Tolerance(1e-4, 1e-4)))
         missed = np.linalg.norm(arm.points(fresh, found.values) - arm.points(fresh, true), axis=2)
         assert found.status == "converged" and np.sqrt(np.nanmean(missed**2)) < 12e-6
 
@@ -216,9 +216,11 @@ def test_readings_that_close_nothing_are_nan_and_said() -> None:
     lost = np.array([False, True, True, False])
     np.testing.assert_array_equal(np.isnan(points).all(axis=(1, 2)), lost)
     np.testing.assert_array_equal(np.isnan(jacobian).any(axis=(1, 2, 3)), lost)
-    np.testing.assert_array_equal(arm.chain.stands(joints), ~lost)
-    assert "cannot meet" in arm.chain.why_not(joints[1]) and "mm stay open" in arm.chain.why_not(joints[1])
-    assert "singular" in arm.chain.why_not(joints[2]) and arm.chain.why_not(joints[0]) == ""
+    np.testing.assert_array_equal(arm.chain.is_assemblable(joints), ~lost)
+    assert "cannot meet" in arm.chain.infeasibility_reason(
+        joints[1]
+    ) and "mm stay open" in arm.chain.infeasibility_reason(joints[1])
+    assert "singular" in arm.chain.infeasibility_reason(joints[2]) and arm.chain.infeasibility_reason(joints[0]) == ""
 
 
 def test_a_pose_that_cannot_be_is_told_by_the_fit() -> None:

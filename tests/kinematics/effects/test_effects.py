@@ -14,8 +14,8 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.effects.arm import AffectedArm
-from lab.kinematics.effects.groups import GROUPS, HOUR_S, Course, Effect, effect
+from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.groups import GROUPS, HOUR_S, Effect, SessionInfo, effect
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -33,7 +33,7 @@ PARAMETERS = {
     "drift": 7,
     "sessions": 12,
 }
-SESSIONS = Course(("a", "b", "c"))
+SESSIONS = SessionInfo(("a", "b", "c"))
 SIZES = {"compliance": 1e-5, "payload": 1e-5}  # rad/Nm; of the others 0.2 mrad, per mille, ...
 
 
@@ -42,9 +42,9 @@ def loads_on(chain: Chain, rng: np.random.Generator) -> Loads:
     return Loads(chain, rng.uniform(1, 5, chain.size), rng.normal(0, 0.1, (chain.size, 3)), rng.normal(0, 9.81, 3))
 
 
-def true_values(arm: SerialArm | AffectedArm, rng: np.random.Generator) -> Array:
+def true_values(arm: SerialArm | ArmWithEffects, rng: np.random.Generator) -> Array:
     """An arm before a tracker: base set off by 0.5 mm and mrad, effects of the size that arms have."""
-    rigid = arm.arm if isinstance(arm, AffectedArm) else arm
+    rigid = arm.arm if isinstance(arm, ArmWithEffects) else arm
     values = arm.nominal()
     values[: len(rigid.names)] = somewhere(rigid, rng)
     kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
@@ -56,12 +56,12 @@ def true_values(arm: SerialArm | AffectedArm, rng: np.random.Generator) -> Array
     return values
 
 
-def seen(arm: SerialArm | AffectedArm, values: Array, poses: int, rng: np.random.Generator) -> Measurements:
+def seen(arm: SerialArm | ArmWithEffects, values: Array, poses: int, rng: np.random.Generator) -> Measurements:
     """What a perfect instrument sees of it, with every condition asked for."""
-    settings = arm.structure_joints(poses, rng)
+    inputs = arm.structure_joints(poses, rng)
     size = IRB120.chain.size
-    data = measured(IRB120.chain.joint_names, settings[:, :size], arm.targets, arm.points(settings, values))
-    conditions = {name: settings[:, size + i] for i, name in enumerate(arm.conditions)}
+    data = measured(IRB120.chain.joint_names, inputs[:, :size], arm.targets, arm.points(inputs, values))
+    conditions = {name: inputs[:, size + i] for i, name in enumerate(arm.conditions)}
     return replace(data, conditions=conditions)
 
 
@@ -85,10 +85,10 @@ def test_derivatives_of_effects(chain: Chain, name: str) -> None:
 def test_derivatives_of_an_arm_with_effects(groups: tuple[str, ...]) -> None:
     rng = np.random.default_rng(1)
     arm = IRB120.arm_with(("p1", "p2"), groups, SESSIONS)
-    values, settings = true_values(arm, rng), arm.structure_joints(20, rng)
-    points, jacobian = arm.observe(settings, values)
-    np.testing.assert_allclose(points, arm.points(settings, values), atol=1e-14)
-    assert_derivatives(lambda v: arm.points(settings, v), jacobian, values, relative=1e-7)
+    values, inputs = true_values(arm, rng), arm.structure_joints(20, rng)
+    points, jacobian = arm.observe(inputs, values)
+    np.testing.assert_allclose(points, arm.points(inputs, values), atol=1e-14)
+    assert_derivatives(lambda v: arm.points(inputs, v), jacobian, values, relative=1e-7)
 
 
 def test_torques_are_those_of_mujoco() -> None:
@@ -147,15 +147,15 @@ def test_sag_outstretched() -> None:
     loads = published_loads()
     joints, lever = np.deg2rad([[0.0, 90, -90, 0, 0, 0]]), 0.270 + 0.302 + 0.072
     rigid = IRB120.arm(("p1",))
-    arm = AffectedArm(rigid, (effect("compliance", IRB120.chain, loads),))
+    arm = ArmWithEffects(rigid, (effect("compliance", IRB120.chain, loads),))
     values = arm.nominal({"p1": np.zeros(3)})
     values[arm.names.index("joint2.compliance")] = 1e-5
     torques = [loads.forces(joints, np.array([mass]))[0][0, 1] for mass in (0.0, 3.0)]
     assert torques[0] == pytest.approx(22.7, abs=0.05) and torques[1] - torques[0] == pytest.approx(19.0, abs=0.06)
     assert torques[1] - torques[0] == pytest.approx(3.0 * 9.81 * lever, rel=1e-12)
     for mass, torque, sag in zip((0.0, 3.0), torques, (0.15e-3, 0.27e-3), strict=True):
-        settings = np.append(joints, mass)[None]
-        drop = rigid.points(joints, values[: len(rigid.names)])[0, 0] - arm.points(settings, values)[0, 0]
+        inputs = np.append(joints, mass)[None]
+        drop = rigid.points(joints, values[: len(rigid.names)])[0, 0] - arm.points(inputs, values)[0, 0]
         np.testing.assert_allclose(drop, torque * 1e-5 * np.array([-0.070, 0.0, lever]), atol=1e-7)  # a small turn
         assert drop[2] == pytest.approx(sag, abs=0.005e-3)
 
@@ -203,7 +203,7 @@ def third_harmonic(joint: int) -> Effect:
 
 def test_an_effect_of_ones_own() -> None:
     rng = np.random.default_rng(5)
-    arm = AffectedArm(IRB120.arm(("p1",)), (effect("harmonics", IRB120.chain, None), third_harmonic(2)))
+    arm = ArmWithEffects(IRB120.arm(("p1",)), (effect("harmonics", IRB120.chain, None), third_harmonic(2)))
     truth = true_values(arm, rng)
     found = identify(arm, seen(arm, truth, 60, rng), arm.nominal(IRB120.tool))
     assert len(found.fit.free) == 27 + 12 + 2
@@ -220,10 +220,10 @@ def test_sessions_are_rows_of_a_frame_of_their_own() -> None:
     values, joints = arm.nominal(IRB120.tool), IRB120.chain.random_joints(4, np.random.default_rng(0))
     values[arm.names.index("session.b.x")] = 1e-3
     data = replace(measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((4, 1, 3))), sessions=tuple("abca"))
-    moved = arm.points(data.settings(arm.conditions), values) - arm.arm.points(joints, values[: len(arm.arm.names)])
+    moved = arm.points(data.inputs(arm.conditions), values) - arm.arm.points(joints, values[: len(arm.arm.names)])
     np.testing.assert_allclose(moved[:, 0], np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 0], [0, 0, 0]]), atol=1e-15)
     with pytest.raises(LabError, match="all rows are of one session; say in a column session"):
-        IRB120.arm_with(("p1",), ("sessions",), Course(("a",)))
+        IRB120.arm_with(("p1",), ("sessions",), SessionInfo(("a",)))
 
 
 def test_unknown_and_doubled_groups() -> None:
@@ -248,8 +248,8 @@ def test_no_payload_column_is_no_payload() -> None:
     rng = np.random.default_rng(7)
     arm = IRB120.arm_with(("p1",), ("compliance",))
     truth = true_values(arm, rng)
-    settings = np.concatenate([IRB120.chain.random_joints(60, rng), np.zeros((60, 1))], axis=1)
-    data = measured(IRB120.chain.joint_names, settings[:, :6], ("p1",), arm.points(settings, truth))
+    inputs = np.concatenate([IRB120.chain.random_joints(60, rng), np.zeros((60, 1))], axis=1)
+    data = measured(IRB120.chain.joint_names, inputs[:, :6], ("p1",), arm.points(inputs, truth))
     found = identify(arm, data, arm.nominal(IRB120.tool))
     np.testing.assert_allclose(found.values[-2:], truth[-2:], atol=1e-11)
 

@@ -7,10 +7,10 @@ from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, chain_of, perturbed,
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
-from lab.kinematics.effects.arm import AffectedArm
+from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import effect
 from lab.kinematics.inverse.branches import Drawing, nearest_turns, ordered
-from lab.kinematics.inverse.newton import Wanted, reach, shortest_step, within_reach
+from lab.kinematics.inverse.newton import PoseTarget, reach, shortest_step, within_reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
@@ -21,7 +21,7 @@ from lab.kinematics.serial.chain import Chain
 def test_newton_ends_where_the_arm_is(groups: tuple[str, ...]) -> None:
     rng = np.random.default_rng(8)
     arm = IRB120.arm_with(("p1",), groups)
-    rigid = arm.arm if isinstance(arm, AffectedArm) else arm
+    rigid = arm.arm if isinstance(arm, ArmWithEffects) else arm
     values = np.zeros(len(arm.names))
     values[: len(rigid.names)] = perturbed(rigid, somewhere(rigid, rng), rng, 0.5e-3, 1.5e-3)
     values[len(rigid.names) :] = [1e-5 if "compliance" in name else 2e-4 for name in arm.names[len(rigid.names) :]]
@@ -32,34 +32,34 @@ def test_newton_ends_where_the_arm_is(groups: tuple[str, ...]) -> None:
     np.testing.assert_allclose(Ts[:, :3, 3], points, atol=1e-15)
     near = singular_distance(rigid.tool(joints, values[: len(rigid.names)])[1])[0] < 0.1
     start = joints + rng.normal(scale=0.01, size=joints.shape)
-    found = reach(arm, values, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), start, load)
+    found = reach(arm, values, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), start, load)
     assert found.arrived[~near].all() and found.steps[~near].max() <= 6
     assert np.abs(found.joints - joints)[~near].max() < 1e-8
     anywhere = np.full((500, 3, 3), np.nan)
-    free = reach(arm, values, Wanted(Ts[:, :3, 3], anywhere), start, load)
+    free = reach(arm, values, PoseTarget(Ts[:, :3, 3], anywhere), start, load)
     assert free.arrived.all()
     assert np.linalg.norm(free.joints - start, axis=1)[~near].max() < 0.1  # the shortest way there
 
 
 def test_effects_move_the_tool_as_they_move_its_points() -> None:
     """A frame that drifts turns the tool too."""
-    arm = AffectedArm(IRB120.arm(("p1", "p2", "p3")), (effect("drift", IRB120.chain, None),))
+    arm = ArmWithEffects(IRB120.arm(("p1", "p2", "p3")), (effect("drift", IRB120.chain, None),))
     values = arm.nominal(IRB120.tool)
     values[-7:] = 1e-3, -2e-3, 3e-3, 4e-3, -5e-3, 6e-3, 1e-4
     joints = IRB120.chain.random_joints(20, np.random.default_rng(9))
-    settings = np.concatenate([joints, np.full((20, 1), 3600.0)], axis=1)
-    points = arm.points(settings, values)
+    inputs = np.concatenate([joints, np.full((20, 1), 3600.0)], axis=1)
+    points = arm.points(inputs, values)
     tool = values[-16:-7].reshape(3, 3)
     for k in range(3):
-        np.testing.assert_allclose(arm.tool(settings, values, k)[0][:, :3, 3], points[:, k], atol=1e-15)
-    turns = arm.tool(settings, values)[0][:, :3, :3]
+        np.testing.assert_allclose(arm.tool(inputs, values, k)[0][:, :3, 3], points[:, k], atol=1e-15)
+    turns = arm.tool(inputs, values)[0][:, :3, :3]
     np.testing.assert_allclose(points[:, 1] - points[:, 0], (1 + 1e-4) * turns @ (tool[1] - tool[0]), atol=1e-15)
 
 
 def test_out_of_reach_newton_ends_as_near_as_it_gets() -> None:
     arm = IRB120.arm(("p1",))
     values = arm.nominal(IRB120.tool)
-    wanted = Wanted(np.array([[2.0, 0.0, 0.3]]), np.full((1, 3, 3), np.nan))
+    wanted = PoseTarget(np.array([[2.0, 0.0, 0.3]]), np.full((1, 3, 3), np.nan))
     found = reach(arm, values, wanted, np.deg2rad([[5.0, 30, -20, 10, 20, 0]]), np.empty((1, 0)))
     assert not found.arrived[0]
     outstretched = 0.58 + np.linalg.norm(0.072 * np.array([0, 0, 1]) + values[-3:])
@@ -74,7 +74,7 @@ FIVE = chain_of(
 FEW = {chain.name: chain for chain in (SCARA, FIVE)}
 
 
-def turned_targets(chain: Chain, tilt_rad: float, seed: int) -> tuple[SerialArm, Array, Wanted, Array]:
+def turned_targets(chain: Chain, tilt_rad: float, seed: int) -> tuple[SerialArm, Array, PoseTarget, Array]:
     """An arm that is off in every parameter, and poses near those that it takes at some readings, turned away."""
     rng = np.random.default_rng(seed)
     arm = SerialArm(chain)
@@ -83,7 +83,7 @@ def turned_targets(chain: Chain, tilt_rad: float, seed: int) -> tuple[SerialArm,
     Ts, jacobian = arm.tool(joints, values)
     away = se3.exp(tilt_rad * rng.normal(size=(500, 3)))
     clear = np.linalg.svd(jacobian, compute_uv=False)[:, -1] > 0.1
-    return arm, values, Wanted(Ts[:, :3, 3], away @ Ts[:, :3, :3]).take(np.flatnonzero(clear)), joints[clear]
+    return arm, values, PoseTarget(Ts[:, :3, 3], away @ Ts[:, :3, :3]).take(np.flatnonzero(clear)), joints[clear]
 
 
 @pytest.mark.parametrize("name", FEW)
@@ -105,7 +105,7 @@ def test_the_place_is_met_and_the_rotation_as_near_as_can_be(name: str, tilt_rad
     vt, anyhow = np.linalg.svd(jacobian[:, :3])[2], np.full_like(wanted.turns, np.nan)
     for k in range(3, chain.size):  # moves that leave the place come no nearer
         for step in (1e-3, -1e-3):
-            back = reach(arm, values, Wanted(wanted.places, anyhow), found.joints + step * vt[:, k], nothing)
+            back = reach(arm, values, PoseTarget(wanted.places, anyhow), found.joints + step * vt[:, k], nothing)
             other = wanted.errors(arm.tool(back.joints, values)[0])
             worse = np.linalg.norm(other[:, 3:], axis=1) - missed
             assert back.arrived.all() and worse[found.arrived].min() > -1e-12
@@ -129,7 +129,7 @@ def test_what_is_within_reach_is_all_of_it_with_six_joints_and_a_projection_with
 
 def test_a_place_alone_takes_the_shortest_way_with_any_number_of_joints() -> None:
     arm, values, wanted, joints = turned_targets(SCARA, 0.0, 4)
-    anywhere = Wanted(wanted.places, np.full_like(wanted.turns, np.nan))
+    anywhere = PoseTarget(wanted.places, np.full_like(wanted.turns, np.nan))
     start = joints + np.random.default_rng(5).normal(scale=0.01, size=joints.shape)
     found = reach(arm, values, anywhere, start, np.empty((len(wanted), 0)))
     assert found.arrived.all() and not found.errors[:, 3:].any()
@@ -140,10 +140,10 @@ def test_a_scara_upside_down_or_out_of_reach_ends_somewhere() -> None:
     arm = SerialArm(SCARA)
     joints = SCARA.random_joints(20, np.random.default_rng(6))
     Ts, _ = arm.tool(joints, arm.nominal())
-    over = Wanted(Ts[:, :3, 3], se3.exp(np.array([np.pi, 0, 0])) @ Ts[:, :3, :3])
+    over = PoseTarget(Ts[:, :3, 3], se3.exp(np.array([np.pi, 0, 0])) @ Ts[:, :3, :3])
     found = reach(arm, arm.nominal(), over, joints, np.empty((20, 0)))
     assert found.arrived.all() and np.linalg.norm(found.errors[:, 3:], axis=1) == pytest.approx(np.pi)
-    far = Wanted(Ts[:, :3, 3] + [5.0, 0, 0], Ts[:, :3, :3])
+    far = PoseTarget(Ts[:, :3, 3] + [5.0, 0, 0], Ts[:, :3, :3])
     found = reach(arm, arm.nominal(), far, joints, np.empty((20, 0)))
     assert not found.arrived.any() and np.isfinite(found.joints).all()
 
@@ -159,7 +159,7 @@ def test_arms_without_a_closed_form_are_searched(name: str) -> None:
     drawing = Drawing(arm, arm.nominal())
     assert drawing.closed_form is None
     Ts, _ = drawing.tool(joints)
-    found = drawing.ways(Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan))
+    found = drawing.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan))
     reached = found.gap_m == 0
     assert reached.any(axis=1).mean() > 0.98
     back = drawing.tool(found.joints[reached])[0]
@@ -171,7 +171,7 @@ def test_a_reference_is_where_the_search_begins() -> None:
     drawing = Drawing(arm, arm.nominal(IRB120.tool))
     joints = IRB120.chain.random_joints(50, np.random.default_rng(11))
     Ts, _ = drawing.tool(joints)
-    anywhere = Wanted(Ts[:, :3, 3], np.full((50, 3, 3), np.nan))
+    anywhere = PoseTarget(Ts[:, :3, 3], np.full((50, 3, 3), np.nan))
     np.testing.assert_allclose(drawing.ways(anywhere, joints).joints[:, 0], joints, atol=1e-12)
 
 
@@ -196,10 +196,10 @@ def test_a_drawing_has_as_many_ways_as_its_form(chain: Chain, count: int) -> Non
     joints = chain.random_joints(30, rng)
     Ts, _ = drawing.tool(joints)
     turns, nowhere = Ts[:, :3, :3].copy(), np.full(joints.shape, np.nan)
-    found = drawing.ways(Wanted(Ts[:, :3, 3], turns), nowhere)
+    found = drawing.ways(PoseTarget(Ts[:, :3, 3], turns), nowhere)
     assert found.gap_m.shape == (30, count)
     turns[::2] = np.nan
-    mixed = drawing.ways(Wanted(Ts[:, :3, 3], turns), nowhere)
+    mixed = drawing.ways(PoseTarget(Ts[:, :3, 3], turns), nowhere)
     assert mixed.gap_m.shape == (30, 8)
     if chain is not FIVE:
         np.testing.assert_array_equal(mixed.joints[1::2, :count], found.joints[1::2])
@@ -217,7 +217,7 @@ def test_a_scara_s_drawing_meets_the_place_of_a_tilted_pose_at_the_tool() -> Non
     joints = SCARA.random_joints(50, rng)
     joints[:, 1] = np.clip(joints[:, 1], 0.5, 2.5)  # bent, so that it can turn
     Ts, _ = drawing.tool(joints)
-    wanted = Wanted(Ts[:, :3, 3], se3.exp(0.05 * rng.normal(size=(50, 3))) @ Ts[:, :3, :3])
+    wanted = PoseTarget(Ts[:, :3, 3], se3.exp(0.05 * rng.normal(size=(50, 3))) @ Ts[:, :3, :3])
     found = drawing.ways(wanted, joints)
     assert not found.gap_m.any()
     for way in range(2):

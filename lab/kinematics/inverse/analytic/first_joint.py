@@ -21,7 +21,7 @@ Named = tuple[str, Sequence[Term]]
 
 
 @dataclass(frozen=True)
-class Column:
+class FirstJoint:
     """Joint 1.
 
     Attributes:
@@ -37,7 +37,7 @@ class Column:
     parts: Array
 
     @classmethod
-    def of(cls, axes: Axes, plane: Array) -> "Column":
+    def of(cls, axes: Axes, plane: Array) -> "FirstJoint":
         """Joint 1 of a drawing."""
         axis = axes.directions[0]
         along = np.outer(axis, axis)
@@ -69,7 +69,7 @@ class Carried:
         lifted: of the turn about w ``(elbows, 2, n)``; None where no joint turns about it.
     """
 
-    column: Column
+    column: FirstJoint
     first: tuple[Array, Array]
     lifted: tuple[Array, Array] | None = None
 
@@ -92,7 +92,7 @@ class Carrier(Protocol):
     """The first three joints."""
 
     @property
-    def column(self) -> Column:
+    def column(self) -> FirstJoint:
         """Joint 1."""
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.kinematics.inverse.analytic.determinant import Term, real_part
-from lab.kinematics.inverse.analytic.first_joint import Carried, Column, Named, turned_back
+from lab.kinematics.inverse.analytic.first_joint import Carried, FirstJoint, Named, turned_back
 from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, Roots, type_1
 from lab.kinematics.inverse.analytic.khalil_two_unknowns import type_5, type_8
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, in_plane, plane_across
@@ -33,7 +33,7 @@ class Elbow:
         offset: the wrist's centre from the root, along w (m).
     """
 
-    column: Column
+    column: FirstJoint
     turning: float
     shoulder: complex
     upper: complex
@@ -52,7 +52,7 @@ class Elbow:
         if min(abs(upper), abs(fore)) < EXACT:
             return None
         offset = float(w @ (centre - root))
-        return cls(Column.of(axes, plane), float(np.sign(w @ third)), shoulder, upper, fore, offset)
+        return cls(FirstJoint.of(axes, plane), float(np.sign(w @ third)), shoulder, upper, fore, offset)
 
     def solve(self, place: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """See ``Carrier``."""
@@ -94,7 +94,7 @@ class Telescope:
         offset: the wrist's centre from the root, along w (m).
     """
 
-    column: Column
+    column: FirstJoint
     shoulder: complex
     upper: complex
     offset: float
@@ -108,7 +108,7 @@ class Telescope:
         (_, w, slide), (root, second, _) = axes.directions[:3], axes.origins[:3]
         plane = plane_across(w, slide)
         shoulder, upper = in_plane(plane, second - root), in_plane(plane, centre - second)
-        return cls(Column.of(axes, plane), shoulder, upper, float(w @ (centre - root)))
+        return cls(FirstJoint.of(axes, plane), shoulder, upper, float(w @ (centre - root)))
 
     def solve(self, place: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """See ``Carrier``."""
@@ -143,7 +143,7 @@ class Lift:
         middle: the wrist's centre from the root, drawn in, in the plane (m), and ``height`` along w.
     """
 
-    column: Column
+    column: FirstJoint
     up: float
     middle: complex
     height: float
@@ -157,7 +157,7 @@ class Lift:
         (w, up, slide), root = axes.directions[:3], axes.origins[0]
         plane = plane_across(w, slide)
         height = float(w @ (centre - root))
-        return cls(Column.of(axes, plane), float(np.sign(w @ up)), in_plane(plane, centre - root), height)
+        return cls(FirstJoint.of(axes, plane), float(np.sign(w @ up)), in_plane(plane, centre - root), height)
 
     def solve(self, place: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """See ``Carrier``."""

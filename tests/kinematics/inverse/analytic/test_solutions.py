@@ -15,7 +15,7 @@ from lab.kinematics.inverse.analytic.determinant import Factor
 from lab.kinematics.inverse.analytic.khalil_one_unknown import type_2
 from lab.kinematics.inverse.analytic.select import ClosedForm, closed_form_of
 from lab.kinematics.inverse.analytic.spherical_wrist import SphericalWrist
-from lab.kinematics.inverse.newton import Wanted, reach
+from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
@@ -137,7 +137,7 @@ def test_newton_from_anywhere_finds_no_other_solution(name: str) -> None:
     Ts = np.repeat(flanges(chain, joints), starts, axis=0)
     wide = np.where(chain.prismatic, 2.0, np.pi)
     start = rng.uniform(-wide, wide, (len(Ts), chain.size))
-    ended = reach(arm, values, Wanted(Ts[:, :3, 3], Ts[:, :3, :3]), start, np.empty((len(Ts), 0)))
+    ended = reach(arm, values, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), start, np.empty((len(Ts), 0)))
     there = (np.abs(ended.errors) < 1e-10).all(axis=1)
     assert there.mean() > 0.3
     found = closed_form(chain).solve(Ts)
