@@ -12,8 +12,9 @@ from typing import Annotated, Any, Union
 
 import tyro
 
-from lab.commands.config_file import read_options
-from lab.commands.options import (
+from lab.campaign.config_file import read_options
+from lab.campaign.option_groups import Fitting, Flag, Names, Numbers
+from lab.campaign.options import (
     Correction,
     MeasuredCampaign,
     PayloadTask,
@@ -21,7 +22,6 @@ from lab.commands.options import (
     Verification,
     VirtualCampaign,
 )
-from lab.commands.shared_options import Fitting, Flag, Names, Numbers
 from lab.core.errors import LabError
 
 
@@ -354,9 +354,9 @@ def _payload(command: Payload) -> int:
 def _study(command: Study) -> int:
     """Run a study, or go on with one; 130 where it was interrupted."""
     from lab.commands.run_folder import free_name
-    from lab.render.progress import bars
     from lab.studies.executors import StoppedError, cluster_executor, local_executor
     from lab.studies.grid import read_study
+    from lab.studies.progress import bars
     from lab.studies.run import run_study
 
     if command.resume and command.out is None:
@@ -420,8 +420,8 @@ def _tell(warnings: Sequence[str], result: dict[str, Any] | None) -> None:
 
 def _inspect(command: Inspect) -> int:
     """Print what a robot is and what of it can be identified."""
+    from lab.campaign.robot import load_robot
     from lab.commands.inspect.run import Question, inspection, print_inspection
-    from lab.commands.robot import load_robot
 
     robot = load_robot(command.robot)
     fitting = Fitting(command.model, fix=command.fix, free=command.free)

@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+from lab.campaign.option_groups import Flag
 from lab.commands.design.figures import save
-from lab.commands.shared_options import Flag
 from lab.experiments.figures import instruments_figure
-from lab.render.progress import study_runner
 from lab.studies.analysis import Mean, means
 from lab.studies.grid import Study
+from lab.studies.progress import study_runner
 
 INSTRUMENTS = ("uniform-8um", "leica-at960", "leica-at500", "faro-vantage", "optical-cmm")
 METRICS = {"fresh_mean_mm": "mean", "fresh_p95_mm": "95 % of the poses are within"}

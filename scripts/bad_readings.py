@@ -19,12 +19,12 @@ from threadpoolctl import threadpool_limits
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
-from lab.calibration.statistics.linearized import Shape
+from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.outliers import LEVEL, Outliers, find_outliers
 from lab.calibration.weights import Noise
-from lab.commands.calibrate.virtual_robot import perturbed_arm
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import Robot, load_robot
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import Robot, load_robot
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -126,7 +126,7 @@ def outliers_of(arm: SerialArm, data: Measurements, known: bool, seed: int) -> t
     plain = identify(arm, data, arm.nominal(drawing().tool), Noise(INSTRUMENT if known else None))
     weight = 1 / INSTRUMENT.radial_m if known else 1.0
     seen = Observations(data.joints, data.points, np.full(data.seen.shape, weight))
-    rng, shape = np.random.default_rng((seed, 2)), Shape("uniform")
+    rng, shape = np.random.default_rng((seed, 2)), NoiseDistribution("uniform")
     return plain.values, find_outliers(arm, seen, plain.fit.free, plain.before, known=known, rng=rng, shape=shape)
 
 

@@ -20,18 +20,18 @@ from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, fit_base_and_tool, identify
 from lab.calibration.observations.protocol import Points
 from lab.calibration.observations.select import ObservationOptions
-from lab.calibration.statistics.linearized import Shape
+from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise, weighed
+from lab.campaign.design_problem import pose_problem
+from lab.campaign.design_search import best_design
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.robot import load_robot
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.run import run_virtual
-from lab.commands.calibrate.virtual_robot import perturbed_arm
-from lab.commands.design.problem import pose_problem
-from lab.commands.design.run import best_design
-from lab.commands.options import PlannedCampaign, VirtualCampaign
-from lab.commands.robot import load_robot
-from lab.commands.shared_options import ArmEffects, Fitting
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -176,7 +176,7 @@ def effects() -> dict[str, float]:
 
     def robust() -> None:
         before = fit_base_and_tool(Points(one), seen, start)
-        find_outliers(one, seen, free, before, known=True, rng=rng, shape=Shape("uniform"))
+        find_outliers(one, seen, free, before, known=True, rng=rng, shape=NoiseDistribution("uniform"))
 
     def auto() -> None:
         chosen = select(fitter.model_with, data, fitter.nominal, Noise(tracker)).chosen

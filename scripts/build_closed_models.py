@@ -8,7 +8,7 @@ an equality each; the file rests in the drawn position, with its loops closed.
 
 from pathlib import Path
 
-from lab.commands.robot import load_robot, models_folder
+from lab.campaign.robot import load_robot, models_folder
 from lab.simulation.build_closed import closed_mjcf
 
 

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from lab.campaign.design_problem import pose_problem
+from lab.campaign.design_search import best_design
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.robot import load_robot
 from lab.commands.calibrate.run import CalibrationResult, run_virtual
-from lab.commands.design.problem import pose_problem
-from lab.commands.design.run import best_design
-from lab.commands.options import PlannedCampaign, VirtualCampaign
-from lab.commands.robot import load_robot
-from lab.commands.shared_options import ArmEffects, Fitting
 from lab.compensation.iso9283 import accuracy, repeatability
 from lab.core.errors import LabError
 from lab.core.instruments import instrument

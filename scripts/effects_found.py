@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_limits
 from lab.calibration.identify import identify
 from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.weights import Noise
-from lab.commands.calibrate.virtual_robot import perturbed_arm
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import Robot, load_robot
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import Robot, load_robot
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for

@@ -5,7 +5,7 @@ import numpy as np
 from lab.calibration.identify import identify
 from lab.calibration.validation import errors_at
 from lab.calibration.weights import Noise
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
 from lab.simulation.collisions import random_poses

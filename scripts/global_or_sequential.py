@@ -22,9 +22,9 @@ from scipy.special import elliprg
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.batch_poses import MAX_STEPS, SeenPoses, StackedPoses, fit_poses
+from lab.campaign.option_groups import Flag
+from lab.campaign.robot import load_robot
 from lab.commands.design.figures import save
-from lab.commands.robot import load_robot
-from lab.commands.shared_options import Flag
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for

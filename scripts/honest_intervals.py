@@ -17,14 +17,14 @@ from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import identify
 from lab.calibration.observations.protocol import observation_of
-from lab.calibration.statistics.goodness_of_fit import adequacy, isotropy, sandwich
-from lab.calibration.statistics.linearized import Shape, linearized
+from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy, sandwich
+from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.validation import compare_with_truth, error_tangent
 from lab.calibration.weights import Noise, weighed
-from lab.commands.calibrate.virtual_robot import perturbed_arm
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import load_robot
-from lab.commands.shared_options import ArmEffects, Flag
+from lab.campaign.option_groups import ArmEffects, Flag
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import load_robot
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.simulation.collisions import random_poses
@@ -66,7 +66,7 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
     real = perturbed_arm(robot, VirtualCampaign(seed=seed, effects=effects))
     truth, nominal = real.truth(arm), arm.nominal(robot.tool)
     poses = random_poses(real.robot, options.poses, rng_for(seed, "poses"))
-    shape = Shape("uniform") if device.kind == "uniform" else Shape()
+    shape = NoiseDistribution("uniform") if device.kind == "uniform" else NoiseDistribution()
     exact = track(real, poses, arm.targets, instrument("exact"), rng_for(seed, "noise"))
     weights = weighed(observation_of(arm), exact, Noise(device))[0]
     bound = None
@@ -81,7 +81,7 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
             local = error_tangent(arm, truth.values)[np.ix_(free, free)]
             bound = np.diag(local @ np.linalg.inv(rates.T @ rates) @ local.T)
         seen, known = weighed(observation_of(arm), data, noise)
-        judged = adequacy(arm, seen, found.fit, known=known, shape=shape)
+        judged = goodness_of_fit(arm, seen, found.fit, known=known, shape=shape)
         row = {
             "covered": np.abs(compared.z) <= found.half_width_95,
             "nees": compared.nees_per_parameter,

@@ -11,10 +11,10 @@ from pathlib import Path
 import tyro
 from threadpoolctl import threadpool_limits
 
+from lab.campaign.options import Flag, PlannedCampaign
 from lab.commands.design.figures import curve_figure, save
 from lab.commands.design.result import plan_summary
 from lab.commands.design.run import plan_campaign
-from lab.commands.options import Flag, PlannedCampaign
 
 PLATEAU = 0.98  # of O1 at the last point of the curve
 

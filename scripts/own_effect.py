@@ -4,7 +4,7 @@ import numpy as np
 
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 from lab.core.instruments import instrument
 from lab.core.measurements import measured
 from lab.core.random import rng_for

@@ -26,13 +26,13 @@ from lab.calibration.gauss_newton import fit
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
-from lab.calibration.statistics.goodness_of_fit import adequacy
+from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weighed
-from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.campaign.option_groups import ArmEffects, Flag
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import load_robot, models_folder
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.design.figures import STYLE, save
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import load_robot, models_folder
-from lab.commands.shared_options import ArmEffects, Flag
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
@@ -138,7 +138,7 @@ class Bench:
         data = track(self.real, self.joints, self.targets, device, rng_for(seed, "noise"))
         found = identify(model, data, model.nominal(self.real.robot.tool), Noise(device), request)
         seen, known = weighed(observation_of(model), data, Noise(device))
-        judged = adequacy(model, seen, found.fit, known=known, extra_residuals=found.extra_residuals)
+        judged = goodness_of_fit(model, seen, found.fit, known=known, extra_residuals=found.extra_residuals)
         row = {"converged": found.status == "converged", "inadequate": judged.adequate is False}
         return found, {**row, **self.errors(model, found.values)}
 

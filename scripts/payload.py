@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from lab.campaign.option_groups import Flag
+from lab.campaign.robot import load_virtual
 from lab.commands.design.figures import save
-from lab.commands.robot import load_virtual
-from lab.commands.shared_options import Flag
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.random import rng_for
@@ -40,10 +40,10 @@ from lab.payload.fourier_path import CHECKED, FourierPath, Limits, random_path
 from lab.payload.from_torques import from_torques
 from lab.payload.from_wrench import from_wrench
 from lab.payload.sag_uncertainty import sag_uncertainty
-from lab.render.progress import bars
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
 from lab.simulation.payload_bench import LoadBench, RunErrors
+from lab.studies.progress import bars
 
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
 MOUNTING = Mounting.tilted(np.zeros(2), sign=-1.0)

@@ -15,8 +15,8 @@ import tyro
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
+from lab.campaign.option_groups import Flag
 from lab.commands.design.figures import save
-from lab.commands.shared_options import Flag
 from lab.experiments.figures import criteria_figure
 from lab.experiments.other_searches import other_searches
 from lab.experiments.thesis_mahdadi_2020 import reproduced
@@ -30,7 +30,7 @@ from lab.experiments.which_criterion import (
     criterion_study,
     print_answer,
 )
-from lab.render.progress import study_runner
+from lab.studies.progress import study_runner
 
 THESIS_DRAWS = 2000
 SHOWN = {"fresh_mean_mm": "mean fresh error", "length_rms_mm": "error of the lengths"}

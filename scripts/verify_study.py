@@ -20,10 +20,10 @@ from threadpoolctl import threadpool_limits
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
-from lab.commands.calibrate.virtual_robot import perturbed_arm
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import load_robot
-from lab.commands.shared_options import Flag
+from lab.campaign.option_groups import Flag
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import load_robot
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array

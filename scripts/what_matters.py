@@ -15,15 +15,15 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
+from lab.campaign.option_groups import ArmEffects, Flag
 from lab.commands.design.figures import save
-from lab.commands.shared_options import ArmEffects, Flag
 from lab.core.errors import LabError
 from lab.experiments.figures import Cost, costs_figure
-from lab.render.progress import study_runner
 from lab.studies.analysis import LEVEL, compared, means
 from lab.studies.bootstrap import holm
 from lab.studies.grid import NONE, Cell, Study
-from lab.studies.table import CampaignArray, Group
+from lab.studies.progress import study_runner
+from lab.studies.table import CampaignArray, CellGroup
 
 METRIC = "fresh_mean_mm"
 BASE = Cell()
@@ -115,7 +115,7 @@ def together(asked: list[Study], given: Options) -> CampaignArray:
 def sorted_costs(arranged: CampaignArray, names: list[str]) -> tuple[float, list[Cost]]:
     """The base's mean error (mm), and what each case adds to it, the dearest first."""
     base = means(arranged, METRIC)[0].mean
-    group = Group(("case",), {}, tuple(range(len(names))))
+    group = CellGroup(("case",), {}, tuple(range(len(names))))
     pairs = [pair for pair in compared(arranged, group, METRIC, "difference").pairs if pair.first == 0]
     told = holm(np.array([pair.p for pair in pairs])) < LEVEL  # of the pairs with the base alone
     costs = [

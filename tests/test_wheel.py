@@ -17,7 +17,7 @@ def test_the_wheel_inspects_a_robot_from_an_empty_folder(tmp_path) -> None:
     assert wheel.stat().st_size < 3_000_000
     subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(wheel)], check=True, capture_output=True)
     environment = {**os.environ, "PYTHONPATH": str(site), "COLUMNS": "100"}
-    where = "import lab, lab.commands.robot as r; print(lab.__file__); print(r.models_folder())"
+    where = "import lab, lab.campaign.robot as r; print(lab.__file__); print(r.models_folder())"
     done = subprocess.run(
         [sys.executable, "-c", where], capture_output=True, text=True, check=True, cwd=empty, env=environment
     )

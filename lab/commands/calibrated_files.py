@@ -1,6 +1,6 @@
 """A calibrated arm in the formats that other tools read."""
 
-from lab.commands.robot import Robot
+from lab.campaign.robot import Robot
 from lab.core.se3 import Array
 from lab.formats.dh_table_toml import write_table
 from lab.formats.mechanism_toml import write_mechanism

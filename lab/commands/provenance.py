@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any
 
-from lab.commands.options import Options
+from lab.campaign.options import Options
 from lab.commands.run_folder import config
 from lab.render.html import Html, command, element, paragraph, section, table, together
 

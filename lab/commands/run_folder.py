@@ -14,10 +14,10 @@ from typing import Any
 
 import lab
 from lab.calibration.identify import Identification
+from lab.campaign.options import MeasuredCampaign, Options, VirtualCampaign
 from lab.commands.calibrate.result import likely, parameters, rigid, summary
 from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrated_files import MJCF, TABLE, arm_files
-from lab.commands.options import MeasuredCampaign, Options, VirtualCampaign
 from lab.commands.payload.known_payload import LOAD_FILE, read_hand_load
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import write_measurements

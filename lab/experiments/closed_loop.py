@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.campaign.robot import Robot
 from lab.commands.calibrate.run import CalibrationResult
-from lab.commands.robot import Robot
 from lab.compensation.compensator import CLEAR_RAD, Compensator
 from lab.compensation.iso9283 import CYCLES, SIDES_M, circle_places, cube_places, line_places
 from lab.core import se3

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.commands.robot import load_virtual
+from lab.campaign.robot import load_virtual
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set

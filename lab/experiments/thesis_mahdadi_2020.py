@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lab.calibration.batch import Campaigns, fit_many
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array

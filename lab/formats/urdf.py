@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from lab.commands.robot import Robot
+from lab.campaign.robot import Robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.link_tree import Link, free_name, link_tree

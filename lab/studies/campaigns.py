@@ -12,12 +12,12 @@ import numpy as np
 
 from lab.calibration.batch import Campaigns, Fits, aligned, fit_many, in_drawing
 from lab.calibration.gauss_newton import whitening
-from lab.commands.calibrate.virtual_robot import drawn_conditions, perturbed_arm, truth_of
-from lab.commands.design.problem import pose_problem
-from lab.commands.design.run import best_design
-from lab.commands.options import PlannedCampaign, VirtualCampaign
-from lab.commands.robot import Robot, load_virtual
-from lab.commands.shared_options import ArmEffects, Fitting
+from lab.campaign.design_problem import pose_problem
+from lab.campaign.design_search import best_design
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.robot import Robot, load_virtual
+from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument

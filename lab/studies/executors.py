@@ -21,7 +21,7 @@ from importlib.util import find_spec
 from itertools import islice
 from typing import TYPE_CHECKING, TypeVar
 
-from lab.commands.shared_options import whole
+from lab.campaign.option_groups import whole
 from lab.core.errors import LabError
 
 if TYPE_CHECKING:

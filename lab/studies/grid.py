@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
-from lab.commands.config_file import options_from
-from lab.commands.shared_options import ArmEffects, Fitting, positive, whole
+from lab.campaign.config_file import options_from
+from lab.campaign.option_groups import ArmEffects, Fitting, positive, whole
 from lab.core.errors import LabError, error_context
 from lab.formats.toml import read_toml
 

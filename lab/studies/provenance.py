@@ -5,7 +5,7 @@ from importlib import metadata
 from typing import Any
 
 import lab
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 
 _LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")
 

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.studies.campaigns import COLUMNS

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
-from test_identify import truth_of
+from helpers.truths import truth_of
 
 from lab.calibration import most_likely_parameters as lift_module
 from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
@@ -67,7 +67,7 @@ def test_patterns_name_parameters() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wishes", "says"),
+    ("asked", "says"),
     [
         (IdentifyOptions(free=("link2.d",)), ("link2.d cannot be told apart", "hidden in link3.d", "fix")),
         (IdentifyOptions(free=("link1.theta",)), ("hidden in base.rx, base.ry, base.rz",)),
@@ -83,9 +83,9 @@ def test_patterns_name_parameters() -> None:
         (IdentifyOptions(fix=("link3.d",), free=("link3.*",)), ("both name link3.d",)),
     ],
 )
-def test_wishes_that_cannot_be_met(request: IdentifyOptions, says: tuple[str, ...]) -> None:
+def test_wishes_that_cannot_be_met(asked: IdentifyOptions, says: tuple[str, ...]) -> None:
     with pytest.raises(LabError) as error:
-        identified(campaign(3), request)
+        identified(campaign(3), asked)
     assert all(part in str(error.value) for part in says)
 
 

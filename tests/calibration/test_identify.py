@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, SCARA, VERSATRAN, chain_of, perturbed, somewhere, table_robot
+from helpers.robots import IRB120, SCARA, VERSATRAN, chain_of, somewhere, table_robot
+from helpers.truths import truth_of
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
@@ -11,29 +12,14 @@ from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position
 from lab.calibration.validation import Validation, compare_with_truth, errors_at
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
-from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
 from lab.core.measurements import measured
-from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
-
-
-def truth_of(arm: SerialArm, rng: np.random.Generator, base: bool = True):
-    """A true vector in the gauge of the arm, with the base anywhere."""
-    start = somewhere(arm, rng)
-    if base:
-        start[:3] = 3 * rng.normal(size=3)
-        start[3:6] = se3.log(se3.exp(3 * rng.normal(size=3)))
-    structure = base_set(arm, arm.nominal())
-    true = start.copy()
-    kept = list(structure.kept)
-    true[kept] = perturbed(arm, start, rng, 0.5e-3, 1.5e-3)[kept]
-    return Truth(arm, true, structure)
 
 
 # Arms whose last joint slides: the tool then is fixed in part, at the drawing's place.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere, table_robot
 
-from lab.commands.robot import Robot, load_robot
+from lab.campaign.robot import Robot, load_robot
 from lab.compensation.compensator import Compensation, Compensator
 from lab.compensation.ik_results import AGREED_M
 from lab.core import se3

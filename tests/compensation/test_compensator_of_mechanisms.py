@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import load_robot
 from lab.commands.calibrate.run import run_virtual
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import load_robot
 from lab.core.errors import LabError
 from lab.experiments.closed_loop import compensator_of
 from lab.kinematics.inverse.newton import PoseTarget

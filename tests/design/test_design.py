@@ -12,9 +12,9 @@ from helpers.run_script import answer_of, script
 
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
-from lab.commands.calibrate.virtual_robot import perturbed_arm
+from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.design.run import plan_campaign
-from lab.commands.options import PlannedCampaign, VirtualCampaign
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.robots import IRB120, SCARA
-from test_candidates import among_posts, small_arm
+from helpers.scenes import among_posts, small_arm
 
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS

@@ -11,8 +11,8 @@ import pytest
 from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import ROOT
 
+from lab.campaign.robot import load_virtual
 from lab.cli import main
-from lab.commands.robot import load_virtual
 from lab.core.load_samples import Mounting
 from lab.formats.dh_table_toml import read_table
 from lab.formats.load_csv import read_mounting, write_loads

@@ -10,9 +10,9 @@ import pytest
 from helpers.robots import IRB120, ROOT
 from helpers.run_script import answer_of, script
 
+from lab.campaign.option_groups import ArmEffects
+from lab.campaign.options import PlannedCampaign, VirtualCampaign
 from lab.commands.calibrate.run import run_virtual
-from lab.commands.options import PlannedCampaign, VirtualCampaign
-from lab.commands.shared_options import ArmEffects
 from lab.compensation.iso9283 import accuracy, circle_places, cube_places, line_places, repeatability
 from lab.core.instruments import instrument
 from lab.experiments.closed_loop import close_loop, reachable_cube

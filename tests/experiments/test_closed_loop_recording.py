@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_recording import FLOAT32, column, home, in_world, needs_vulkan, rrd, statics, strict, views_of  # noqa: F401
+from helpers.recordings import FLOAT32, column, home, in_world, needs_vulkan, rrd, statics, strict, views_of  # noqa: F401
 
-from lab.commands.calibrate.recording_text import times
+from lab.commands.calibrate.recording_text import format_magnification
 from lab.commands.calibrate.run import VirtualCampaign, run_virtual
 from lab.compensation.iso9283 import CYCLES, accuracy, cube_places, repeatability
 from lab.core import se3
@@ -50,7 +50,7 @@ def magnified(outcome, course, when, factor):
     return in_world(outcome, course.wanted + factor * (mean - course.wanted))
 
 
-def test_rerun_verifies_it(recording, home):  # noqa: F811
+def test_rerun_verifies_it(recording, home):
     done = rrd(home, "verify", recording)
     assert done.returncode == 0, done.stderr
     assert recording.stat().st_size < 4e6
@@ -82,7 +82,9 @@ def test_what_was_attained_is_magnified_as_the_tag_says(recording, outcome, loop
     shown = loop_scene(outcome, loop)
     for when in ("before", "after"):
         entity = f"/world/attained/{when}"
-        assert statics(recording, f"{entity}/factor", "Points3D:labels") == [f"{when} {times(shown.factor)}"]
+        assert statics(recording, f"{entity}/factor", "Points3D:labels") == [
+            f"{when} {format_magnification(shown.factor)}"
+        ]
         for name in ("circle", "line"):
             (read,) = statics(recording, f"{entity}/{name}", "LineStrips3D:strips")
             places = magnified(outcome, courses(loop)[name], when, shown.factor)
@@ -177,7 +179,13 @@ def test_the_summary_has_every_number_and_the_colours(recording, outcome, loop):
     ):
         (line,) = [line for line in text.splitlines() if line.startswith(f"| **{row}**")]
         np.testing.assert_allclose([float(cell) for cell in line.split("|")[2:-1]], 1e3 * found, atol=close)
-    for words in ("**white**", "**red**", "**green**", times(shown.factor), times(shown.factor_close)):
+    for words in (
+        "**white**",
+        "**red**",
+        "**green**",
+        format_magnification(shown.factor),
+        format_magnification(shown.factor_close),
+    ):
         assert words in text
 
 
@@ -191,7 +199,7 @@ def test_the_colours_are_the_campaigns(recording):
             assert statics(recording, entity, name) == [r << 24 | g << 16 | b << 8 | 255], entity
 
 
-def test_the_same_content_gives_an_equal_recording_and_another_does_not(recording, outcome, loop, tmp_path, home):  # noqa: F811
+def test_the_same_content_gives_an_equal_recording_and_another_does_not(recording, outcome, loop, tmp_path, home):
     for name, seed in (("same", 7), ("other", 8)):
         again = close_loop(outcome, loop.cube, instrument("uniform-8um"), seed, targets=TARGETS)
         record_loop(tmp_path / f"{name}.rrd", outcome, again)
@@ -214,7 +222,7 @@ def some(course, kept):
     )
 
 
-def test_what_was_not_reached_is_left_out_and_counted(outcome, loop, tmp_path, home):  # noqa: F811
+def test_what_was_not_reached_is_left_out_and_counted(outcome, loop, tmp_path, home):
     part = replace(loop, line=some(loop.line, []), poses=some(loop.poses, [0, 2, 4]), targets=some(loop.targets, []))
     path = tmp_path / "part.rrd"
     record_loop(path, outcome, part)
@@ -234,7 +242,7 @@ def test_what_was_not_reached_is_left_out_and_counted(outcome, loop, tmp_path, h
 
 
 @needs_vulkan
-def test_no_view_complains(recording, home):  # noqa: F811
+def test_no_view_complains(recording, home):
     views = views_of(recording, home, "step")
     assert {view.name for view in views} >= {"Commanded and attained", "Summary"} and len(views) == 5
     assert [(view.name, view.reports) for view in views if view.reports] == []

@@ -10,8 +10,8 @@ import pytest
 import yourdfpy
 from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, somewhere, table_robot
 
+from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrated_files import arm_files
-from lab.commands.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.dh_table_toml import RobotTable, read_table

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.mechanisms import CRANK
 from helpers.robots import ROOT
 
 from lab.cli import main
@@ -57,44 +58,6 @@ p1 = [0.0, 0.0, 0.05]
 """
 LEG1, LEG2 = (f'[[rod]]\nname = "leg{i}"\nbetween = ["P", "A{i}"]\njoint = "rho{i}"\n' for i in (1, 2))
 JOINT2 = '[[joint]]\nname = "rho2"\ntype = "prismatic"\nlower_mm = 350\nupper_mm = 800\n'
-
-CRANK = """\
-name = "crank"
-platform = "coupler"
-
-[[joint]]
-name = "turn"
-lower_deg = -180
-upper_deg = 180
-
-[[frame]]
-name = "crank"
-path = [{ rz_deg = 0, joint = "turn" }]
-
-[[frame]]
-name = "knee"
-on = "crank"
-path = [{ x_mm = 100 }]
-
-[[frame]]
-name = "coupler"
-on = "knee"
-path = [{ rz_deg = 10, passive = true }]
-
-[[frame]]
-name = "end"
-on = "coupler"
-path = [{ x_mm = 300 }]
-
-[[frame]]
-name = "slider"
-path = [{ x_mm = 380, passive = true }]
-
-[[pin]]
-name = "joint_of_both"
-between = ["end", "slider"]
-along = "xy"
-"""
 
 
 def two(*changes: tuple[str, str]) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.commands.robot import Robot, load_robot
+from lab.campaign.robot import Robot, load_robot
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain, parallel_links

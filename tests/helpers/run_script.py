@@ -42,5 +42,5 @@ def _one_thread(patch: pytest.MonkeyPatch, module: ModuleType) -> Iterator[None]
 
     if hasattr(module, "ProcessPoolExecutor"):
         patch.setattr(module, "ProcessPoolExecutor", alone)
-    patch.setattr("lab.render.progress.local_executor", alone)
+    patch.setattr("lab.studies.progress.local_executor", alone)
     yield

@@ -15,7 +15,7 @@ from helpers.robots import (
     table_robot,
 )
 
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
 from lab.kinematics.differential import (
     ROTATION_M,

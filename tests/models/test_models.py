@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from helpers.robots import IRB120, ROOT
 
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 
 CLOSED = sorted(path for folder in (ROOT / "models").glob("*/mechanism.toml") for path in folder.parent.glob("*.toml"))
 FOLDERS = sorted(path for path in (ROOT / "models").iterdir() if path.is_dir())

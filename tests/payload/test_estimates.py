@@ -5,11 +5,11 @@ from time import perf_counter
 
 import numpy as np
 import pytest
+from helpers.dynamics import inverse_dynamics
 from numpy.testing import assert_allclose
 from scipy import signal
-from test_rigid_load import inverse_dynamics
 
-from lab.commands.robot import load_virtual
+from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import VERSATRAN
 
-from lab.commands.robot import load_virtual
+from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.design.criteria import criterion

@@ -17,7 +17,7 @@ from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.observations.full_pose import QUATERNION, Poses
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import measured

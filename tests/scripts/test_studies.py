@@ -1,18 +1,8 @@
 """The virtual studies that decide whether intervals and tests are honest: small here, whole where marked slow."""
 
-import json
-import subprocess
-import sys
-
 import pytest
-from helpers.robots import ROOT
 from helpers.run_script import answer_of, script
-
-
-def study(name: str, *flags: object):
-    command = [sys.executable, str(ROOT / "scripts" / name), *map(str, flags), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    return json.loads(done.stdout)
+from helpers.script_study import study
 
 
 def test_intervals_hold_a_little() -> None:

@@ -10,11 +10,11 @@ import pytest
 from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import DATA, IRB120
 
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.cli import main
 from lab.commands.calibrate.result import summary
 from lab.commands.calibrate.run import run_virtual
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import Robot, load_robot, load_virtual
 from lab.core import se3
 from lab.core.instruments import instrument
 from lab.formats.urdf import calibrated_urdf

@@ -10,7 +10,7 @@ import pytest
 from helpers.robots import IRB120
 from scipy.interpolate import make_interp_spline
 
-from lab.commands.robot import load_virtual
+from lab.campaign.robot import load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples

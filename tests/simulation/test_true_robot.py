@@ -6,9 +6,9 @@ import pytest
 from helpers.robots import IRB120, somewhere
 from scipy import stats
 
-from lab.commands.calibrate.virtual_robot import perturbed_arm
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import load_robot
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import load_robot
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS, instrument

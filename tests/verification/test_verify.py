@@ -9,16 +9,16 @@ import pytest
 from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import IRB120, data_file, somewhere
 from helpers.run_script import answer_of, script
+from helpers.script_study import study
 from scipy import stats
-from test_studies import study
 
 from lab.calibration.gauss_newton import Observations, whitening
 from lab.calibration.identify import identify
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.virtual_robot import perturbed_arm
 from lab.cli import main
-from lab.commands.calibrate.virtual_robot import perturbed_arm
-from lab.commands.options import VirtualCampaign
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import instrument

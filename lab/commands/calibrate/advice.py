@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.calibration.identifiability import condition_of
 from lab.calibration.observations.full_pose import Poses
-from lab.commands.robot import Robot
+from lab.campaign.robot import Robot
 from lab.core.se3 import Array
 
 OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second one stands from the first

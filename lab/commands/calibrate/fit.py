@@ -20,6 +20,8 @@ from lab.calibration.statistics.model_selection import CANDIDATES, Selection, fo
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
+from lab.campaign.option_groups import Fitting
+from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
 from lab.commands.calibrate.warnings import (
     of_drawing,
@@ -30,8 +32,6 @@ from lab.commands.calibrate.warnings import (
     of_prior,
     of_weakness,
 )
-from lab.commands.robot import Robot
-from lab.commands.shared_options import Fitting
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, read_hand_load
-from lab.commands.robot import Robot, load_robot, load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array

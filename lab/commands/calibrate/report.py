@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lab.campaign.options import MeasuredCampaign, VirtualCampaign
 from lab.commands.calibrate.error_map import MOST_POINTS, arm_places, error_places
 from lab.commands.calibrate.figures import Spread, arm_views, changes, histograms, singular_values, size_maps
 from lab.commands.calibrate.report_parameters import changes_of, offsets, parameters_table
@@ -25,7 +26,6 @@ from lab.commands.calibrate.report_text import (
 )
 from lab.commands.calibrate.result import parameters, summary
 from lab.commands.calibrate.run import CalibrationResult
-from lab.commands.options import MeasuredCampaign, VirtualCampaign
 from lab.commands.provenance import how_it_was_made
 from lab.render.html import (
     AFTER,

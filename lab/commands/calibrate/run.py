@@ -24,9 +24,10 @@ from lab.calibration.validation import (
 )
 from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
-from lab.commands.calibrate.fit import Fitter
-from lab.commands.calibrate.fit_result import FitReport
-from lab.commands.calibrate.virtual_robot import (
+from lab.campaign.option_groups import Fitting
+from lab.campaign.options import MeasuredCampaign, VirtualCampaign
+from lab.campaign.robot import Robot, load_robot, load_virtual
+from lab.campaign.virtual_robot import (
     asked_conditions,
     drawn_conditions,
     fresh_poses,
@@ -34,10 +35,9 @@ from lab.commands.calibrate.virtual_robot import (
     poses_to_measure,
     truth_of,
 )
-from lab.commands.options import MeasuredCampaign, VirtualCampaign
+from lab.commands.calibrate.fit import Fitter
+from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.payload.known_payload import HandLoad, read_hand_load
-from lab.commands.robot import Robot, load_robot, load_virtual
-from lab.commands.shared_options import Fitting
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements

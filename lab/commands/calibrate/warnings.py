@@ -11,8 +11,8 @@ from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_readings, rounding
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
+from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
-from lab.commands.robot import Robot
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import is_link, unit_of

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from lab.campaign.options import Correction
 from lab.commands.calibrate.error_map import ErrorMap, thinned
 from lab.commands.calibrate.figures import PROMISED, Spread, histograms, size_maps
 from lab.commands.compensate.result import correction_summary
 from lab.commands.compensate.run import CompensationResult
-from lab.commands.options import Correction
 from lab.commands.provenance import how_it_was_made
 from lab.core.se3 import Array
 from lab.render.html import (

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from lab.campaign.options import Correction
 from lab.commands.calibrate.result import number
 from lab.commands.calibrated_files import arm_files, table_text
 from lab.commands.compensate.run import CompensationResult
-from lab.commands.options import Correction
 from lab.commands.run_folder import config, write_json
 from lab.compensation.ik_results import NEAR_RAD
 from lab.core import se3

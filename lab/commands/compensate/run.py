@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lab.campaign.options import Correction
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
-from lab.commands.options import Correction
 from lab.compensation.compensator import Compensation, Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import asked

@@ -7,25 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.identifiability import enough_poses
-from lab.commands.design.problem import PoseProblem, pose_problem
-from lab.commands.options import PlannedCampaign
+from lab.campaign.design_problem import PoseProblem, pose_problem
+from lab.campaign.design_search import Progress, best_design, exchanged, silent
+from lab.campaign.options import PlannedCampaign
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.design.certificate import Certificate, certify
 from lab.design.criteria import Indices, indices
-from lab.design.exchange import Design, ascend, exchange, information
+from lab.design.exchange import Design, information
 from lab.design.predicted_accuracy import PredictedAccuracy, predict, smallest_count
 from lab.design.tour import Tour, plan_tour, rated
-from lab.simulation.candidate_poses import MARGIN
 
 POSES = 30  # where neither a number nor an accuracy is asked for
 MOST_POSES = 200  # where an accuracy is asked for
-Progress = Callable[[str], None]
-
-
-def _silent(_: str) -> None:
-    """No progress."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +61,7 @@ class Plan:
     warnings: tuple[str, ...]
 
 
-def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Plan:
+def plan_campaign(options: PlannedCampaign, progress: Progress = silent) -> Plan:
     """Choose poses among feasible candidates, improve them, certify them, order them.
 
     Args:
@@ -119,47 +114,6 @@ def plan_campaign(options: PlannedCampaign, progress: Progress = _silent) -> Pla
     )
 
 
-def best_design(options: PlannedCampaign, problem: PoseProblem, count: int, progress: Progress = _silent) -> Design:
-    """The best of several starts, each exchanged among the candidates and then moved uphill."""
-    rng, chain, measured = rng_for(options.seed, "design"), problem.robot.chain, problem.measured
-    keep_off = MARGIN * (chain.upper - chain.lower)
-    best: Design | None = None
-    for start in range(options.starts):
-        progress(f"design of {count} poses, start {start + 1} of {options.starts}")
-        design = ascend(
-            _exchanged(problem, count, rng),
-            problem.sensitivity,
-            problem.goal,
-            problem.access.feasible,
-            chain.lower + keep_off,
-            chain.upper - keep_off,
-            measured=measured,
-        )
-        if best is None or design.score > best.score:
-            best = design
-    assert best is not None
-    return best
-
-
-def _exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
-    """A design among the candidates to which a free way leads; those without are left out as they are chosen."""
-    left = np.arange(len(problem.pool))
-    while True:
-        design = exchange(
-            problem.candidates.joints[left],
-            problem.pool[left],
-            count,
-            problem.goal,
-            rng,
-            starts=1,
-            measured=problem.measured,
-        )
-        cut_off = ~problem.access.reachable(design.joints)
-        if not cut_off.any():
-            return Design(left[design.rows], design.joints, design.jacobian, design.score)
-        left = np.delete(left, design.rows[cut_off])
-
-
 def _prediction(problem: PoseProblem, joints: Array, seed: int) -> PredictedAccuracy:
     everything = problem.whitened(np.concatenate([joints, problem.already]))
     return predict(information(everything), problem.test, rng_for(seed, "promise"))
@@ -176,7 +130,7 @@ def _of_any_size(options: PlannedCampaign, problem: PoseProblem) -> Callable[[in
 
     def design(count: int) -> Design:
         if count not in made:
-            made[count] = _exchanged(problem, count, rng_for(options.seed, "design"))
+            made[count] = exchanged(problem, count, rng_for(options.seed, "design"))
         return made[count]
 
     return design

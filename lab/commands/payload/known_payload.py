@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.commands.robot import Robot
+from lab.campaign.robot import Robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from lab.commands.options import PayloadTask
+from lab.campaign.options import PayloadTask
 from lab.commands.payload.result import channels, cost_words, display_unit, rows_of
 from lab.commands.payload.run import PayloadResult
 from lab.commands.provenance import how_it_was_made

@@ -7,8 +7,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from lab.campaign.options import PayloadTask
 from lab.commands.calibrate.result import number
-from lab.commands.options import PayloadTask
 from lab.commands.payload.run import PayloadResult
 from lab.commands.run_folder import config, write_json
 from lab.core.se3 import Array

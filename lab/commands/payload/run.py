@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lab.campaign.options import PayloadTask
+from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.options import PayloadTask
 from lab.commands.payload.known_payload import HandLoad
-from lab.commands.robot import Robot, load_robot
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements

@@ -6,8 +6,8 @@ It draws with matplotlib, which is slow to import: import this module where a re
 from pathlib import Path
 from typing import Any
 
+from lab.campaign.options import Verification
 from lab.commands.calibrate.figures import PROMISED, Spread, histograms
-from lab.commands.options import Verification
 from lab.commands.provenance import how_it_was_made
 from lab.commands.verify.result import verification_summary
 from lab.commands.verify.run import VerifiedRun

@@ -7,8 +7,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from lab.campaign.options import Verification
 from lab.commands.calibrate.result import number, statistics
-from lab.commands.options import Verification
 from lab.commands.run_folder import config, write_json
 from lab.commands.verify.run import VerifiedRun
 from lab.verification.hypotheses import Displacement

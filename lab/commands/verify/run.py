@@ -11,8 +11,8 @@ from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.campaign.options import Verification
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
-from lab.commands.options import Verification
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements

@@ -19,9 +19,9 @@ from lab.calibration.statistics.joint_rounding import rounding
 from lab.calibration.validation import Errors, Validation, configurations, errors_of, kept_together, split_by_label
 from lab.calibration.verdict import Verdict, rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
+from lab.campaign.option_groups import Fitting
+from lab.campaign.options import MeasuredCampaign
 from lab.commands.calibrate.run import run_measured
-from lab.commands.options import MeasuredCampaign
-from lab.commands.shared_options import Fitting
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS

@@ -14,7 +14,7 @@ from lab.calibration.statistics.candidate_models import FullModel, SelectionTask
 from lab.calibration.statistics.model_selection import CANDIDATES, Selection, objection, select
 from lab.calibration.statistics.nested_models import Score
 from lab.calibration.weights import Noise
-from lab.commands.robot import Robot
+from lab.campaign.robot import Robot
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured

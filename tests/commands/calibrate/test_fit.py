@@ -8,8 +8,8 @@ from helpers.robots import IRB120, somewhere
 
 from lab.calibration.observations.select import ObservationOptions
 from lab.calibration.weights import Noise
+from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.fit import Fitter
-from lab.commands.shared_options import Fitting
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import SessionInfo

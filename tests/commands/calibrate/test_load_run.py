@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from helpers.no_rendering import nothing_drawn  # noqa: F401
 
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import VirtualCampaign
 from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.calibrate.run import run_virtual
-from lab.commands.options import VirtualCampaign
-from lab.commands.shared_options import ArmEffects, Fitting
 from lab.core.errors import LabError
 
 SOFT = ("--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3", "--model", "compliance+drift", "--hours", "1")

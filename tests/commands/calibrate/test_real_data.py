@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.robots import data_file
 
+from lab.campaign.option_groups import Fitting
+from lab.campaign.options import MeasuredCampaign
 from lab.commands.calibrate.result import summary
 from lab.commands.calibrate.run import run_measured
-from lab.commands.options import MeasuredCampaign
-from lab.commands.shared_options import Fitting
 
 
 def mean_mm(errors) -> float:

@@ -1,26 +1,33 @@
-import os
-import socket
-import subprocess
-import sys
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import rerun as rr
-import rerun_cli
+from helpers.recordings import (  # noqa: F401
+    DRIVERS,
+    FLOAT32,
+    column,
+    home,
+    in_world,
+    needs_vulkan,
+    opened,
+    outcome,
+    program,
+    recording,
+    rrd,
+    statics,
+    strict,
+    views_of,
+)
 from helpers.robots import ROOT
 from rerun.chunk import RrdReader
-from rerun.experimental import ViewerClient
 
 from lab.calibration.identify import identify
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
+from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.recording_text import parameter_table, times, wording
+from lab.commands.calibrate.recording_text import format_magnification, parameter_table, wording
 from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, run_measured, run_virtual
 from lab.commands.calibrate.scene import MOST_POSES, drawn_rows, magnification, scene
-from lab.commands.shared_options import ArmEffects, Fitting
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.skeleton import chain_corners
@@ -29,78 +36,8 @@ from lab.simulation.meshes import body_poses, shells
 from lab.simulation.model import FLANGE
 
 DATA = ROOT.parent / "shared" / "data"
-DRIVERS = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
-FLOAT32 = 2.0**-23  # relative spacing of float32
 
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data (shared/data) are not here")
-needs_vulkan = pytest.mark.skipif(
-    sys.platform != "linux" or not any(folder.glob("*.json") for folder in DRIVERS if folder.is_dir()),
-    reason="no Vulkan driver: the viewer cannot draw here",
-)
-
-
-@pytest.fixture(autouse=True)
-def strict():
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
-
-
-@pytest.fixture(scope="module")
-def outcome():
-    return run_virtual(VirtualCampaign(seed=7, poses=30))
-
-
-@pytest.fixture(scope="module")
-def recording(outcome, tmp_path_factory):
-    path = tmp_path_factory.mktemp("recording") / "recording.rrd"
-    record(path, outcome)
-    return path
-
-
-@pytest.fixture(scope="module")
-def home(tmp_path_factory):
-    """A home of their own for rerun's programs: they keep settings there."""
-    folder = tmp_path_factory.mktemp("home")
-    return os.environ | {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_DATA_HOME": str(folder)}
-
-
-def program():
-    """Rerun's program itself: as a Python module it loses the exit code, and leaves a viewer running when ended."""
-    return str(Path(rerun_cli.__file__).parent / "rerun")
-
-
-def rrd(home, *arguments):
-    command = [program(), "rrd", *map(str, arguments)]
-    return subprocess.run(command, env=home, capture_output=True, text=True, timeout=60)
-
-
-def column(path, entity, name, timeline="pose"):
-    """Indices and values of a component over a timeline, one list of values a row."""
-    reader = RrdReader(path)
-    rows = {}
-    for chunk in reader.rng_for(store=reader.recordings()[0]).filter(content=entity):
-        batch = chunk.to_record_batch()
-        if timeline in batch.schema.names and name in batch.schema.names:
-            rows.update(zip(batch.column(timeline).to_pylist(), batch.column(name).to_pylist(), strict=True))
-    index = sorted(rows)
-    return index, [rows[i] for i in index]
-
-
-def statics(path, entity, name):
-    reader = RrdReader(path)
-    for chunk in reader.rng_for(store=reader.recordings()[0]).filter(content=entity):
-        batch = chunk.to_record_batch()
-        if "pose" not in batch.schema.names and name in batch.schema.names:
-            return batch.column(name).to_pylist()[0]
-    raise AssertionError(f"{entity} has no static {name}")
-
-
-def in_world(outcome, points):
-    """Points (n, 3) of the tracker's frame in the world, by the identified base."""
-    base = outcome.identification.values[:6]
-    T_tracker_frame0 = se3.pose(se3.exp(base[3:]), base[:3])
-    return se3.transform(outcome.robot.model.T_world_frame0 @ se3.inverse(T_tracker_frame0), points)
 
 
 def test_rerun_verifies_it(recording, home):
@@ -145,7 +82,7 @@ def test_ellipsoids_are_those_computed(recording, outcome, name):
     )
     factor = getattr(scene(outcome), name).factor
     label = statics(recording, f"/world/ellipsoid/{name}/factor", "Points3D:labels")
-    assert label == [times(factor)]
+    assert label == [format_magnification(factor)]
     entity = f"/world/ellipsoid/{name}"
     halves = np.array(column(recording, f"{entity}/shape", "Ellipsoids3D:half_sizes")[1])[:, 0]
     np.testing.assert_allclose(halves, factor * shapes.half_lengths, rtol=FLOAT32, atol=0)
@@ -172,7 +109,9 @@ def test_the_arrows_are_the_errors_times_the_factor_shown(recording, outcome):
         errors = in_world(outcome, fitted.points[:, 0]) - in_world(outcome, predicted)  # measured less predicted
         np.testing.assert_allclose(vectors, factor * errors, rtol=1e-6, atol=factor * 1e-14)
         lengths = np.linalg.norm(fitted.points[:, 0] - predicted, axis=1)
-        assert statics(recording, f"/world/errors/{name}/factor", "Points3D:labels") == [f"{name} {times(factor)}"]
+        assert statics(recording, f"/world/errors/{name}/factor", "Points3D:labels") == [
+            f"{name} {format_magnification(factor)}"
+        ]
         mm = np.array(column(recording, f"/error_mm/{name}", "Scalars:scalars")[1])[:, 0]
         np.testing.assert_allclose(mm, 1e3 * lengths, rtol=1e-12)  # scalars are float64
 
@@ -272,35 +211,6 @@ def test_no_view_complains(recording, home):
     views = views_of(recording, home)
     assert len(views) == 9
     assert [(view.name, view.reports) for view in views if view.reports] == []
-
-
-def views_of(recording, home, timeline="pose"):
-    """The views of a recording that is open in a viewer of its own, which no other machine reaches."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    server = ["--headless", "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
-    viewer = subprocess.Popen([program(), *server], env=home, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        return opened(port, recording, timeline).views
-    finally:
-        viewer.terminate()
-        viewer.wait(10)
-
-
-def opened(port, path, timeline):
-    deadline = time.monotonic() + 20
-    while True:
-        try:
-            with ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy") as client:
-                client.open(str(path))
-                client.set_time(timeline, sequence=3)
-                time.sleep(1)
-                return client.get_state()
-        except Exception:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.2)
 
 
 @pytest.mark.parametrize("convention", ["distal", "craig"])

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import rerun as rr
+from helpers.recordings import column, home, rrd, statics  # noqa: F401
 from rerun.chunk import RrdReader
-from test_recording import column, home, rrd, statics  # noqa: F401
 
-from lab.commands.calibrate import virtual_robot as virtual_arm
+from lab.campaign import virtual_robot as virtual_arm
+from lab.campaign.options import PlannedCampaign
 from lab.commands.calibrate.recording import record
 from lab.commands.calibrate.recording_text import wording
 from lab.commands.calibrate.run import VirtualCampaign, run_virtual
@@ -14,7 +15,6 @@ from lab.commands.calibrate.scene import scene
 from lab.commands.design.recording import record_plan
 from lab.commands.design.run import plan_campaign
 from lab.commands.design.scene import plan_scene
-from lab.commands.options import PlannedCampaign
 from lab.render.rerun_primitives import LEGS
 
 POSES = 20
@@ -63,7 +63,7 @@ def body_places(path, body):
     return np.array(places)[:, 0] if index else np.array(statics(path, f"/world/arm/{body}", name))
 
 
-def test_every_leg_joins_the_bodies_that_it_is_between(recorded, home):  # noqa: F811
+def test_every_leg_joins_the_bodies_that_it_is_between(recorded, home):
     """The lines are of our kinematics, the bodies stand where MuJoCo has the identified mechanism."""
     path, outcome = recorded
     assert rrd(home, "verify", path).returncode == 0
@@ -116,7 +116,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
     assert "lines of the robot" not in wording(outcome, shown)
 
 
-def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):  # noqa: F811
+def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):
     plan = plan_campaign(PlannedCampaign(robot="delta", poses=9, candidates=60, starts=1))
     path = tmp_path / "plan.rrd"
     record_plan(path, plan)

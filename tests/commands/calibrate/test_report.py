@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from helpers.robots import data_file
 
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import Correction, MeasuredCampaign, VirtualCampaign
 from lab.cli import main
 from lab.commands.calibrate.error_map import error_places
 from lab.commands.calibrate.load_run import read_calibrated
@@ -20,9 +22,7 @@ from lab.commands.calibrate.report import write_report
 from lab.commands.calibrate.result import human_unit, parameters, summary
 from lab.commands.calibrate.run import run_measured, run_virtual
 from lab.commands.calibrate.scene import world_of
-from lab.commands.options import Correction, MeasuredCampaign, VirtualCampaign
 from lab.commands.provenance import command_line
-from lab.commands.shared_options import ArmEffects, Fitting
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
 from lab.render.html import Html, page, short, table

@@ -12,9 +12,9 @@ import pytest
 from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import IRB120, ROOT, perturbed, somewhere
 
+from lab.campaign.robot import load_robot
 from lab.cli import main
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
-from lab.commands.robot import load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.dh_table_toml import read_table

@@ -10,18 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.bad_input import ARM_XML, contents, run, swapped, the_line
+from helpers.recordings import column, home, needs_vulkan, rrd, statics, views_of  # noqa: F401
 from helpers.robots import IRB120, SCARA
 from helpers.run_script import answer_of, script
-from test_bad_input import ARM_XML, contents, run, swapped, the_line
-from test_recording import column, home, needs_vulkan, rrd, statics, views_of  # noqa: F401
 
+from lab.campaign.options import PlannedCampaign
 from lab.cli import main
 from lab.commands.design.figures import plot_plan
 from lab.commands.design.recording import record_plan
 from lab.commands.design.result import plan_summary
 from lab.commands.design.run import plan_campaign
 from lab.commands.design.scene import plan_scene
-from lab.commands.options import PlannedCampaign
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
 from lab.formats.measurement_csv import read_measurements
@@ -75,7 +75,7 @@ def test_the_same_seed_gives_the_same_bytes_and_a_person_reads_the_plan(
     folder: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    home,  # noqa: F811
+    home,
 ) -> None:
     """And a person, who wants no JSON, reads the plan."""
     again = tmp_path / "again"
@@ -193,7 +193,7 @@ def test_a_set_measured_already_is_added_to(folder: Path, tmp_path: Path, capsys
     assert ids == [str(POSES + i) for i in range(1, 6)]  # one file can hold both
 
 
-def test_the_recording_is_the_tour(folder: Path, plan, home) -> None:  # noqa: F811
+def test_the_recording_is_the_tour(folder: Path, plan, home) -> None:
     path, shown = folder / "recording.rrd", plan_scene(plan)
     assert rrd(home, "verify", path).returncode == 0
     here = np.array(column(path, "/world/targets/here", "Points3D:positions", "stop")[1])
@@ -205,7 +205,7 @@ def test_the_recording_is_the_tour(folder: Path, plan, home) -> None:  # noqa: F
     assert f"{POSES} poses" in text and "D-efficiency" in text and "O1" in text
 
 
-def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, home) -> None:  # noqa: F811
+def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, home) -> None:
     """Two stops that are only passed, one after the other, between the second and the third pose."""
     tour = plan.tour
     stops, measured = np.insert(tour.stops, 3, tour.stops[[5, 7]], axis=0), np.insert(tour.measured, 3, [-1, -1])
@@ -221,7 +221,7 @@ def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, h
 
 
 @needs_vulkan
-def test_no_view_of_the_plan_complains(folder: Path, home) -> None:  # noqa: F811
+def test_no_view_of_the_plan_complains(folder: Path, home) -> None:
     views = views_of(folder / "recording.rrd", home, "stop")
     assert {view.name for view in views} >= {"Tour", "Mapping ellipsoid", "Summary"}
     assert [(view.name, view.reports) for view in views if view.reports] == []

@@ -152,7 +152,7 @@ def test_it_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_without_a_closed_form_and_with_a_pin(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from test_mechanism_file import CRANK
+    from helpers.mechanisms import CRANK
 
     (tmp_path / "crank.toml").write_text(CRANK)
     assert main(["inspect", str(tmp_path / "crank.toml")]) == 0

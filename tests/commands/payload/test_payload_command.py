@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from helpers.no_rendering import nothing_drawn  # noqa: F401
 
+from lab.campaign.robot import load_virtual
 from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.recording import equivalent_ellipsoid
-from lab.commands.robot import load_virtual
 from lab.core.load_samples import Mounting
 from lab.formats.load_csv import write_loads, write_mounting
 from lab.payload.fourier_path import Limits, random_path

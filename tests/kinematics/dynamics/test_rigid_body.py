@@ -2,20 +2,19 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
+from helpers.dynamics import inverse_dynamics
 from helpers.robots import RX130, chain_of
 from numpy.testing import assert_allclose
 
-from lab.commands.robot import load_robot, load_virtual
+from lab.campaign.robot import load_robot, load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
-    elements,
     hand_jacobian,
     hand_motion,
     inertia_about_centre,
@@ -28,7 +27,6 @@ from lab.kinematics.dynamics.rigid_body import (
 )
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.simulation.model import RobotModel
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 OBLIQUE = np.array([1.5, -4.0, -8.8])
@@ -64,24 +62,6 @@ def rate(function, motion: tuple[Array, Array, Array]) -> Array:
     """The derivative in time of a function of readings and speeds, by five-point differences."""
     ahead, behind, far, away = (function(*along(motion, k * STEP)) for k in (1, -1, 2, -2))
     return (8 * (ahead - behind) - (far - away)) / (12 * STEP)
-
-
-def inverse_dynamics(robot: RobotModel, load: Array | None, motion: tuple[Array, Array, Array]) -> Array:
-    """Torques ``(n, J)`` by MuJoCo, with a body of these parameters welded at the flange."""
-    spec = robot.spec.copy()
-    if load is not None:
-        inner = inertia_about_centre(load)
-        body = spec.body(robot.carrier).add_body(name="load", mass=load[0], ipos=load[1:4] / load[0])
-        body.explicitinertial = True
-        body.fullinertia = elements(inner)
-    model = spec.compile()
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    data = mujoco.MjData(model)
-    torques = np.empty_like(motion[0])
-    for i, (data.qpos[:], data.qvel[:], data.qacc[:]) in enumerate(zip(*motion, strict=True)):
-        mujoco.mj_inverse(model, data)
-        torques[i] = data.qfrc_inverse
-    return torques
 
 
 def test_ten_unit_loads_through_mujoco_give_the_regressor():

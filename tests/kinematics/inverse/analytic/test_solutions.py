@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.robots import EIGHT, IRB120, chain_of
 
-from lab.commands.robot import load_robot
+from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance

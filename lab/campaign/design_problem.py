@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import whitening
-from lab.commands.options import PlannedCampaign
-from lab.commands.robot import Robot, load_virtual
+from lab.campaign.options import PlannedCampaign
+from lab.campaign.robot import Robot, load_virtual
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for

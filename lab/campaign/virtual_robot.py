@@ -8,9 +8,9 @@ import numpy as np
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.most_likely_parameters import SAME_M
-from lab.commands.options import VirtualCampaign
-from lab.commands.robot import Robot
-from lab.commands.shared_options import ArmEffects
+from lab.campaign.option_groups import ArmEffects
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import Robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for

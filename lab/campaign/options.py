@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from lab.commands.shared_options import LARGEST, ArmEffects, Fitting, Flag, Names, Numbers, positive, whole
+from lab.campaign.option_groups import LARGEST, ArmEffects, Fitting, Flag, Names, Numbers, positive, whole
 from lab.core.errors import LabError
 
 

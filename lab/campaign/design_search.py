@@ -1,0 +1,58 @@
+"""The search for a design: exchange among the candidates, then uphill in all joint angles, from several starts."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lab.campaign.design_problem import PoseProblem
+from lab.campaign.options import PlannedCampaign
+from lab.core.random import rng_for
+from lab.design.exchange import Design, ascend, exchange
+from lab.simulation.candidate_poses import MARGIN
+
+Progress = Callable[[str], None]
+
+
+def silent(_: str) -> None:
+    """No progress."""
+
+
+def best_design(options: PlannedCampaign, problem: PoseProblem, count: int, progress: Progress = silent) -> Design:
+    """The best of several starts, each exchanged among the candidates and then moved uphill."""
+    rng, chain, measured = rng_for(options.seed, "design"), problem.robot.chain, problem.measured
+    keep_off = MARGIN * (chain.upper - chain.lower)
+    best: Design | None = None
+    for start in range(options.starts):
+        progress(f"design of {count} poses, start {start + 1} of {options.starts}")
+        design = ascend(
+            exchanged(problem, count, rng),
+            problem.sensitivity,
+            problem.goal,
+            problem.access.feasible,
+            chain.lower + keep_off,
+            chain.upper - keep_off,
+            measured=measured,
+        )
+        if best is None or design.score > best.score:
+            best = design
+    assert best is not None
+    return best
+
+
+def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
+    """A design among the candidates to which a free way leads; those without are left out as they are chosen."""
+    left = np.arange(len(problem.pool))
+    while True:
+        design = exchange(
+            problem.candidates.joints[left],
+            problem.pool[left],
+            count,
+            problem.goal,
+            rng,
+            starts=1,
+            measured=problem.measured,
+        )
+        cut_off = ~problem.access.reachable(design.joints)
+        if not cut_off.any():
+            return Design(left[design.rows], design.joints, design.jacobian, design.score)
+        left = np.delete(left, design.rows[cut_off])
