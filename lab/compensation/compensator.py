@@ -21,7 +21,7 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import SINGULAR_M
 from lab.kinematics.effects.arm import Arm, rigid_part
 from lab.kinematics.inverse.analytic.select import Solutions
-from lab.kinematics.inverse.branches import Drawing, nearest_turns, ordered
+from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, shortest_step, tool_at, within_reach
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
@@ -54,8 +54,8 @@ class Compensation:
 
     joints: Array
     uncorrected: Array
-    places: Array
-    turns: Array
+    positions: Array
+    rotations: Array
     reasons: tuple[str, ...]
     differential: Array
     cartesian: Array
@@ -83,7 +83,7 @@ class Compensator:
         LabError: the arm cannot bring its tool to places all around it.
     """
 
-    drawing: Drawing
+    drawing: NominalInverse
     arm: Arm
     values: Array
 
@@ -113,7 +113,8 @@ class Compensator:
         aimed, by_space = self._cartesian(whole, given, found.start[fits], found.branch[fits])
         schemes.append(by_space)
         differential, cartesian = (_spread(part, fits, found.joints.shape) for part in schemes)
-        places, turns = _spread(aimed.places, fits, wanted.places.shape), _spread(aimed.turns, fits, wanted.turns.shape)
+        positions = _spread(aimed.positions, fits, wanted.positions.shape)
+        rotations = _spread(aimed.rotations, fits, wanted.rotations.shape)
         apart = self._apart(given, some.turned, found.joints[fits], *schemes)
         apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
@@ -122,8 +123,8 @@ class Compensator:
         return Compensation(
             found.joints,
             found.start,
-            places,
-            turns,
+            positions,
+            rotations,
             tuple(found.reason(i, chain, (distance[i], joint[i]), apart[i]) for i in range(len(wanted))),
             differential,
             cartesian,
@@ -171,7 +172,7 @@ class Compensator:
             aimings[going] += 1
             going = going[reached]
         ended = reach(self.arm, self.values, wanted, joints, conditions, self.drawing.target)
-        turned = nearest_turns(chain, ended.joints, start)
+        turned = nearest_whole_turns(chain, ended.joints, start)
         excess = chain.excess(turned)
         return Attempts(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
 
@@ -187,11 +188,11 @@ class Compensator:
         self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]
     ) -> tuple[PoseTarget, Array]:
         """Scheme (c): the corrected targets, and the readings that the controller finds for them."""
-        aimed = PoseTarget(wanted.places.copy(), wanted.turns.copy())
+        aimed = PoseTarget(wanted.positions.copy(), wanted.rotations.copy())
 
         def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
             corrected = self._aimed(wanted.take(rows), joints, conditions[rows])
-            aimed.places[rows], aimed.turns[rows] = corrected.places, corrected.turns
+            aimed.positions[rows], aimed.rotations[rows] = corrected.positions, corrected.rotations
             return self.drawing.again(aimed.take(rows), joints, branch[rows])[0]
 
         return aimed, self._iterated(wanted, conditions, start, moved)
@@ -201,7 +202,7 @@ class Compensator:
         is to be told one.
         """
         Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
-        return PoseTarget(wanted.places, np.where(kept[:, None, None], wanted.turns, Ts[:, :3, :3]))
+        return PoseTarget(wanted.positions, np.where(kept[:, None, None], wanted.rotations, Ts[:, :3, :3]))
 
     def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: Moved) -> Array:
         """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted."""
@@ -220,8 +221,8 @@ class Compensator:
     def _aimed(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
         """X_C = X_R - dX: where to aim the drawing, by what the arm misses at these readings."""
         real, drawn = self._tool(joints, conditions)[0], self.drawing.tool(joints)[0]
-        places = wanted.places - (real[:, :3, 3] - drawn[:, :3, 3])
-        return PoseTarget(places, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.turns)
+        positions = wanted.positions - (real[:, :3, 3] - drawn[:, :3, 3])
+        return PoseTarget(positions, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.rotations)
 
     def _tool(self, joints: Array, conditions: Array) -> tuple[Array, Array]:
         return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.drawing.target)

@@ -9,9 +9,9 @@ class LabError(ValueError):
 
 
 @contextmanager
-def error_context(place: object) -> Iterator[None]:
+def error_context(context: object) -> Iterator[None]:
     """Say in what happens here which file or option it comes from."""
     try:
         yield
     except LabError as error:
-        raise LabError(f"{place}: {error}") from error
+        raise LabError(f"{context}: {error}") from error

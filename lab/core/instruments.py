@@ -40,8 +40,8 @@ class FieldOfView:
         facing = -np.sum(points * axes, axis=-1) >= np.cos(self.acceptance_rad) * reach
         in_range = (self.nearest_m <= reach) & (reach <= self.farthest_m)
         in_view = (self.lowest_rad <= elevation) & (elevation <= self.highest_rad)
-        seen: NDArray[np.bool_] = in_range & in_view & (facing | (self.acceptance_rad >= np.pi))
-        return seen
+        visible: NDArray[np.bool_] = in_range & in_view & (facing | (self.acceptance_rad >= np.pi))
+        return visible
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ class Instrument:
             isotropic = np.broadcast_to(np.eye(3), (*points.shape, 3))
             return isotropic * self.radial_m**2 / readings
         reach = np.linalg.norm(points, axis=-1)[..., None, None]
-        field_of_view = points[..., :, None] * points[..., None, :] / reach**2
+        ray = points[..., :, None] * points[..., None, :] / reach**2
         along = (self.radial_m + self.radial_per_m * reach) ** 2
         across = (self.transverse_m + self.transverse_per_m * reach) ** 2
-        covariance: Array = (along * field_of_view + across * (np.eye(3) - field_of_view)) / readings
+        covariance: Array = (along * ray + across * (np.eye(3) - ray)) / readings
         return covariance
 
     def _one_reading(self, points: Array, rng: np.random.Generator) -> Array:
@@ -92,17 +92,15 @@ class Instrument:
         if self.kind == "gaussian":
             return points + self.radial_m * draw
         reach = np.linalg.norm(points, axis=-1, keepdims=True)
-        field_of_view = points / reach
-        level = np.hypot(field_of_view[..., :1], field_of_view[..., 1:2])
+        ray = points / reach
+        level = np.hypot(ray[..., :1], ray[..., 1:2])
         straight_up = level < 1e-12  # there azimuth has no direction of its own: any will do
         sideways = np.where(
-            straight_up, np.array([0.0, 1.0, 0.0]), _turned_left(field_of_view) / np.where(straight_up, 1.0, level)
+            straight_up, np.array([0.0, 1.0, 0.0]), _turned_left(ray) / np.where(straight_up, 1.0, level)
         )
         along = (self.radial_m + self.radial_per_m * reach) * draw[..., :1]
         across = self.transverse_m + self.transverse_per_m * reach
-        error: Array = along * field_of_view + across * (
-            draw[..., 1:2] * sideways + draw[..., 2:] * np.cross(field_of_view, sideways)
-        )
+        error: Array = along * ray + across * (draw[..., 1:2] * sideways + draw[..., 2:] * np.cross(ray, sideways))
         return points + error
 
 

@@ -1,6 +1,6 @@
 """Which poses to measure: exchange among candidates, then an ascent of all joint angles.
 
-A design sees the arm through one callable: readings ``(n, joints)`` in, scaled (and mostly whitened)
+A design sees the arm through one callable: joint positions ``(n, joints)`` in, scaled (and mostly whitened)
 Jacobians ``(n, r, p)`` out. So it serves any base set, with or without effects, any instrument.
 """
 
@@ -98,14 +98,14 @@ def _exchanged(
     total = held + information(jacobian[chosen])
     for _ in range(MOST_PASSES):
         changed = False
-        for place in range(len(chosen)):
-            without = total - information(jacobian[chosen[place : place + 1]])
-            tried, scores = _scores_with(jacobian, without, chosen, place, goal, rng)
-            own = scores[tried == chosen[place]][0]
+        for slot in range(len(chosen)):
+            without = total - information(jacobian[chosen[slot : slot + 1]])
+            tried, scores = _scores_with(jacobian, without, chosen, slot, goal, rng)
+            own = scores[tried == chosen[slot]][0]
             winner = int(np.argmax(scores))
             if scores[winner] > own + 1e-9 * max(1.0, abs(own)):
-                chosen[place] = tried[winner]
-                total = without + information(jacobian[chosen[place : place + 1]])
+                chosen[slot] = tried[winner]
+                total = without + information(jacobian[chosen[slot : slot + 1]])
                 changed = True
         total = held + information(jacobian[chosen])
         if not changed:
@@ -114,7 +114,7 @@ def _exchanged(
 
 
 def _scores_with(
-    jacobian: Array, without: Array, chosen: NDArray[np.int_], place: int, goal: Criterion, rng: np.random.Generator
+    jacobian: Array, without: Array, chosen: NDArray[np.int_], slot: int, goal: Criterion, rng: np.random.Generator
 ) -> tuple[NDArray[np.int_], Array]:
     """Candidates that may take a place (the present one last), and the score of the design with each there."""
     free = np.ones(len(jacobian), dtype=bool)
@@ -123,13 +123,13 @@ def _scores_with(
     if goal.name != "O1" and goal.weight is None:  # no rank-k update: whole scores of a sample
         if len(tried) > SAMPLED:
             tried = rng.choice(tried, SAMPLED, replace=False)
-        tried = np.append(tried, chosen[place])
+        tried = np.append(tried, chosen[slot])
         part = jacobian[tried]
         return tried, goal.score(without + np.swapaxes(part, 1, 2) @ part)
     inverse = _inverse(without)
     if goal.weight is None:
         tried = _promising(jacobian, free, inverse)
-    tried = np.append(tried, chosen[place])
+    tried = np.append(tried, chosen[slot])
     part = jacobian[tried]
     moved = part @ inverse  # (m, r, p)
     core = np.eye(part.shape[1]) + moved @ np.swapaxes(part, 1, 2)
@@ -180,8 +180,8 @@ def ascend(
     proposal (all of the way, a half, …) as is feasible and better.
 
     Args:
-        sensitivity: readings to Jacobians, scaled as the design's.
-        feasible: readings ``(n, joints)`` to ``(n,)``.
+        sensitivity: joint positions to Jacobians, scaled as the design's.
+        feasible: joint positions ``(n, joints)`` to ``(n,)``.
         lower, upper: limits ``(joints,)``; infinite where there are none.
     """
     held = 0.0 if measured is None else measured

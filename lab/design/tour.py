@@ -1,7 +1,7 @@
 """The shortest measuring day: a closed tour from home through all poses and back.
 
 A move lasts what the quickest one does that all joints begin, cruise and end together, at rest at both ends
-(``geometry.laws``): a straight path of the readings. Whether that
+(``geometry.laws``): a straight path of the joint positions. Whether that
 is free is asked of a plain callable, and only for the moves that a tour wants to use. A move that is not
 free goes by way of other free poses and costs what that detour takes; the order is then sought again with
 the costs so corrected. Costs only ever rise, so an order that is best among costs of which all of its own
@@ -38,7 +38,7 @@ class Tour:
 
     Attributes:
         order: ``(m,)``, the poses in the order in which they are measured.
-        stops: ``(s, n)`` readings to move to one after the other: home, poses and detours' poses, home.
+        stops: ``(s, n)`` joint positions to move to one after the other: home, poses and detours' poses, home.
         measured: ``(s,)``, which pose is measured at a stop, -1 where none is.
         seconds: time on the move; time to measure is not in it.
     """
@@ -64,14 +64,14 @@ class RoadmapGraph:
         home: Array | None = None,
         safe: Array | None = None,
     ) -> None:
-        """Joints ``(m, n)``, their largest rates ``(n,)``, home ``(n,)`` (zero readings), safe ``(k, n)``."""
+        """Joints ``(m, n)``, their largest rates ``(n,)``, home ``(n,)`` (zero joint positions), safe ``(k, n)``."""
         size = joints.shape[1]
         start = np.zeros(size) if home is None else home
         extra = np.empty((0, size)) if safe is None else safe
-        self.places = np.concatenate([start[None], joints, extra])
+        self.nodes = np.concatenate([start[None], joints, extra])
         self.count = 1 + len(joints)
-        self._free, self._known = free, np.eye(len(self.places), dtype=bool)
-        self._graph = move_seconds(self.places, speed, acceleration)  # inf: not free
+        self._free, self._known = free, np.eye(len(self.nodes), dtype=bool)
+        self._graph = move_seconds(self.nodes, speed, acceleration)  # inf: not free
         self.cost = self._graph[: self.count, : self.count].copy()  # (m + 1, m + 1): direct until looked at
         self._settled = np.eye(self.count, dtype=bool)
         self._routes: dict[tuple[int, int], tuple[int, ...]] = {}
@@ -106,7 +106,7 @@ class RoadmapGraph:
             route = self._routes.get((min(a, b), max(a, b)), (a, b))
             stops += route[1:] if route[0] == a else route[-2::-1]
             measured += [-1] * (len(route) - 2) + [b - 1]
-        return Tour(np.asarray(order), self.places[stops], np.array(measured), seconds)
+        return Tour(np.asarray(order), self.nodes[stops], np.array(measured), seconds)
 
     def _fastest(self, a: int, b: int) -> tuple[int, ...]:
         """The places on the fastest free way; looks only at moves on ways that would be the fastest."""
@@ -123,7 +123,7 @@ class RoadmapGraph:
         far, previous = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=a, return_predecessors=True)
         if not np.isfinite(far[b]):
             raise LabError(
-                f"no free way to {self._cut_off(a, b)}, through any of {len(self.places)} places: "
+                f"no free way to {self._cut_off(a, b)}, through any of {len(self.nodes)} places: "
                 "give more safe poses, another home, or leave that pose out"
             )
         way = [b]
@@ -141,7 +141,7 @@ class RoadmapGraph:
     def _looked_free(self, a: int, b: int) -> bool:
         if not self._known[a, b]:
             self._known[a, b] = self._known[b, a] = True
-            if not self._free(self.places[min(a, b)], self.places[max(a, b)]):
+            if not self._free(self.nodes[min(a, b)], self.nodes[max(a, b)]):
                 self._graph[a, b] = self._graph[b, a] = np.inf
         return bool(np.isfinite(self._graph[a, b]))
 
@@ -151,13 +151,13 @@ def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:
     slow, sudden = np.isnan(chain.speed), np.isnan(chain.acceleration)
     speed = np.where(slow, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
     acceleration = np.where(sudden, speed / FULL_SPEED_S, chain.acceleration)
-    said = []
+    notes = []
     if slow.any():
         assumed = f"{np.rad2deg(DEFAULT_SPEED):.0f} deg/s ({DEFAULT_SLIDE_SPEED:g} m/s for a slide)"
-        said.append(f"no speed for {_named(chain, slow)}: the tour assumes {assumed}")
+        notes.append(f"no speed for {_named(chain, slow)}: the tour assumes {assumed}")
     if sudden.any():
-        said.append(f"no acceleration for {_named(chain, sudden)}: the tour assumes full speed in {FULL_SPEED_S:g} s")
-    words = (f"robot {chain.name} gives {'; '.join(said)}",) if said else ()
+        notes.append(f"no acceleration for {_named(chain, sudden)}: the tour assumes full speed in {FULL_SPEED_S:g} s")
+    words = (f"robot {chain.name} gives {'; '.join(notes)}",) if notes else ()
     return replace(chain, speed=speed, acceleration=acceleration), words
 
 
@@ -166,7 +166,7 @@ def _named(chain: JointSpec, which: NDArray[np.bool_]) -> str:
 
 
 def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
-    """``(m, m)``: how long each move between readings ``(m, n)`` takes, by the joints' largest rates ``(n,)``."""
+    """Durations ``(m, m)`` of moves between joint positions ``(m, n)``, by the joints' largest rates ``(n,)``."""
     return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
 
 
@@ -175,7 +175,7 @@ def tour_trajectory(chain: JointSpec, stops: Array, waiting: Array) -> tuple[Tra
 
     Args:
         chain: with known rates.
-        stops: readings ``(s, n)``, from rest to rest.
+        stops: joint positions ``(s, n)``, from rest to rest.
         waiting: ``(s,)`` s, how long the arm stands at each.
     """
     parts, arrivals = [], [0.0]
@@ -203,12 +203,12 @@ def plan_tour(
     rounds brought nothing: no certificate, but for a dozen poses the optimum.
 
     Args:
-        joints: ``(m, n)`` readings, rad or m.
+        joints: ``(m, n)`` joint positions, rad or m.
         speed, acceleration: ``(n,)`` largest ones of the joints (see ``rated``).
-        free: whether the straight joint path between two readings ``(n,)`` is free, the same both ways.
+        free: whether the straight joint path between two joint positions ``(n,)`` is free, the same both ways.
         rng: one state gives one tour.
-        home: ``(n,)`` readings; zero if not given.
-        safe: ``(k, n)`` further readings that detours may pass through.
+        home: ``(n,)`` joint positions; zero if not given.
+        safe: ``(k, n)`` further joint positions that detours may pass through.
 
     Raises:
         LabError: a pose cannot be reached, or a speed or an acceleration is unknown.

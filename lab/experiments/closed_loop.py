@@ -17,7 +17,7 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.effects.arm import rigid_part
 from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
-from lab.kinematics.inverse.branches import Drawing, ordered
+from lab.kinematics.inverse.branches import NominalInverse, ordered
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel
@@ -64,7 +64,7 @@ def compensator_of(outcome: CalibrationResult, target: str = "p1") -> Compensato
     )
     before = dict(zip(found.model.names, found.before, strict=True))
     rigid = rigid_part(arm)
-    drawing = Drawing(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
+    drawing = NominalInverse(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
     return Compensator(drawing, arm, np.array([likely[name] for name in arm.names]))
 
 
@@ -81,7 +81,7 @@ class Cube:
     centre: Array
     turn: Array
 
-    def poses(self, places: Array, drawing: Drawing) -> PoseTarget:
+    def poses(self, places: Array, drawing: NominalInverse) -> PoseTarget:
         """Places ``(n, 3)`` from the centre as targets in the tracker's frame, where the drawing's base has it."""
         T_tracker_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
         turns = np.broadcast_to(T_tracker_frame0[:3, :3] @ self.turn, (len(places), 3, 3))
@@ -112,7 +112,7 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
     """
     model = robot.model
     arm = robot.arm((target,))
-    drawing = Drawing(arm, arm.nominal(robot.tool))
+    drawing = NominalInverse(arm, arm.nominal(robot.tool))
     centres = drawing.tool(random_poses(model, CENTRES, rng_for(0, "structure")))[0]
     aside = np.abs(centres[:, 1, 3]) + ROTATION_M * np.abs(centres[:, 1, 2])
     centres = centres[np.argsort(aside)]  # those straight ahead first
@@ -127,7 +127,7 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
     raise LabError(f"robot {robot.name}: no test cube of {SIDES_M[-1]:g} m is within its reach")
 
 
-def _clear(model: RobotModel, drawing: Drawing, wanted: PoseTarget) -> bool:
+def _clear(model: RobotModel, drawing: NominalInverse, wanted: PoseTarget) -> bool:
     """Whether the drawing reaches all poses, clear of its limits, of singularities and of collisions."""
     chain, anywhere = drawing.arm.chain, np.full((len(wanted), drawing.arm.chain.size), np.nan)
     ways = drawing.ways(wanted, anywhere)
@@ -185,7 +185,7 @@ class _Runner:
         done = np.flatnonzero(found.converged)
         uncorrected, corrected = found.uncorrected[done], found.joints[done]
         before, after = (self._visited(joints, cycles) for joints in (uncorrected, corrected))
-        return VisitedPath(wanted.places[done], count - len(done), uncorrected, corrected, before, after)
+        return VisitedPath(wanted.positions[done], count - len(done), uncorrected, corrected, before, after)
 
     def _visited(self, joints: Array, cycles: int) -> Array:
         """Places ``(cycles, n, 3)`` that the tracker measures, one cycle after the other."""

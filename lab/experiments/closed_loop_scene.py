@@ -134,4 +134,4 @@ def _shown(course: VisitedPath, T_world_tracker: Array, start: int, hold: int) -
 
 def _in_world(outcome: CalibrationResult, cube: Cube, offsets: Array) -> Array:
     """Places ``(n, 3)`` m from the cube's centre, in the world."""
-    return moved(world_of(outcome), cube.poses(offsets, compensator_of(outcome).drawing).places)
+    return moved(world_of(outcome), cube.poses(offsets, compensator_of(outcome).drawing).positions)

@@ -30,15 +30,15 @@ class Targets:
 
     tool: str
     ids: tuple[str, ...]
-    places: Array
-    turns: Array
+    positions: Array
+    rotations: Array
     joints: Array
     conditions: Mapping[str, Array] = field(default_factory=dict)
     lines: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.places)
+        return len(self.positions)
 
 
 def read_targets(
@@ -70,21 +70,21 @@ class _TargetReader(PoseReader):
         if len(names) != 1:
             said = f"targets of {', '.join(names)}: give those of one point" if names else "no target"
             raise LabError(f"{self.path}: line 1: {said}, in columns like x_mm, y_mm, z_mm")
-        places = np.stack([self._coordinate(names[0], axis) for axis in "xyz"], axis=1)
-        self._refuse_half_seen(names[0], places)
-        if np.isnan(places).any():
-            row = int(np.isnan(places).any(axis=1).argmax())
+        positions = np.stack([self._coordinate(names[0], axis) for axis in "xyz"], axis=1)
+        self._refuse_half_seen(names[0], positions)
+        if np.isnan(positions).any():
+            row = int(np.isnan(positions).any(axis=1).argmax())
             raise self.fail(row, self._coordinate_column(names[0], "x"), "empty; give every target a position")
         ids, use, conditions = self._ids(self.texts("id")), self._uses(self.texts("use")), self._conditions()
-        turns = self._turns(names[0], places, meaning)
+        rotations = self._turns(names[0], positions, meaning)
         kept = np.array([i for i, each in enumerate(use) if each != "skip"], dtype=np.int_)
         if not len(kept):
             raise LabError(f"{self.path}: every row has use = skip; leave one to correct")
         return Targets(
             names[0],
             tuple(ids[i] for i in kept),
-            places[kept],
-            turns[kept],
+            positions[kept],
+            rotations[kept],
             joints[kept],
             {name: column[kept] for name, column in conditions.items()},
             tuple(self.lines[i] for i in kept),
@@ -107,18 +107,18 @@ class _TargetReader(PoseReader):
         self._warn_of_degrees(np.nan_to_num(joints))
         return joints
 
-    def _turns(self, name: str, places: Array, meaning: Meaning | None) -> Array:
+    def _turns(self, name: str, positions: Array, meaning: Meaning | None) -> Array:
         """Rotations ``(n, 3, 3)``, NaN where the file has none."""
         rest = self._rest([name])
-        turns = np.full((len(places), 3, 3), np.nan)
+        rotations = np.full((len(positions), 3, 3), np.nan)
         angles = [end for end in ENDS if end.startswith("r")]
         if meaning is not None and not {f"{name}_{end}" for end in angles}.union(angles).intersection(rest):
             raise LabError(f"--orientation {meaning}: {self.path} has no angles rx_deg, ry_deg, rz_deg; leave it out")
         if not {f"{name}_{end}" for end in ENDS}.union(ENDS).intersection(rest):
-            return turns
-        seen = measured((), np.empty((len(places), 0)), (name,), places[:, None])
+            return rotations
+        seen = measured((), np.empty((len(positions), 0)), (name,), positions[:, None])
         with error_context(self.path):
             quaternions = read_orientations(replace(seen, other=rest, lines=tuple(self.lines)), name, meaning)
         given = np.isfinite(quaternions).all(axis=1)
-        turns[given] = se3.rotation_from_quaternion(quaternions[given])
-        return turns
+        rotations[given] = se3.rotation_from_quaternion(quaternions[given])
+        return rotations

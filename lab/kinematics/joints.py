@@ -1,4 +1,4 @@
-"""What the readings of a robot's joints mean: names, kinds, directions, limits; of a serial chain or one with loops."""
+"""What a robot's joint positions mean: names, kinds, directions, limits; of a serial chain or one with loops."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ from lab.core.se3 import Array
 
 @dataclass(frozen=True, kw_only=True)
 class JointSpec:
-    """The n measured joints of a robot, as drawn.
+    """The n measured joints of a robot, nominal.
 
     Attributes:
-        sign: ``(n,)``, +1 or -1, how a joint's reading counts.
-        lower, upper: ``(n,)`` limits of the readings, rad or m.
+        sign: ``(n,)``, +1 or -1, how a joint's position counts.
+        lower, upper: ``(n,)`` limits of the joint positions, rad or m.
         speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
     """
 
@@ -49,15 +49,15 @@ class JointSpec:
 
     @property
     def home(self) -> Array:
-        """Readings ``(n,)`` to start from: zero, or the limits nearest to it."""
+        """Joint positions ``(n,)`` to start from: zero, or the limits nearest to it."""
         return np.clip(np.zeros(self.size), self.lower, self.upper)
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Readings ``(count, n)`` uniform within the limits."""
+        """Joint positions ``(count, n)`` uniform within the limits."""
         return rng.uniform(self.lower, self.upper, (count, self.size))
 
     def is_assemblable(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
-        """``(m,)`` whether the drawing can stand at readings ``(m, n)``, limits aside; a chain always can.
+        """``(m,)`` whether the nominal model can stand at joint positions ``(m, n)``, limits aside; a chain always can.
 
         Args:
             well: away from parallel singularities, too.
@@ -65,15 +65,15 @@ class JointSpec:
         return np.ones(len(joints), dtype=bool)
 
     def infeasibility_reason(self, joints: Array) -> str:
-        """Why it cannot stand at readings ``(n,)``, in words; empty if it can."""
+        """Why it cannot stand at joint positions ``(n,)``, in words; empty if it can."""
         return ""
 
     def beyond_limits(self, joints: Array, slack: float | Array) -> NDArray[np.bool_]:
-        """Which readings ``(m, n)`` are beyond the limits by more than ``slack``, a number or ``(n,)``, in rad or m."""
+        """Which joint positions ``(m, n)`` are beyond the limits by more than ``slack``, ``(n,)`` or one, rad or m."""
         return (joints < self.lower - slack) | (joints > self.upper + slack)
 
     def shown(self, joint: int, value: float) -> str:
-        """A reading (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
+        """A joint position (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
         return f"{1e3 * value:.6g} mm" if self.prismatic[joint] else f"{np.rad2deg(value):.6g}°"
 
     def said_beyond(self, joint: int, reading: float) -> str:
@@ -84,5 +84,5 @@ class JointSpec:
         )
 
     def excess(self, joints: Array) -> Array:
-        """How far each of the readings ``(..., n)`` is beyond its limit, zero where it is within, in rad or m."""
+        """How far each of the joint positions ``(..., n)`` is beyond its limit (rad or m), zero within the limits."""
         return np.maximum(np.maximum(self.lower - joints, joints - self.upper), 0.0)

@@ -14,7 +14,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.target_csv import read_targets
 from lab.kinematics.effects.arm import rigid_part
-from lab.kinematics.inverse.branches import Drawing
+from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 
@@ -32,7 +32,7 @@ def compensator(groups: tuple[str, ...], seed: int, robot: Robot = IRB120) -> Co
     size = {"compliance": 1e-5, "sin1": 2e-4, "cos1": 2e-4, "backlash": 1e-4}
     for i, name in enumerate(arm.names[len(rigid.names) :], start=len(rigid.names)):
         values[i] = size[name.split(".")[1]]
-    return Compensator(Drawing(rigid, before), arm, values)
+    return Compensator(NominalInverse(rigid, before), arm, values)
 
 
 def inputs(of: Compensator, joints: Array) -> Array:
@@ -78,7 +78,7 @@ def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned
     of = compensator(groups, 3)
     wanted = reachable(of, 500, 4)
     if not turned:
-        wanted = PoseTarget(wanted.places, np.full((500, 3, 3), np.nan))
+        wanted = PoseTarget(wanted.positions, np.full((500, 3, 3), np.nan))
     found = corrected(of, wanted)
     done = np.flatnonzero(found.converged)
     assert len(done) >= 490
@@ -88,11 +88,11 @@ def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned
     assert found.scheme_disagreement_m[done].max() <= AGREED_M
     closed = of.drawing.closed_form  # the controller itself, by another inverse than Newton's
     assert closed is not None
-    aimed = PoseTarget(found.places[done], found.turns[done])
+    aimed = PoseTarget(found.positions[done], found.rotations[done])
     ways = closed.solve(of.drawing.last_frames(aimed)).joints
     apart = np.abs((ways - found.cartesian[done][:, None] + np.pi) % (2 * np.pi) - np.pi).max(axis=2).min(axis=1)
     assert np.quantile(apart, 0.99) < 1e-6
-    moved = np.linalg.norm(found.places - wanted.places, axis=1)[done]
+    moved = np.linalg.norm(found.positions - wanted.positions, axis=1)[done]
     assert 0.3e-3 < moved.mean() < 10e-3
 
 
@@ -103,7 +103,7 @@ def test_without_an_error_nothing_is_corrected() -> None:
     found = corrected(of, wanted)
     assert found.converged.all()
     np.testing.assert_allclose(found.joints, found.uncorrected, atol=1e-9)
-    np.testing.assert_allclose(found.places, wanted.places, atol=1e-9)
+    np.testing.assert_allclose(found.positions, wanted.positions, atol=1e-9)
 
 
 def test_the_branch_that_is_given_is_kept_and_otherwise_the_nearest_is_taken() -> None:
@@ -146,7 +146,7 @@ def test_what_cannot_be_reached_says_why() -> None:
     assert found.reasons[0].startswith("out of reach by ") and found.reasons[0].endswith("mm")
     assert found.reasons[1].startswith("joint limit: q3 would be at 72.86") and found.reasons[1].endswith("beyond 70°")
     assert found.reasons[3] == ""
-    assert not np.isfinite(found.places[:2]).any() and np.isfinite(found.joints).all()
+    assert not np.isfinite(found.positions[:2]).any() and np.isfinite(found.joints).all()
     near = found.singular_rad[2]
     assert near < np.deg2rad(1) and chain.joint_names[found.singular_joint[2]] == "q5"
     assert found.reasons[2].startswith("within 1° of a singularity: 0.")
@@ -156,8 +156,8 @@ def test_order_of_what_is_given_does_not_change_what_fails() -> None:
     """A target out of reach loses nothing of the others."""
     of = compensator((), 10)
     wanted = reachable(of, 20, 11)
-    far = PoseTarget(wanted.places.copy(), wanted.turns)
-    far.places[7] += 5.0
+    far = PoseTarget(wanted.positions.copy(), wanted.rotations)
+    far.positions[7] += 5.0
     found = corrected(of, far)
     assert [i for i, reason in enumerate(found.reasons) if reason] == [7]
 
@@ -167,9 +167,9 @@ def other_compensator(name: str, seed: int) -> tuple[Compensator, Array]:
     rng, chain = np.random.default_rng(seed), load_robot(name).chain
     arm = SerialArm(chain)
     before = somewhere(arm, rng)
-    return Compensator(Drawing(arm, before), arm, perturbed(arm, before, rng, 0.5e-3, 1e-3)), chain.random_joints(
-        1000, rng
-    )
+    return Compensator(
+        NominalInverse(arm, before), arm, perturbed(arm, before, rng, 0.5e-3, 1e-3)
+    ), chain.random_joints(1000, rng)
 
 
 @pytest.mark.parametrize("name", ["scara", "versatran"])
@@ -202,7 +202,7 @@ def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool)
     else:
         assert 1e-4 < found.unturned_rad[done].mean() < 10e-3
     drawn_there = of.drawing.tool(found.cartesian[done])[0]  # what the controller computes for the corrected targets
-    np.testing.assert_allclose(drawn_there[:, :3, 3], found.places[done], atol=1e-8)
+    np.testing.assert_allclose(drawn_there[:, :3, 3], found.positions[done], atol=1e-8)
 
 
 def test_places_alone_need_no_rotation() -> None:
@@ -229,14 +229,14 @@ def test_two_joints_cannot_be_compensated_and_say_so_in_one_line() -> None:
     with pytest.raises(
         LabError, match=r"robot 'course2r': its joints \(q1, q2\) move p1 in 2 of three directions"
     ) as told:
-        Compensator(Drawing(arm, arm.nominal()), arm, arm.nominal())
+        Compensator(NominalInverse(arm, arm.nominal()), arm, arm.nominal())
     assert "\n" not in str(told.value)
 
 
 def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:
     of = compensator((), 16)
     wanted = reachable(of, 300, 17)
-    found = corrected(of, PoseTarget(wanted.places, np.full((300, 3, 3), np.nan)))
+    found = corrected(of, PoseTarget(wanted.positions, np.full((300, 3, 3), np.nan)))
     assert found.converged.mean() >= 0.99
     assert np.quantile(found.singular_rad, 0.05) > np.deg2rad(4)
 
@@ -267,17 +267,17 @@ def test_positions_and_orientations_are_read(tmp_path) -> None:
     text = f"{HEADER},qw,qx,qy,qz,payload_kg\na,1,2,3,1,0,0,0,3\nb,4,5,6,,,,,0\n"
     found = read(tmp_path, text)
     assert found.ids == ("a", "b") and found.tool == "p1" and found.lines == (2, 3)
-    np.testing.assert_array_equal(found.places, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
-    np.testing.assert_array_equal(found.turns[0], np.eye(3))
-    assert np.isnan(found.turns[1]).all() and np.isnan(found.joints).all()
+    np.testing.assert_array_equal(found.positions, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
+    np.testing.assert_array_equal(found.rotations[0], np.eye(3))
+    assert np.isnan(found.rotations[1]).all() and np.isnan(found.joints).all()
     np.testing.assert_array_equal(found.conditions["payload_kg"], [3.0, 0.0])
     named = read(tmp_path, "p2_x_m,p2_y_m,p2_z_m\n1,2,3\n")
-    assert named.tool == "p2" and named.ids == ("0",) and named.places[0].tolist() == [1.0, 2.0, 3.0]
+    assert named.tool == "p2" and named.ids == ("0",) and named.positions[0].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_rows_to_skip_are_skipped_and_what_means_nothing_is_passed_over(tmp_path) -> None:
     found = read(tmp_path, f"{HEADER},use,comment\na,1,2,3,skip,no\nb,4,5,6,calibrate,yes\n")
-    assert found.ids == ("b",) and found.lines == (3,) and len(found.places) == 1
+    assert found.ids == ("b",) and found.lines == (3,) and len(found.positions) == 1
     assert "columns comment have no meaning here and are passed over" in found.warnings[0]
 
 
@@ -286,8 +286,8 @@ def test_angles_need_a_meaning(tmp_path) -> None:
     with pytest.raises(LabError, match=r"targets\.csv: columns rx_deg, ry_deg, rz_deg are angles: say --orientation"):
         read(tmp_path, text)
     x, y, z = (se3.exp(np.deg2rad(angle) * np.eye(3)[i]) for i, angle in enumerate((10, 20, 30)))
-    np.testing.assert_allclose(read(tmp_path, text, "fixed-xyz").turns[0], z @ y @ x, atol=1e-15)
-    np.testing.assert_allclose(read(tmp_path, text, "intrinsic-xyz").turns[0], x @ y @ z, atol=1e-15)
+    np.testing.assert_allclose(read(tmp_path, text, "fixed-xyz").rotations[0], z @ y @ x, atol=1e-15)
+    np.testing.assert_allclose(read(tmp_path, text, "intrinsic-xyz").rotations[0], x @ y @ z, atol=1e-15)
 
 
 def test_joints_say_which_way(tmp_path) -> None:

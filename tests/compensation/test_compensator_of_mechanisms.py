@@ -31,7 +31,7 @@ def test_a_delta_goes_where_it_is_sent() -> None:
     np.testing.assert_allclose(there, places[found.converged], rtol=0, atol=1e-9)
     assert np.linalg.norm(before - places[found.converged], axis=1).mean() > 3e-4
     up = compensator.drawing.arm.T_tracker_frame0(compensator.drawing.values)[:3, 2]
-    below = compensator(PoseTarget(places[:3] - up, wanted.turns[:3]), nothing[:3], anywhere[:3])
+    below = compensator(PoseTarget(places[:3] - up, wanted.rotations[:3]), nothing[:3], anywhere[:3])
     assert all("out of reach" in why for why in below.reasons)  # a metre lower
 
 

@@ -70,9 +70,9 @@ def held_karp(cost: np.ndarray) -> float:
 
 def true_costs(roads: RoadmapGraph, free) -> np.ndarray:
     """All moves looked at, and shortest ways over all of them (Floyd 1962)."""
-    cost = move_seconds(roads.places, *(RATES if roads.places.shape[1] == 6 else FLAT))
+    cost = move_seconds(roads.nodes, *(RATES if roads.nodes.shape[1] == 6 else FLAT))
     for a, b in itertools.combinations(range(len(cost)), 2):
-        if not free(roads.places[a], roads.places[b]):
+        if not free(roads.nodes[a], roads.nodes[b]):
             cost[a, b] = cost[b, a] = np.inf
     for via in range(len(cost)):
         cost = np.minimum(cost, cost[:, via, None] + cost[None, via])
@@ -132,7 +132,7 @@ def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
     tour = plan_tour(joints, *FLAT, around_a_disc, rng_for(seed, "tour"))
     roads = RoadmapGraph(joints, *FLAT, around_a_disc)
     cost = true_costs(roads, around_a_disc)
-    assert (cost > move_seconds(roads.places, *FLAT) + 1e-9).mean() > 0.1
+    assert (cost > move_seconds(roads.nodes, *FLAT) + 1e-9).mean() > 0.1
     assert_consistent(tour, joints, FLAT, around_a_disc)
     assert tour.seconds == pytest.approx(held_karp(cost), abs=1e-9)
 

@@ -112,7 +112,7 @@ class Poses:
         """
         arm_settings, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_settings, values[:-3])
-        flange, turns = flange_turns(self.arm, arm_settings, values[:-3], jacobian)
+        flange, turns = flange_rotations(self.arm, arm_settings, values[:-3], jacobian)
         back = np.swapaxes(measured, 1, 2)
         rotation = se3.log(back @ flange @ se3.exp(values[-3:]))  # (n, 3)
         turns = np.concatenate([turns, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
@@ -127,7 +127,7 @@ class Poses:
         arm = initial_guess(self.arm, positions, values[:n])
         rows = np.isfinite(seen.points[:, -1]).all(axis=1)
         _, jacobian = self.arm.observe(positions.inputs[rows], arm)
-        flange, _ = flange_turns(self.arm, positions.inputs[rows], arm, jacobian)
+        flange, _ = flange_rotations(self.arm, positions.inputs[rows], arm, jacobian)
         measured = se3.rotation_from_quaternion(seen.inputs[rows, -4:])
         mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
         return np.concatenate([arm, se3.log(mean)])
@@ -145,7 +145,7 @@ class Poses:
         """Repeats of a configuration."""
 
 
-def flange_turns(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
+def flange_rotations(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
     """The last frame's rotations ``(n, 3, 3)`` and what turns them, ``(n, 3, p)``, in the tracker's frame.
 
     A target's place in the last frame enters as p = o + R t: its derivatives are the frame's axes r, and where

@@ -16,7 +16,7 @@ from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
 from lab.kinematics.effects.arm import Arm, ArmWithEffects, rigid_part
 from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
-from lab.kinematics.inverse.branches import Drawing
+from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
 
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
@@ -58,10 +58,10 @@ class Calibrated:
         arm = rigid_part(self.arm)
         return arm, self.values[: len(arm.names)]
 
-    def drawing(self, target: int) -> Drawing:
+    def nominal_inverse(self, target: int) -> NominalInverse:
         """What its controller computes with, to bring a target somewhere."""
         arm = rigid_part(self.arm)
-        return Drawing(arm, self.before[: len(arm.names)], target)
+        return NominalInverse(arm, self.before[: len(arm.names)], target)
 
     @property
     def compliance(self) -> Array:

@@ -124,11 +124,11 @@ def _where(done: CompensationResult) -> Html:
     if not len(reached):
         return Html("")
     rows = reached[thinned(done.correction_m[reached])]
-    off = done.targets.places[~done.found.converged]
-    middle, half = cube([done.targets.places[reached]])
+    off = done.targets.positions[~done.found.converged]
+    middle, half = cube([done.targets.positions[reached]])
     near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
     size, frame = "how far a target is moved", "targets"
-    places = ErrorMap(done.targets.places[rows], done.correction_m[rows], off[near], "", size, "not reached", frame)
+    places = ErrorMap(done.targets.positions[rows], done.correction_m[rows], off[near], "", size, "not reached", frame)
     caption = "The targets in the frame of their file. The darker, the farther it is moved."
     if beyond := int((~near).sum()):
         caption += f" Not reached and too far off to be drawn: {beyond}."
@@ -137,7 +137,7 @@ def _where(done: CompensationResult) -> Html:
 
 def _targets(done: CompensationResult) -> Html:
     chain, found = done.run.robot.chain, done.found
-    moved = 1e3 * (found.places - done.targets.places)
+    moved = 1e3 * (found.positions - done.targets.positions)
     units = ["mm" if slides else "°" for slides in chain.prismatic]
     scales = np.where(chain.prismatic, 1e3, 180 / np.pi)
     rows = [

@@ -83,7 +83,7 @@ def write_correction(folder: Path, done: CompensationResult, options: Correction
     write_json(folder / "config.json", config("compensate", options, run.robot.sha256))
     _write_csv(folder / JOINTS, done, rows, _joint_columns(done, rows))
     _write_csv(folder / CARTESIAN, done, rows, _cartesian_columns(done, rows) | _joint_columns(done, rows))
-    drawing = run.drawing(done.target)  # what the corrected targets are for
+    drawing = run.nominal_inverse(done.target)  # what the corrected targets are for
     (folder / NOMINAL).write_text(table_text(drawing.arm, drawing.values), encoding="utf-8")
     for name, text in arm_files(run.robot, *run.geometry).items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -94,7 +94,7 @@ def write_correction(folder: Path, done: CompensationResult, options: Correction
 
 def _program(done: CompensationResult, rows: NDArray[np.int_]) -> str:
     """The RAPID module, with the base and tool that suit the controller's links."""
-    run, drawing = done.run, done.run.drawing(done.target)
+    run, drawing = done.run, done.run.nominal_inverse(done.target)
     T_instrument_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
     ids = [done.targets.ids[i] for i in rows]
     T_last_tool = se3.pose(run.R_last_tool, drawing.tools[done.target])
@@ -111,7 +111,7 @@ def _joint_columns(done: CompensationResult, rows: NDArray[np.int_]) -> dict[str
 
 def _cartesian_columns(done: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:
     """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
-    places, tool = 1e3 * done.found.places[rows], done.targets.tool
+    places, tool = 1e3 * done.found.positions[rows], done.targets.tool
     quaternions = se3.quaternion_from_rotation(done.R_targets[rows])
     columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", places.T, strict=True)}
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}

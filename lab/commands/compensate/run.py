@@ -39,7 +39,7 @@ class CompensationResult:
     @property
     def correction_m(self) -> Array:
         """``(n,)`` how far each target is moved for the controller; NaN where it is not reached."""
-        return np.asarray(np.linalg.norm(self.found.places - self.wanted.places, axis=1))
+        return np.asarray(np.linalg.norm(self.found.positions - self.wanted.positions, axis=1))
 
     @property
     def predicted_m(self) -> Array:
@@ -78,7 +78,7 @@ class CompensationResult:
     @property
     def R_targets(self) -> Array:
         """Rotations ``(n, 3, 3)`` of the tool in the corrected targets."""
-        return np.asarray(self.found.turns @ self.run.R_last_tool)
+        return np.asarray(self.found.rotations @ self.run.R_last_tool)
 
 
 def run_correction(options: Correction) -> CompensationResult:
@@ -113,8 +113,8 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> CompensationRes
         )
     conditions, warnings = _conditions(run, targets, source)
     target = run.arm.targets.index(targets.tool)
-    wanted = PoseTarget(targets.places, targets.turns @ run.R_last_tool.T)
-    found = Compensator(run.drawing(target), run.arm, run.values)(wanted, conditions, targets.joints)
+    wanted = PoseTarget(targets.positions, targets.rotations @ run.R_last_tool.T)
+    found = Compensator(run.nominal_inverse(target), run.arm, run.values)(wanted, conditions, targets.joints)
     inputs = np.concatenate([found.joints, conditions], axis=1)
     without = None
     if run.groups and found.converged.any():

@@ -37,11 +37,11 @@ class Loads:
         i <= j by dq turns F_j: d(g . F_j) / dq_i = g . (z_i x F_j).
 
         Args:
-            joints: readings ``(n, joints)``.
+            joints: joint positions ``(n, joints)``.
             payload_kg: ``(n,)`` at ``payload_at_m``.
 
         Returns:
-            ``(n, joints)`` Nm (N of a slide), positive where gravity pushes the reading up; and the
+            ``(n, joints)`` Nm (N of a slide), positive where gravity pushes the joint position up; and the
             symmetric ``(n, joints, joints)``.
         """
         axes, anchors, centres, ends = self._walk(joints)
@@ -76,25 +76,25 @@ class Loads:
     def _walk(self, joints: Array) -> tuple[Array, Array, Array, Array]:
         """Axes, anchors and the masses' centres ``(n, joints, 3)``, and the payload's ``(n, 3)``, in frame 0."""
         count, kind = len(joints), np.result_type(joints, float)
-        turn = np.broadcast_to(np.eye(3), (count, 3, 3)).astype(kind)
-        place = np.zeros((count, 3), dtype=kind)
+        rotation = np.broadcast_to(np.eye(3), (count, 3, 3)).astype(kind)
+        position = np.zeros((count, 3), dtype=kind)
         axes, anchors, centres = [], [], []
         distal, sign = self.chain.convention == "distal", self.chain.sign
         for i, (theta, d, a, alpha, beta) in enumerate(self.chain.table):
             reading = sign[i] * joints[:, i]
             angle, slide = (theta + 0 * reading, d + reading) if self.chain.prismatic[i] else (theta + reading, d)
             if not distal:
-                place = place + a * (turn := turn @ _about(0, alpha))[:, :, 0]
-                turn = turn @ _about(1, beta)
-            axes.append(sign[i] * turn[:, :, 2])
-            anchors.append(place)
-            place = place + np.reshape(slide, (-1, 1)) * turn[:, :, 2]
-            turn = turn @ _about(2, angle)
+                position = position + a * (rotation := rotation @ _about(0, alpha))[:, :, 0]
+                rotation = rotation @ _about(1, beta)
+            axes.append(sign[i] * rotation[:, :, 2])
+            anchors.append(position)
+            position = position + np.reshape(slide, (-1, 1)) * rotation[:, :, 2]
+            rotation = rotation @ _about(2, angle)
             if distal:
-                place = place + a * turn[:, :, 0]
-                turn = turn @ _about(0, alpha) @ _about(1, beta)
-            centres.append(place + turn @ self.centre_m[i])
-        return np.stack(axes, 1), np.stack(anchors, 1), np.stack(centres, 1), place + turn @ self.payload_at_m
+                position = position + a * rotation[:, :, 0]
+                rotation = rotation @ _about(0, alpha) @ _about(1, beta)
+            centres.append(position + rotation @ self.centre_m[i])
+        return np.stack(axes, 1), np.stack(anchors, 1), np.stack(centres, 1), position + rotation @ self.payload_at_m
 
 
 def _about(axis: int, angle: Array) -> Array:

@@ -42,7 +42,7 @@ def hand_motion(arm: SerialArm, values: Array, joints: Array, speeds: Array, acc
     """The motion of the hand: the forward recursion of Newton and Euler (Luh, Walker & Paul 1980), over n samples.
 
     Args:
-        joints, speeds, accelerations: of the readings, ``(n, joints)`` in rad or m, per s and s^2.
+        joints, speeds, accelerations: of the joint positions, ``(n, joints)`` in rad or m, per s and s^2.
     """
     return _moved(arm, _hinges(arm, values, joints), speeds, accelerations)
 
@@ -72,7 +72,7 @@ def torque_regressor(
 ) -> Array:
     """W = J'A ``(n, joints, 10)``: W phi is what the joints exert to carry the load (Nm; N of a slide).
 
-    Positive where it pushes the reading up. Args are those of ``hand_motion`` and ``wrench_regressor``.
+    Positive where it pushes the joint position up. Args are those of ``hand_motion`` and ``wrench_regressor``.
     """
     hinges = _hinges(arm, values, joints)
     regressor = wrench_regressor(_moved(arm, hinges, speeds, accelerations), gravity)
@@ -81,7 +81,7 @@ def torque_regressor(
 
 
 def hand_jacobian(arm: SerialArm, values: Array, joints: Array) -> Array:
-    """Velocity and angular velocity of the last frame, at its origin and in its axes, by the readings ``(n, 6, J)``."""
+    """Jacobian ``(n, 6, J)`` of the last frame (velocity, angular velocity) at its origin and in its axes."""
     return _jacobian(arm, _hinges(arm, values, joints))
 
 
@@ -153,29 +153,31 @@ def _hinges(arm: SerialArm, values: Array, joints: Array) -> _Hinges:
 
 
 def _moved(arm: SerialArm, hinges: _Hinges, speeds: Array, accelerations: Array) -> HandMotion:
-    """The recursion, in frame 0: ``point`` is a place on the body reached, and ``drawn`` its acceleration there.
+    """The recursion, in frame 0: ``point`` is a place on the body reached, and ``acceleration`` its acceleration there.
 
     At a hinge the point moves onto the axis, which both bodies share; a slide adds its own acceleration and Coriolis'.
     """
     if not speeds.shape == accelerations.shape == (len(hinges.rotation), arm.chain.size):
         raise LabError(f"speeds {speeds.shape} and accelerations {accelerations.shape}: give both, a row a sample")
     kind = np.result_type(hinges.rotation, speeds, accelerations)
-    omega, alpha, point, drawn = (np.zeros(hinges.origin.shape, dtype=kind) for _ in range(4))
+    omega, alpha, point, acceleration = (np.zeros(hinges.origin.shape, dtype=kind) for _ in range(4))
     for motion in hinges.motions:
         assert motion.joint is not None
         i = motion.joint
         axis = arm.chain.sign[i] * motion.axis[:3]
         turned = axis * speeds[:, i]
         if motion.origin is None:
-            drawn = drawn + axis * accelerations[:, i] + 2 * _cross(omega, turned)
+            acceleration = acceleration + axis * accelerations[:, i] + 2 * _cross(omega, turned)
             continue
-        drawn = _carried(drawn, omega, alpha, motion.origin[:3] - point)
+        acceleration = _carried(acceleration, omega, alpha, motion.origin[:3] - point)
         point = motion.origin[:3]
         alpha = alpha + axis * accelerations[:, i] + _cross(omega, turned)
         omega = omega + turned
-    drawn = _carried(drawn, omega, alpha, hinges.origin - point)
-    omega, alpha, drawn = (np.einsum("nij,in->nj", hinges.rotation, vector) for vector in (omega, alpha, drawn))
-    return HandMotion(hinges.rotation, omega, alpha, drawn)
+    acceleration = _carried(acceleration, omega, alpha, hinges.origin - point)
+    omega, alpha, acceleration = (
+        np.einsum("nij,in->nj", hinges.rotation, vector) for vector in (omega, alpha, acceleration)
+    )
+    return HandMotion(hinges.rotation, omega, alpha, acceleration)
 
 
 def _jacobian(arm: SerialArm, hinges: _Hinges) -> Array:
@@ -193,9 +195,9 @@ def _jacobian(arm: SerialArm, hinges: _Hinges) -> Array:
     return turned.reshape(-1, 6, arm.chain.size)
 
 
-def _carried(drawn: Array, omega: Array, alpha: Array, lever: Array) -> Array:
+def _carried(acceleration: Array, omega: Array, alpha: Array, lever: Array) -> Array:
     """The acceleration of a point of the same body a lever away, all ``(3, n)``."""
-    return drawn + _cross(alpha, lever) + _cross(omega, _cross(omega, lever))
+    return acceleration + _cross(alpha, lever) + _cross(omega, _cross(omega, lever))
 
 
 def _cross(a: Array, b: Array) -> Array:

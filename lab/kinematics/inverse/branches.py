@@ -1,4 +1,4 @@
-"""All ways in which the drawing reaches where a tool is wanted: in closed form where there is one, else by search."""
+"""All inverse-kinematics solutions of the nominal model: in closed form where there is one, else by search."""
 
 from dataclasses import dataclass, field
 
@@ -25,7 +25,7 @@ TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's co
 
 
 @dataclass(frozen=True)
-class Drawing:
+class NominalInverse:
     """What a controller computes with: nominal links, and a base and a tool.
 
     Attributes:
@@ -47,10 +47,10 @@ class Drawing:
     def ways(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Some ways to reach each ``(n, k, joints)``, all of the closed form where there is one.
 
-        A target with fewer ways than others has the rest at readings zero, with an infinite gap.
+        A target with fewer ways than others has the rest at joint positions zero, with an infinite gap.
 
         Args:
-            reference: readings ``(n, joints)`` near which to look, NaN where none are given.
+            reference: joint positions ``(n, joints)`` near which to look, NaN where none are given.
         """
         exact = wanted.turned & (self.closed_form is not None)
         parts = [
@@ -67,7 +67,7 @@ class Drawing:
         return found
 
     def again(self, wanted: PoseTarget, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
-        """Readings ``(n, joints)`` for somewhere else, in the branches and turns of ``joints``; and what is reached.
+        """Joint positions ``(n, joints)`` for other targets, in the branches and turns of ``joints``; what is reached.
 
         Args:
             branch: ``(n,)`` of the closed form; negative where Newton's method is to go on from ``joints``.
@@ -78,7 +78,7 @@ class Drawing:
         if self.closed_form is not None and exact.size:
             ways = self.closed_form.solve(self.last_frames(wanted.take(exact)), joints[exact])
             rows = np.arange(exact.size)
-            found[exact] = nearest_turns(self.arm.chain, ways.joints[rows, branch[exact]], joints[exact])
+            found[exact] = nearest_whole_turns(self.arm.chain, ways.joints[rows, branch[exact]], joints[exact])
             reached[exact] = ways.gap_m[rows, branch[exact]] == 0
         if other.size:
             found[other] = self._near(wanted.take(other), joints[other])
@@ -99,9 +99,9 @@ class Drawing:
 
     def last_frames(self, wanted: PoseTarget) -> Array:
         """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there, turned as near as the arm can."""
-        Ts: Array = se3.inverse(self.arm.T_tracker_frame0(self.values)) @ se3.pose(wanted.turns, wanted.places)
-        turns = Ts[:, :3, :3] if self.closed_form is None else self.closed_form.nearest_turns(Ts[:, :3, :3])
-        return se3.pose(turns, Ts[:, :3, 3] - turns @ self.tools[self.target])
+        Ts: Array = se3.inverse(self.arm.T_tracker_frame0(self.values)) @ se3.pose(wanted.rotations, wanted.positions)
+        rotations = Ts[:, :3, :3] if self.closed_form is None else self.closed_form.nearest_rotations(Ts[:, :3, :3])
+        return se3.pose(rotations, Ts[:, :3, 3] - rotations @ self.tools[self.target])
 
     def _by_closed_form(self, wanted: PoseTarget, reference: Array) -> Solutions:
         assert self.closed_form is not None
@@ -117,7 +117,9 @@ class Drawing:
             rows = np.flatnonzero(wanted.turned == turned)
             if rows.size:
                 tree = cKDTree(_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
-                near[rows] = tree.query(_landmarks(wanted.places[rows], wanted.turns[rows], turned), k=SEARCHED)[1]
+                near[rows] = tree.query(_landmarks(wanted.positions[rows], wanted.rotations[rows], turned), k=SEARCHED)[
+                    1
+                ]
         starts = samples[near]
         given = np.isfinite(reference).all(axis=1)
         starts[given, 0] = reference[given]
@@ -132,12 +134,12 @@ class Drawing:
         return Solutions(ended.joints.reshape(shape), gap.reshape(shape[:2]), tilt.reshape(shape[:2]), free)
 
 
-def _landmarks(places: Array, turns: Array, turned: bool) -> Array:
+def _landmarks(positions: Array, rotations: Array, turned: bool) -> Array:
     """Points ``(n, 3 or 9)`` whose distances are those of the poses: of the tool, and on two of its axes."""
     if not turned:
-        return places
-    axes = [places + ROTATION_M * turns[:, :, i] for i in (0, 1)]
-    return np.concatenate([places, *axes], axis=1)
+        return positions
+    axes = [positions + ROTATION_M * rotations[:, :, i] for i in (0, 1)]
+    return np.concatenate([positions, *axes], axis=1)
 
 
 def ordered(
@@ -146,20 +148,20 @@ def ordered(
     """The ways in order of preference: reached, within limits, not disliked, and near.
 
     Near to a row's reference where that is given, else to the way preferred for the row before; for the first one
-    to readings zero. Joints that can turn more than once do it as that asks.
+    to joint positions zero. Joints that can turn more than once do it as that asks.
 
     Args:
-        reference: ``(n, joints)`` readings, NaN where none are given.
+        reference: ``(n, joints)`` joint positions, NaN where none are given.
         disliked: ``(n, k)``.
 
     Returns:
-        ``(n, k, joints)`` readings, and ``(n, k)`` the branches that they are of.
+        ``(n, k, joints)`` joint positions, and ``(n, k)`` the branches that they are of.
     """
     joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
     last = chain.home
     for i, ways in enumerate(solutions.joints):
         near = reference[i] if np.isfinite(reference[i]).all() else last
-        turned = nearest_turns(chain, ways, near)
+        turned = nearest_whole_turns(chain, ways, near)
         beyond = chain.excess(turned).sum(axis=1)
         cost = np.abs(turned - near).max(axis=1) + DISLIKE_COST * disliked[i]
         cost += EXCESS_COST * beyond + GAP_COST * solutions.gap_m[i] + TILT_COST * solutions.tilt_rad[i]
@@ -169,9 +171,9 @@ def ordered(
     return joints, order
 
 
-def nearest_turns(chain: JointSpec, joints: Array, near: Array) -> Array:
-    """The same readings ``(..., joints)`` but for whole turns of hinges: nearest to others, within limits if any is."""
-    turn = np.where(chain.prismatic, 0.0, 2 * np.pi)
-    found = joints + turn * np.round((near - joints) / (2 * np.pi))
-    found = np.where((found > chain.upper) & (found - turn >= chain.lower), found - turn, found)
-    return np.asarray(np.where((found < chain.lower) & (found + turn <= chain.upper), found + turn, found))
+def nearest_whole_turns(chain: JointSpec, joints: Array, near: Array) -> Array:
+    """Joint positions ``(..., joints)`` by whole turns of hinges: nearest to others, within limits if possible."""
+    full_turn = np.where(chain.prismatic, 0.0, 2 * np.pi)
+    found = joints + full_turn * np.round((near - joints) / (2 * np.pi))
+    found = np.where((found > chain.upper) & (found - full_turn >= chain.lower), found - full_turn, found)
+    return np.asarray(np.where((found < chain.lower) & (found + full_turn <= chain.upper), found + full_turn, found))

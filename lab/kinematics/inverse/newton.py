@@ -1,4 +1,4 @@
-"""From poses of the tool to joint readings, for any robot, whatever effects it has: damped Newton steps.
+"""From poses of the tool to joint positions, for any robot, whatever effects it has: damped Newton steps.
 
 Where the tool is only to be somewhere, not turned in some way, and where the arm has more joints than it needs,
 every step is the shortest one that does what is asked. Arms with fewer than six joints cannot turn the tool anyhow:
@@ -35,31 +35,31 @@ class PoseTarget:
         turns: ``(n, 3, 3)`` of the last frame; NaN where any will do.
     """
 
-    places: Array
-    turns: Array
+    positions: Array
+    rotations: Array
 
     def __post_init__(self) -> None:
-        assert self.places.shape == (len(self), 3) and self.turns.shape == (len(self), 3, 3)
-        assert np.isfinite(self.places).all()
+        assert self.positions.shape == (len(self), 3) and self.rotations.shape == (len(self), 3, 3)
+        assert np.isfinite(self.positions).all()
 
     def __len__(self) -> int:
-        return len(self.places)
+        return len(self.positions)
 
     @property
     def turned(self) -> NDArray[np.bool_]:
         """``(n,)``: whether the rotation matters."""
-        return np.asarray(np.isfinite(self.turns).all(axis=(1, 2)))
+        return np.asarray(np.isfinite(self.rotations).all(axis=(1, 2)))
 
     def take(self, rows: NDArray[np.int_]) -> "PoseTarget":
         """Some of them."""
-        return PoseTarget(self.places[rows], self.turns[rows])
+        return PoseTarget(self.positions[rows], self.rotations[rows])
 
     def errors(self, Ts: Array) -> Array:
         """What is missing ``(n, 6)`` from poses ``(n, 4, 4)``: m, and the rotation vector log(R_wanted R') (rad)."""
         out = np.zeros((len(self), 6))
-        out[:, :3] = self.places - Ts[:, :3, 3]
+        out[:, :3] = self.positions - Ts[:, :3, 3]
         turned = self.turned
-        out[turned, 3:] = se3.log(self.turns[turned] @ Ts[turned, :3, :3].swapaxes(1, 2))
+        out[turned, 3:] = se3.log(self.rotations[turned] @ Ts[turned, :3, :3].swapaxes(1, 2))
         return out
 
 
@@ -68,7 +68,7 @@ class IKResult:
     """Where Newton's method ended.
 
     Attributes:
-        joints: ``(n, joints)`` readings.
+        joints: ``(n, joints)`` joint positions.
         errors: ``(n, 6)`` what is missing, m and rad.
         left: ``(n, 6)`` what of that the joints could still make up for: with six and more all of it.
         steps: ``(n,)`` how many it took.
@@ -86,7 +86,7 @@ class IKResult:
 
 
 def reach(arm: Arm, values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
-    """Readings that bring a target to where it is wanted, from readings ``start`` ``(n, joints)``.
+    """Joint positions that bring a target to where it is wanted, from joint positions ``start`` ``(n, joints)``.
 
     Newton's method; where a step does not bring the target nearer, a damped one (Levenberg 1944). Steps are
     limited, so that the arm stays in the branch it starts in. Joint limits are not looked at.
@@ -127,7 +127,7 @@ def reach(arm: Arm, values: Array, wanted: PoseTarget, start: Array, conditions:
 
 
 def tool_at(arm: Arm, inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
-    """Poses of a target, and how the readings move them (``RigidArm.tool``).
+    """Poses of a target, and how the joint positions move them (``RigidArm.tool``).
 
     Where the robot cannot stand so, as its loops do not close, the target is far away, and nothing moves it: no step
     that leads there is taken.
@@ -177,10 +177,10 @@ def shortest_step(jacobian: Array, errors: Array, turned: NDArray[np.bool_], dam
 
 def _place_first(jacobian: Array, errors: Array, turned: NDArray[np.bool_], damping: Array | float) -> Array:
     """The step ``(n, joints)`` of an arm that cannot turn its tool anyhow."""
-    place, turn = errors[:, :3, None], np.where(turned[:, None], errors[:, 3:], 0.0)[:, :, None]
-    step = pseudo_inverse(jacobian[:, :3], damping) @ place
+    position, rotation = errors[:, :3, None], np.where(turned[:, None], errors[:, 3:], 0.0)[:, :, None]
+    step = pseudo_inverse(jacobian[:, :3], damping) @ position
     turning = _turning(jacobian, pseudo_inverse(jacobian[:, :3]))
-    rest = np.where(turned[:, None, None], turn - jacobian[:, 3:] @ step, 0.0)
+    rest = np.where(turned[:, None, None], rotation - jacobian[:, 3:] @ step, 0.0)
     second: Array = pseudo_inverse(ROTATION_M * turning, damping) @ (ROTATION_M * rest)
     return np.asarray((step + second)[:, :, 0])
 
@@ -209,5 +209,5 @@ def _nearer(errors: Array, before: Array, few: bool) -> NDArray[np.bool_]:
 
 def _in_tolerances(errors: Array) -> Array:
     """Sizes of errors in what counts as none: below one is arrived."""
-    place, turn = np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
-    return np.asarray(np.maximum(place / ARRIVED_M, turn / ARRIVED_RAD))
+    position, rotation = np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
+    return np.asarray(np.maximum(position / ARRIVED_M, rotation / ARRIVED_RAD))

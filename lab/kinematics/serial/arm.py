@@ -28,7 +28,7 @@ class Motion:
     """One elementary motion: column ``column`` of the parameters turns about or slides along ``axis``.
 
     ``axis`` and ``origin`` are ``(5, n)`` (or ``(5, 1)`` before the first joint) in the tracker's
-    frame; ``origin`` is None for a slide. ``joint`` is set where a joint's reading moves along.
+    frame; ``origin`` is None for a slide. ``joint`` is set where a joint's position moves along.
     """
 
     column: int
@@ -66,13 +66,13 @@ class SerialArm:
         object.__setattr__(self, "names", (*BASE_NAMES, *links, *tools))
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
-        """The drawing's parameters: base at the tracker's origin, targets of ``tool``.
+        """The nominal parameters: base at the tracker's origin, targets of ``tool``.
 
         A target that ``tool`` (m, in the last frame) does not name takes its place on the default
         tool, or the last frame's origin where that has no such target either.
         """
-        places = {**DEFAULT_TOOL, **(tool or {})}
-        points = [np.asarray(places.get(target, (0.0, 0.0, 0.0))) for target in self.targets]
+        positions = {**DEFAULT_TOOL, **(tool or {})}
+        points = [np.asarray(positions.get(target, (0.0, 0.0, 0.0))) for target in self.targets]
         return self.assemble(np.zeros(6), self.chain.table, np.array(points))
 
     def assemble(self, base: Array, table: Array, tool: Array) -> Array:
@@ -92,7 +92,7 @@ class SerialArm:
         return pose(exp(base[3:]), base[:3])
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at readings ``(n, joints)``."""
+        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at joint positions ``(n, joints)``."""
         joints = self._checked(joints)
         out = np.empty((3, len(self.targets), len(joints)), dtype=np.result_type(joints, values))
         for part in chunks(len(joints), len(self.targets)):
@@ -118,11 +118,11 @@ class SerialArm:
         return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
     def joint_jacobian(self, joints: Array, values: Array) -> Array:
-        """Derivatives of the targets with respect to the readings, ``(n, k, 3, joints)``."""
+        """Derivatives of the targets with respect to the joint positions, ``(n, k, 3, joints)``."""
         return self.joint_derivatives(self.observe(joints, values)[1])
 
     def joint_derivatives(self, jacobian: Array) -> Array:
-        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
+        """Of derivatives ``(..., parameters)`` those with respect to the joint positions, ``(..., joints)``."""
         moving = [self.names.index(f"link{i + 1}.{'d' if p else 'theta'}") for i, p in enumerate(self.chain.prismatic)]
         moved: Array = jacobian[..., moving] * self.chain.sign
         return moved
@@ -134,16 +134,16 @@ class SerialArm:
         return _poses(frame, origin, len(joints))
 
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
-        """Poses of a target, turned as the last frame is, and how the readings move them.
+        """Poses of a target, turned as the last frame is, and how the joint positions move them.
 
         Returns:
             ``(n, 4, 4)`` in the tracker's frame; and the geometric Jacobian ``(n, 6, joints)``: velocity of the
-            target (m) and angular velocity (rad), both in the tracker's frame, by the readings. It is the direct
+            target (m) and angular velocity (rad), both in the tracker's frame, by the joint positions. It is the direct
             differential model: twist = J rates. ``differential.rates`` is the inverse one.
         """
         joints = self._checked(joints)
         motions, frame, origin = self._walk(joints, values)
-        place = self._targets(frame, origin, values)[:, target]
+        position = self._targets(frame, origin, values)[:, target]
         jacobian = np.zeros((6, self.chain.size, len(joints)))
         for motion in motions:
             if motion.joint is None:
@@ -152,22 +152,22 @@ class SerialArm:
             if motion.origin is None:
                 jacobian[:3, motion.joint] = axis[:3]
                 continue
-            lever = place - motion.origin
+            lever = position - motion.origin
             jacobian[:3, motion.joint] = axis[1:4] * lever[2:5] - axis[2:5] * lever[1:4]
             jacobian[3:, motion.joint] = axis[:3]
-        return _poses(frame, place, len(joints)), jacobian.transpose(2, 0, 1)
+        return _poses(frame, position, len(joints)), jacobian.transpose(2, 0, 1)
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
         """As of ``RigidArm``: by ``differential.singular_distance``."""
         return singular_distance(self.tool(joints, values, target)[1])
 
     def frame(self, joints: Array, values: Array, size: int) -> Array:
-        """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at readings ``(n, joints)``."""
+        """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at joint positions ``(n, joints)``."""
         part = SerialArm(self.chain.with_table(self.split(values)[1]).first(size))
         return part.flange(joints[:, :size], part.nominal())
 
     def motions(self, values: Array) -> list[Motion]:
-        """The chain's elementary motions with every joint reading zero, base first."""
+        """The chain's elementary motions with every joint position zero, base first."""
         return self._walk(np.zeros((1, self.chain.size)), values)[0]
 
     def column_priority(self) -> tuple[int, ...]:
@@ -175,7 +175,7 @@ class SerialArm:
         return preferred_columns(self.chain, self.names)
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Readings at which identifiability is decided: random within the limits."""
+        """Joint positions at which identifiability is decided: random within the limits."""
         return self.chain.random_joints(count, rng)
 
     def rank_point(self, values: Array) -> Array:
@@ -218,7 +218,7 @@ def along(
     Args:
         frame, origin: of frame 0, rows x y z x y, ``(5, ...)`` each.
         table: ``(links, 5)``, or ``(links, 5, ...)`` where every arm of many has its own.
-        joints: readings ``(joints, ...)``.
+        joints: joint positions ``(joints, ...)``.
     """
     x, y, z = frame
     motions: list[Motion] = []
@@ -226,13 +226,13 @@ def along(
     for i, (theta, d, a, alpha, beta) in enumerate(table):
         slides, parallel = chain.prismatic[i], chain.parallel[i]
         reading = chain.sign[i] * joints[i]
-        turn, slide = (theta, d + reading) if slides else (theta + reading, d)
+        angle, slide = (theta, d + reading) if slides else (theta + reading, d)
         at = column
         column += 5 if parallel else 4
         if chain.convention == "distal":
             motions.append(Motion(at, z, origin, None if slides else i))
             motions.append(Motion(at + 1, z, None, i if slides else None))
-            x, y = turned(x, y, turn)
+            x, y = turned(x, y, angle)
             origin = origin + slide * z + a * x
             motions.append(Motion(at + 2, x, None))
             motions.append(Motion(at + 3, x, origin))
@@ -250,7 +250,7 @@ def along(
                 z, x = turned(z, x, beta)
             motions.append(Motion(at, z, origin, None if slides else i))
             motions.append(Motion(at + 1, z, None, i if slides else None))
-            x, y = turned(x, y, turn)
+            x, y = turned(x, y, angle)
             origin = origin + slide * z
     return motions, (x, y, z), origin
 

@@ -1,8 +1,8 @@
 """From an arm's joint axes to its Denavit-Hartenberg parameters.
 
-The axes at zero readings, with the targets, say all there is to know of a rigid serial arm.
+The axes at zero joint positions, with the targets, say all there is to know of a rigid serial arm.
 ``chain_from_axes`` draws the table of a nominal arm; ``parameters_from_axes`` finds the one
-vector of the canonical gauge, near the drawing, that a perturbed arm has.
+vector of the canonical gauge, near the nominal model, that a perturbed arm has.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,17 +18,17 @@ from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import Motion, SerialArm
 from lab.kinematics.serial.chain import PARALLEL_RAD, Chain, parallel_links
 
-MEETING_M = 0.010  # axes nearer than this meet, on the drawing
+MEETING_M = 0.010  # axes nearer than this meet, on the nominal model
 
 
 @dataclass(frozen=True)
 class JointAxes:
-    """An arm's axes with every joint reading zero, in one frame (m).
+    """An arm's axes with every joint position zero, in one frame (m).
 
     Attributes:
         origins: ``(n, 3)``, a point on each axis.
         directions: ``(n, 3)``, unit vectors, along which (or about which, right-handed) the
-            reading counts positive.
+            joint position counts positive.
         targets: ``(k, 3)``, the measured points.
     """
 
@@ -150,12 +150,12 @@ def parameters_from_axes(arm: SerialArm, axes: JointAxes, start: Array) -> Truth
     gauge has parameters. Newton's method on them.
 
     Args:
-        arm: the drawing, with the targets in the order of ``axes.targets``.
+        arm: the nominal model, with the targets in the order of ``axes.targets``.
         axes: in the tracker's frame.
         start: parameter values ``(p,)``: nominal links and targets, and roughly the base.
 
     Raises:
-        LabError: the axes are too far from the drawing's for a chain of its kind.
+        LabError: the axes are too far from the nominal for a chain of its kind.
     """
     chosen = base_set(arm, start)
     kept = list(chosen.kept)
@@ -189,13 +189,13 @@ def _axis_errors(arm: SerialArm, axes: JointAxes, values: Array) -> tuple[Array,
         wanted, sign = axes.directions[j], arm.chain.sign[j]
         direction = motion.axis[:3, 0] * sign
         origin = motion.origin
-        place = np.zeros(3) if origin is None else origin[:3, 0]
-        turned, moved = _rates(motions[:at], direction, place, len(arm.names))
+        position = np.zeros(3) if origin is None else origin[:3, 0]
+        turned, moved = _rates(motions[:at], direction, position, len(arm.names))
         errors.append(direction - wanted)
         rows.append(turned)
         if origin is not None:
             across = se3.skew(wanted)
-            errors.append(across @ (place - axes.origins[j]))
+            errors.append(across @ (position - axes.origins[j]))
             rows.append(across @ moved)
     points, jacobian = arm.observe(np.zeros((1, arm.chain.size)), values)
     errors.append((points[0] - axes.targets).ravel())
@@ -203,15 +203,15 @@ def _axis_errors(arm: SerialArm, axes: JointAxes, values: Array) -> tuple[Array,
     return np.concatenate(errors), np.concatenate(rows)
 
 
-def _rates(motions: list[Motion], direction: Array, place: Array, count: int) -> tuple[Array, Array]:
+def _rates(motions: list[Motion], direction: Array, position: Array, count: int) -> tuple[Array, Array]:
     """Derivatives ``(3, count)`` of a direction and a place carried by these motions."""
     turned, moved = np.zeros((3, count)), np.zeros((3, count))
     columns = [motion.column for motion in motions]
     axis = np.array([motion.axis[:3, 0] for motion in motions]).T
     origin = np.array([axis[:, i] if m.origin is None else m.origin[:3, 0] for i, m in enumerate(motions)]).T
-    turns = np.array([motion.origin is not None for motion in motions])
-    turned[:, columns] = np.where(turns, -se3.skew(direction) @ axis, 0.0)
-    lever = place[:, None] - origin
+    revolute = np.array([motion.origin is not None for motion in motions])
+    turned[:, columns] = np.where(revolute, -se3.skew(direction) @ axis, 0.0)
+    lever = position[:, None] - origin
     swung = np.stack([axis[i - 2] * lever[i - 1] - axis[i - 1] * lever[i - 2] for i in range(3)])
-    moved[:, columns] = np.where(turns, swung, axis)
+    moved[:, columns] = np.where(revolute, swung, axis)
     return turned, moved

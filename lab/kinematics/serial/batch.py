@@ -17,10 +17,10 @@ class Stacked(Protocol):
 
     @property
     def arm(self) -> RigidArm:
-        """The drawing and its targets."""
+        """The nominal model and its targets."""
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at readings ``(n, joints)``."""
+        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at joint positions ``(n, joints)``."""
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
@@ -54,13 +54,13 @@ class StackedArm:
     """Arms of one drawing, as many as there are rows of parameters.
 
     Attributes:
-        arm: the drawing and its targets.
+        arm: the nominal model and its targets.
     """
 
     arm: SerialArm
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at readings ``(n, joints)``."""
+        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at joint positions ``(n, joints)``."""
         return self.walk(joints, values, 3)[1].transpose(2, 1, 0, 3)
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
@@ -81,7 +81,7 @@ class StackedArm:
         """All motions, the targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
 
         Args:
-            joints: readings ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
+            joints: joint positions ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
         """
 
         def stacked(vectors: Array) -> Array:

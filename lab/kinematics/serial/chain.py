@@ -1,11 +1,11 @@
-"""The drawing of a serial arm: its Denavit-Hartenberg table, joint directions and limits.
+"""The nominal model of a serial arm: its Denavit-Hartenberg table, joint directions and limits.
 
 Two conventions, each with Hayati's beta between nominally parallel axes (Hayati 1983):
 
 * ``distal``: Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) (Denavit & Hartenberg 1955);
 * ``craig``: Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d), also called modified (Khalil & Kleinfinger 1986).
 
-A joint's reading, times its sign, adds to theta (revolute) or to d (prismatic).
+A joint's position, times its sign, adds to theta (revolute) or to d (prismatic).
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ PARALLEL_RAD = 0.035  # neighbouring axes within 2 degrees are nominally paralle
 
 @dataclass(frozen=True, kw_only=True)
 class Chain(JointSpec):
-    """A serial chain of n joints, as drawn.
+    """A serial chain of n joints, nominal.
 
     Attributes:
         table: ``(n, 5)``, a row a link: theta (rad), d (m), a (m), alpha (rad), beta (rad).
@@ -56,7 +56,7 @@ class Chain(JointSpec):
         )  # fmt: skip
 
     def joins_parallel_axes(self, i: int) -> bool:
-        """Whether axes i and i + 1 (0-based joints) are parallel on the drawing."""
+        """Whether axes i and i + 1 (0-based joints) are parallel on the nominal model."""
         link = i if self.convention == "distal" else i + 1
         return i + 1 < self.size and self.parallel[link]
 

@@ -1,7 +1,7 @@
 """Trajectories of the joints: moves between points at given speeds, and paths past via points.
 
-Every law is made of phases of constant acceleration, and keeps the chain's limits of reading, speed and
-acceleration. Readings are in rad or m, times in s.
+Every law is made of phases of constant acceleration, and keeps the chain's limits of joint position, speed and
+acceleration. Joint positions are in rad or m, times in s.
 """
 
 import math
@@ -27,7 +27,7 @@ from lab.kinematics.trajectory.profiles import (
     stretches_and_blends,
 )
 
-EXACT = 1e-9  # rad or m, or per s: by how much a reading may pass its limit, or two ends miss each other
+EXACT = 1e-9  # rad or m, or per s: by how much a joint position may pass its limit, or two ends miss each other
 
 Law = Callable[[JointSpec, Array, Array, Array, Array], "Trajectory"]
 """A move from start to end, at a start speed and an end speed, ``(n,)`` each."""
@@ -40,7 +40,7 @@ class Trajectory:
     Attributes:
         durations: ``(m,)`` s.
         accelerations: ``(m, n)`` rad/s^2 or m/s^2.
-        start: ``(n,)`` readings, rad or m.
+        start: ``(n,)`` joint positions, rad or m.
         start_speed: ``(n,)`` rad/s or m/s.
     """
 
@@ -57,7 +57,7 @@ class Trajectory:
 
     @cached_property
     def knots(self) -> tuple[Array, Array, Array]:
-        """Times ``(m + 1,)``, readings and speeds ``(m + 1, n)`` between the phases and at the ends."""
+        """Times ``(m + 1,)``, joint positions and speeds ``(m + 1, n)`` between the phases and at the ends."""
         each = self.durations[:, None]
         speeds = np.cumsum(np.vstack([self.start_speed, self.accelerations * each]), axis=0)
         moves = (speeds[:-1] + 0.5 * self.accelerations * each) * each
@@ -70,7 +70,7 @@ class Trajectory:
 
     @property
     def end(self) -> Array:
-        """Readings ``(n,)`` at the end."""
+        """Joint positions ``(n,)`` at the end."""
         return np.asarray(self.knots[1][-1])
 
     @property
@@ -85,26 +85,26 @@ class Trajectory:
 
     @property
     def extremes(self) -> tuple[Array, Array]:
-        """The lowest and the highest readings ``(n,)``, where joints turn back between the ends too."""
-        _, readings, speeds = self.knots
-        turns = speeds[:-1] * speeds[1:] < 0
-        turning = readings[:-1] - 0.5 * speeds[:-1] ** 2 / np.where(turns, self.accelerations, 1.0)
-        passed = np.vstack([readings, np.where(turns, turning, readings[:-1])])
+        """The lowest and the highest joint positions ``(n,)``, where joints turn back between the ends too."""
+        _, positions, speeds = self.knots
+        reverses = speeds[:-1] * speeds[1:] < 0
+        turning = positions[:-1] - 0.5 * speeds[:-1] ** 2 / np.where(reverses, self.accelerations, 1.0)
+        passed = np.vstack([positions, np.where(reverses, turning, positions[:-1])])
         return passed.min(axis=0), passed.max(axis=0)
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """Readings, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
+        """Joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
 
         Before the start all is as at the start, and after the end as at the end. Between two phases the acceleration
         is the next one's; from the end on it is zero.
         """
-        knots, readings, speeds = self.knots
+        knots, positions, speeds = self.knots
         held = np.clip(times, 0.0, self.seconds)
         phase = np.searchsorted(knots, held, side="right") - 1
         since = (held - knots[phase])[:, None]
         acceleration = np.vstack([self.accelerations, np.zeros_like(self.start)])[phase]
         speed = speeds[phase] + acceleration * since
-        return readings[phase] + 0.5 * (speeds[phase] + speed) * since, speed, acceleration
+        return positions[phase] + 0.5 * (speeds[phase] + speed) * since, speed, acceleration
 
 
 def joined(parts: Sequence[Trajectory]) -> Trajectory:
@@ -153,7 +153,7 @@ def own_phases(
     """A move in which all joints start and stop together, each with phases of its own.
 
     Args:
-        start, end: readings ``(n,)``.
+        start, end: joint positions ``(n,)``.
         start_speed, end_speed: ``(n,)``, zero unless given.
         seconds: how long it is to take, instead of the least that is possible for all joints.
 
@@ -211,7 +211,7 @@ def through(chain: JointSpec, points: Array, speeds: Array, law: Law = common_ph
     """A path through via points, each passed exactly and at the speed that is asked for.
 
     Args:
-        points: readings ``(m, n)``, with the start and the end.
+        points: joint positions ``(m, n)``, with the start and the end.
         speeds: ``(m, n)`` there.
         law: of the moves between, ``common_phases`` or ``own_phases``.
 
@@ -229,7 +229,7 @@ def blended(chain: JointSpec, points: Array, error: Array | float) -> Trajectory
     error is quicker if it stops at its via points; and this is not the quickest path of its kind.
 
     Args:
-        points: readings ``(m, n)``, with the start and the end, which are met exactly.
+        points: joint positions ``(m, n)``, with the start and the end, which are met exactly.
         error: the largest deviation of each joint at the via points, ``(n,)`` or one for all, rad or m.
 
     Raises:
@@ -258,7 +258,7 @@ def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, s
 
 
 def check_within(chain: JointSpec, trajectory: Trajectory) -> None:
-    """Refuse a trajectory that leaves the limits of the readings between its ends.
+    """Refuse a trajectory that leaves the limits of the joint positions between its ends.
 
     Raises:
         LabError: naming the joint that goes the farthest beyond.

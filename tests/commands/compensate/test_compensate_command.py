@@ -97,10 +97,10 @@ def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path,
         np.testing.assert_allclose(R.T @ (data.site_xpos[site] - data.site_xpos[tracker]), T[:3, 3], atol=1e-9)
 
     corrected = read_targets(out / "cartesian.csv", IRB120.chain.joint_names, IRB120.chain.prismatic)
-    drawing = calibrated.drawing(0)
+    drawing = calibrated.nominal_inverse(0)
     by_controller = drawing.tool(np.deg2rad(degrees))[0]
-    np.testing.assert_allclose(by_controller[:, :3, 3], corrected.places, atol=1e-6)
-    np.testing.assert_allclose(by_controller[:, :3, :3], corrected.turns, atol=1e-6)
+    np.testing.assert_allclose(by_controller[:, :3, 3], corrected.positions, atol=1e-6)
+    np.testing.assert_allclose(by_controller[:, :3, :3], corrected.rotations, atol=1e-6)
     np.testing.assert_array_equal(corrected.joints, np.deg2rad(degrees))  # which of the ways to them
     nominal = read_table(out / "nominal.toml")
     assert (nominal.chain.table == IRB120.chain.table).all()
@@ -118,7 +118,7 @@ def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsy
     found = re.findall(r"jointtarget \w+:=\[\[([^\]]*)\]", program)
     _, degrees = rows_of(out / "joints.csv")
     np.testing.assert_allclose([[float(x) for x in each.split(",")] for each in found], degrees, atol=1e-6)
-    drawing = calibrated.drawing(0)
+    drawing = calibrated.nominal_inverse(0)
     base, _, tool = drawing.arm.split(drawing.values)  # the controller computes with the drawing, so these suit it
     tool_at = re.search(r"tooldata \w+:=\[TRUE,\[\[([^\]]*)\]", program)
     frame = re.search(r'wobjdata \w+:=\[FALSE,TRUE,"",\[\[([^\]]*)\],\[([^\]]*)\]', program)

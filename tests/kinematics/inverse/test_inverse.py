@@ -9,7 +9,7 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import effect
-from lab.kinematics.inverse.branches import Drawing, nearest_turns, ordered
+from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import PoseTarget, reach, shortest_step, within_reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -102,10 +102,10 @@ def test_the_place_is_met_and_the_rotation_as_near_as_can_be(name: str, tilt_rad
         assert missed.max() < 1e-9 and np.abs(found.joints - joints).max() < 1e-6
         return
     assert np.median(missed) > 0.3 * tilt_rad  # it cannot be met
-    vt, anyhow = np.linalg.svd(jacobian[:, :3])[2], np.full_like(wanted.turns, np.nan)
+    vt, anyhow = np.linalg.svd(jacobian[:, :3])[2], np.full_like(wanted.rotations, np.nan)
     for k in range(3, chain.size):  # moves that leave the place come no nearer
         for step in (1e-3, -1e-3):
-            back = reach(arm, values, PoseTarget(wanted.places, anyhow), found.joints + step * vt[:, k], nothing)
+            back = reach(arm, values, PoseTarget(wanted.positions, anyhow), found.joints + step * vt[:, k], nothing)
             other = wanted.errors(arm.tool(back.joints, values)[0])
             worse = np.linalg.norm(other[:, 3:], axis=1) - missed
             assert back.arrived.all() and worse[found.arrived].min() > -1e-12
@@ -129,7 +129,7 @@ def test_what_is_within_reach_is_all_of_it_with_six_joints_and_a_projection_with
 
 def test_a_place_alone_takes_the_shortest_way_with_any_number_of_joints() -> None:
     arm, values, wanted, joints = turned_targets(SCARA, 0.0, 4)
-    anywhere = PoseTarget(wanted.places, np.full_like(wanted.turns, np.nan))
+    anywhere = PoseTarget(wanted.positions, np.full_like(wanted.rotations, np.nan))
     start = joints + np.random.default_rng(5).normal(scale=0.01, size=joints.shape)
     found = reach(arm, values, anywhere, start, np.empty((len(wanted), 0)))
     assert found.arrived.all() and not found.errors[:, 3:].any()
@@ -156,7 +156,7 @@ def test_arms_without_a_closed_form_are_searched(name: str) -> None:
     chain = table_robot(name).chain
     arm = SerialArm(chain)
     joints = chain.random_joints(200, np.random.default_rng(10))
-    drawing = Drawing(arm, arm.nominal())
+    drawing = NominalInverse(arm, arm.nominal())
     assert drawing.closed_form is None
     Ts, _ = drawing.tool(joints)
     found = drawing.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan))
@@ -168,7 +168,7 @@ def test_arms_without_a_closed_form_are_searched(name: str) -> None:
 
 def test_a_reference_is_where_the_search_begins() -> None:
     arm = IRB120.arm(("p1",))
-    drawing = Drawing(arm, arm.nominal(IRB120.tool))
+    drawing = NominalInverse(arm, arm.nominal(IRB120.tool))
     joints = IRB120.chain.random_joints(50, np.random.default_rng(11))
     Ts, _ = drawing.tool(joints)
     anywhere = PoseTarget(Ts[:, :3, 3], np.full((50, 3, 3), np.nan))
@@ -182,7 +182,7 @@ def test_whole_turns_stay_near_and_within_limits() -> None:
         joints[5] = np.deg2rad(given)
         liked = np.zeros(6)
         liked[5] = np.deg2rad(near)
-        assert np.rad2deg(nearest_turns(chain, joints, liked)[5]) == pytest.approx(expected)
+        assert np.rad2deg(nearest_whole_turns(chain, joints, liked)[5]) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_whole_turns_stay_near_and_within_limits() -> None:
 def test_a_drawing_has_as_many_ways_as_its_form(chain: Chain, count: int) -> None:
     """Of poses; places alone are searched, and beside those the poses' list is filled up with what nobody takes."""
     arm, rng = SerialArm(chain), np.random.default_rng(12)
-    drawing = Drawing(arm, somewhere(arm, rng))
+    drawing = NominalInverse(arm, somewhere(arm, rng))
     assert (drawing.closed_form is None) == (chain is FIVE)
     joints = chain.random_joints(30, rng)
     Ts, _ = drawing.tool(joints)
@@ -213,7 +213,7 @@ def test_a_drawing_has_as_many_ways_as_its_form(chain: Chain, count: int) -> Non
 def test_a_scara_s_drawing_meets_the_place_of_a_tilted_pose_at_the_tool() -> None:
     """The tool's lever is turned as the arm can turn it, not as the pose asks."""
     arm, rng = SerialArm(SCARA), np.random.default_rng(13)
-    drawing = Drawing(arm, somewhere(arm, rng))
+    drawing = NominalInverse(arm, somewhere(arm, rng))
     joints = SCARA.random_joints(50, rng)
     joints[:, 1] = np.clip(joints[:, 1], 0.5, 2.5)  # bent, so that it can turn
     Ts, _ = drawing.tool(joints)

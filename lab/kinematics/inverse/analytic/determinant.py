@@ -14,13 +14,13 @@ DIGITS = 6  # of a number in a text
 
 @dataclass(frozen=True)
 class Term:
-    """A coefficient times the sine or the cosine of a sum of readings, times the reading of a slide.
+    """A coefficient times the sine or the cosine of a sum of joint positions, times the joint position of a slide.
 
     Attributes:
         coefficient: m, or without a unit where there is a slide.
         function: of the angle; empty where there is none.
-        angle: how each reading counts in the angle, by joint: +1 or -1.
-        slide: the joint whose reading is a factor.
+        angle: how each joint position counts in the angle, by joint: +1 or -1.
+        slide: the joint whose joint position is a factor.
     """
 
     coefficient: float
@@ -29,7 +29,7 @@ class Term:
     slide: int | None = None
 
     def at(self, joints: Array) -> Array:
-        """Values ``(...)`` at readings ``(..., n)``."""
+        """Values ``(...)`` at joint positions ``(..., n)``."""
         angle = sum((sign * joints[..., joint] for joint, sign in self.angle), start=np.zeros(joints.shape[:-1]))
         turned = np.sin(angle) if self.function == "sin" else np.cos(angle)  # cos 0 where there is no function
         return np.asarray(self.coefficient * turned * (1.0 if self.slide is None else joints[..., self.slide]))
@@ -64,17 +64,17 @@ class Factor:
     names: tuple[str, ...]
 
     def at(self, joints: Array) -> Array:
-        """Values ``(...)`` at readings ``(..., n)``: m, or the sine of an angle."""
+        """Values ``(...)`` at joint positions ``(..., n)``: m, or the sine of an angle."""
         return sum((term.at(joints) for term in self.terms), start=np.zeros(joints.shape[:-1]))
 
     @property
     def text(self) -> str:
         """As one writes it, like ``0.302 cos q3 + 0.07 sin q3``."""
-        said = ""
+        text = ""
         for term in self.terms:
-            sign = ("" if term.coefficient > 0 else "-") if not said else (" + " if term.coefficient > 0 else " - ")
-            said += sign + term.words(self.names)
-        return said or "0"
+            sign = ("" if term.coefficient > 0 else "-") if not text else (" + " if term.coefficient > 0 else " - ")
+            text += sign + term.words(self.names)
+        return text or "0"
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Determinant:
     factors: tuple[Factor, ...]
 
     def at(self, joints: Array) -> Array:
-        """Values ``(...)`` at readings ``(..., n)``."""
+        """Values ``(...)`` at joint positions ``(..., n)``."""
         constant = self.sign * np.prod(self.lengths)
         return np.asarray(constant * np.prod([factor.at(joints) for factor in self.factors], axis=0))
 
@@ -115,11 +115,11 @@ def determinant(
 
 
 def real_part(number: complex, turning: Iterable[tuple[int, float]], slide: int | None = None) -> list[Term]:
-    """Re(number exp(i angle)), for an angle that is the sum of some readings, each times its sign."""
+    """Re(number exp(i angle)), for an angle that is the sum of some joint positions, each times its sign."""
     angle = tuple(turning)
     if not angle:
         return [Term(number.real, slide=slide)]
-    first = angle[0][1]  # the angle's first reading counts positive, so that texts are alike
+    first = angle[0][1]  # the angle's first joint position counts positive, so that texts are alike
     angle = tuple((joint, first * sign) for joint, sign in angle)
     return [Term(-first * number.imag, "sin", angle, slide), Term(number.real, "cos", angle, slide)]
 

@@ -1,7 +1,7 @@
 """What the first three joints of an arm with a spherical wrist have in common: joint 1 turns all the rest.
 
 A vector is an array of three rows, a pose in each column; one in a plane is a complex number. Angles and lengths here
-are those of the axes: readings times their signs.
+are those of the axes: joint positions times their signs.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ class FirstJoint:
 
     @classmethod
     def of(cls, axes: Axes, plane: Array) -> "FirstJoint":
-        """Joint 1 of a drawing."""
+        """Joint 1 of a nominal model."""
         axis = axes.directions[0]
         along = np.outer(axis, axis)
         parts = [plane @ part for part in (along, np.eye(3) - along, se3.skew(axis))]
@@ -99,7 +99,7 @@ class Carrier(Protocol):
     def elbows(self) -> int:
         """How many roots there are for each of joint 1's two."""
 
-    def solve(self, place: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """Fill in what brings the wrist's centre to places ``(3, n)`` in frame 0.
 
         Args:
@@ -111,5 +111,5 @@ class Carrier(Protocol):
         """Of the determinant of the axes' three columns of the Jacobian at the wrist's centre.
 
         Returns:
-            Its sign, lengths (m), and factors with their names; by readings that have these signs.
+            Its sign, lengths (m), and factors with their names, for joint positions that have these signs.
         """

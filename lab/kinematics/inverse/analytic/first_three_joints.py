@@ -1,4 +1,4 @@
-"""The first three joints of an arm with a spherical wrist: what readings bring the wrist's centre somewhere.
+"""The first three joints of an arm with a spherical wrist: what joint positions bring the wrist's centre somewhere.
 
 Joint 1 turns all the rest about a column (``column``). Then follow
 
@@ -19,7 +19,7 @@ from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, Roots, type
 from lab.kinematics.inverse.analytic.khalil_two_unknowns import type_5, type_8
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, in_plane, plane_across
 
-BEND = 0.03  # rad, from the straight elbow: a start for Newton's method where the drawing does not reach
+BEND = 0.03  # rad, from the straight elbow: a start for Newton's method where the nominal model does not reach
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Elbow:
 
     @classmethod
     def of(cls, axes: Axes, centre: Array) -> "Elbow | None":
-        """The first three joints of a drawing, if they are such."""
+        """The first three joints of a nominal model, if they are such."""
         if any(axes.chain.prismatic[:3]) or axes.parallel(0, 1) or not axes.parallel(1, 2):
             return None
         (_, w, third), (root, second, elbow) = axes.directions[:3], axes.origins[:3]
@@ -54,9 +54,9 @@ class Elbow:
         offset = float(w @ (centre - root))
         return cls(FirstJoint.of(axes, plane), float(np.sign(w @ third)), shoulder, upper, fore, offset)
 
-    def solve(self, place: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """See ``Carrier``."""
-        split = self.column.split(place - self.column.root[:, None])
+        split = self.column.split(position - self.column.root[:, None])
         (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
@@ -102,7 +102,7 @@ class Telescope:
 
     @classmethod
     def of(cls, axes: Axes, centre: Array) -> "Telescope | None":
-        """The first three joints of a drawing, if they are such."""
+        """The first three joints of a nominal model, if they are such."""
         if axes.chain.prismatic[:3] != (False, False, True) or axes.parallel(0, 1) or not axes.square(1, 2):
             return None
         (_, w, slide), (root, second, _) = axes.directions[:3], axes.origins[:3]
@@ -110,9 +110,9 @@ class Telescope:
         shoulder, upper = in_plane(plane, second - root), in_plane(plane, centre - second)
         return cls(FirstJoint.of(axes, plane), shoulder, upper, float(w @ (centre - root)))
 
-    def solve(self, place: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """See ``Carrier``."""
-        split = self.column.split(place - self.column.root[:, None])
+        split = self.column.split(position - self.column.root[:, None])
         (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
@@ -151,7 +151,7 @@ class Lift:
 
     @classmethod
     def of(cls, axes: Axes, centre: Array) -> "Lift | None":
-        """The first three joints of a drawing, if they are such."""
+        """The first three joints of a nominal model, if they are such."""
         if axes.chain.prismatic[:3] != (False, True, True) or not axes.parallel(0, 1) or not axes.square(0, 2):
             return None
         (w, up, slide), root = axes.directions[:3], axes.origins[0]
@@ -159,9 +159,9 @@ class Lift:
         height = float(w @ (centre - root))
         return cls(FirstJoint.of(axes, plane), float(np.sign(w @ up)), in_plane(plane, centre - root), height)
 
-    def solve(self, place: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """See ``Carrier``."""
-        e, f, w = self.column.plane @ (place - self.column.root[:, None])
+        e, f, w = self.column.plane @ (position - self.column.root[:, None])
         (first, slide), gap_5, (free[0], free[2]) = _slid(e, f, self.middle, liked[0], liked[2])
         first = first[None]  # (elbows, 2, n)
         angles[0], angles[1], angles[2] = first, type_1(self.up, w - self.height).values[0][0], slide

@@ -11,7 +11,7 @@ from lab.kinematics.inverse.analytic.determinant import Determinant
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-EXACT = 1e-9  # m or rad: by how much a drawing may miss the shape that is asked for
+EXACT = 1e-9  # m or rad: by how much a nominal model may miss the shape that is asked for
 
 
 @dataclass(frozen=True)
@@ -19,12 +19,12 @@ class Solutions:
     """Ways to reach some poses.
 
     Attributes:
-        joints: ``(n, k, joints)`` readings, a hinge's between -pi and pi.
-        gap_m: ``(n, k)`` how far the place is out of reach, zero where it is reached; else the readings are those that
+        joints: ``(n, k, joints)`` joint positions, a hinge's between -pi and pi.
+        gap_m: ``(n, k)`` how far the target is out of reach, zero where it is reached; else the joints are those that
             come nearest, but for a bend of the elbow (``carriers.BEND``).
         tilt_rad: ``(n, k)`` by how much the rotation is out of reach of arms with fewer than six joints, which come as
             near to it as they can; zero with six.
-        free: ``(n, k, joints)``, joints that could have any reading, because the arm is singular there.
+        free: ``(n, k, joints)``, joints that could have any joint position, because the arm is singular there.
     """
 
     joints: Array
@@ -48,19 +48,19 @@ class ClosedForm(Protocol):
         """All solutions for poses ``(n, 4, 4)`` of the last frame in frame 0.
 
         Args:
-            reference: readings ``(n, joints)`` that a free joint takes.
+            reference: joint positions ``(n, joints)`` that a free joint takes.
         """
 
-    def nearest_turns(self, Rs_frame0_last: Array) -> Array:
+    def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
         """The rotations ``(n, 3, 3)`` of the last frame nearest to given ones that the arm can take."""
 
 
 @dataclass(frozen=True)
 class Axes:
-    """A chain's joints in frame 0 at zero readings.
+    """A chain's joints in frame 0 at zero joint positions.
 
     Attributes:
-        directions: ``(n, 3)`` unit vectors along the axes, whatever the readings' signs.
+        directions: ``(n, 3)`` unit vectors along the axes, whatever the joint positions' signs.
         origins: ``(n, 3)`` m, a point on each hinge's axis; zero of a slide.
         T_frame0_last: pose ``(4, 4)`` of the last frame.
     """
@@ -72,7 +72,7 @@ class Axes:
 
     @classmethod
     def of(cls, chain: Chain) -> "Axes":
-        """The axes of a drawing."""
+        """The axes of a nominal model."""
         arm = SerialArm(chain)
         moving = [motion for motion in arm.motions(arm.nominal()) if motion.joint is not None]
         origins = [np.zeros(3) if motion.origin is None else motion.origin[:3, 0] for motion in moving]

@@ -20,11 +20,11 @@ from lab.kinematics.serial.chain import Chain
 
 @dataclass(frozen=True)
 class Scara:
-    """Such an arm, by its axes in frame 0 at zero readings.
+    """Such an arm, by its axes in frame 0 at zero joint positions.
 
     Attributes:
         hinges, slide: which joints they are.
-        up: ``(4,)`` 1 where an axis points as that of the first hinge does, else -1, times the reading's sign.
+        up: ``(4,)`` 1 where an axis points as that of the first hinge does, else -1, times the joint position's sign.
         plane: ``(3, 3)`` rows e and f, across the axes, and w, along that of the first hinge.
         root: on it ``(3,)`` m.
         upper, fore: in the plane (m): the second hinge from the first one, and the third from the second.
@@ -48,15 +48,15 @@ class Scara:
 
     @classmethod
     def of(cls, chain: Chain) -> "Scara | None":
-        """The closed form of a drawing; None where its shape is another."""
+        """The closed form of a nominal model; None where its shape is another."""
         if chain.size != 4 or sum(chain.prismatic) != 1:
             return None
-        drawn, slide = Axes.of(chain), chain.prismatic.index(True)
+        axes, slide = Axes.of(chain), chain.prismatic.index(True)
         hinges = tuple(i for i in range(4) if i != slide)
-        if not all(drawn.parallel(0, i) for i in range(1, 4)):
+        if not all(axes.parallel(0, i) for i in range(1, 4)):
             return None
-        root, elbow, wrist = drawn.origins[list(hinges)]
-        w = drawn.directions[hinges[0]]
+        root, elbow, wrist = axes.origins[list(hinges)]
+        w = axes.directions[hinges[0]]
         plane = plane_across(w)
         upper, fore = in_plane(plane, elbow - root), in_plane(plane, wrist - elbow)
         if min(abs(upper), abs(fore)) < EXACT:
@@ -65,14 +65,14 @@ class Scara:
             chain=chain,
             hinges=hinges,
             slide=slide,
-            up=np.sign(drawn.directions @ w) * chain.sign,
+            up=np.sign(axes.directions @ w) * chain.sign,
             plane=plane,
             root=root,
             upper=upper,
             fore=fore,
             height=float(w @ (wrist - root)),
-            wrist=se3.transform(se3.inverse(drawn.T_frame0_last), wrist[None])[0],
-            R_frame0_last=drawn.T_frame0_last[:3, :3],
+            wrist=se3.transform(se3.inverse(axes.T_frame0_last), wrist[None])[0],
+            R_frame0_last=axes.T_frame0_last[:3, :3],
         )
 
     @property
@@ -83,16 +83,16 @@ class Scara:
         sign = float(np.prod(self.up)) * (-1.0) ** self.slide  # the slide's column moved to the third place
         return determinant(self.chain.joint_names, sign, [abs(self.upper)], [("elbow", elbow)])
 
-    def nearest_turns(self, Rs_frame0_last: Array) -> Array:
+    def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
         """See ``ClosedForm``: turned about w alone."""
         return self._at(self._turn(Rs_frame0_last)[0])
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``. Where a pose is tilted its place is met, turned as near to it as can be."""
         count = len(Ts_frame0_last)
-        turn, tilt = self._turn(Ts_frame0_last[:, :3, :3])
+        yaw, tilt = self._turn(Ts_frame0_last[:, :3, :3])
         liked = np.broadcast_to(reference, (count, 4)) * self.up
-        e, f, w = self.plane @ (Ts_frame0_last[:, :3, 3] + self._at(turn) @ self.wrist - self.root).T
+        e, f, w = self.plane @ (Ts_frame0_last[:, :3, 3] + self._at(yaw) @ self.wrist - self.root).T
         bent = float(np.angle(self.upper))
         first, second, third = self.hinges
         (shoulder, elbow), gap, (free, _) = type_8(
@@ -101,7 +101,7 @@ class Scara:
         joints = np.empty((count, 2, 4))
         joints[:, :, first] = (shoulder - bent).T
         joints[:, :, second] = (elbow + bent - np.angle(self.fore)).T
-        joints[:, :, third] = turn[:, None] - joints[:, :, first] - joints[:, :, second]
+        joints[:, :, third] = yaw[:, None] - joints[:, :, first] - joints[:, :, second]
         hinges = list(self.hinges)
         joints[:, :, hinges] -= 2 * np.pi * np.round(joints[:, :, hinges] / (2 * np.pi))
         joints[:, :, self.slide] = type_1(1.0, w - self.height).values[0].T
@@ -119,9 +119,9 @@ class Scara:
         """How far ``(n,)`` rad rotations are turned about w, and how far they are tilted then."""
         M = self.plane @ Rs @ self.R_frame0_last.T @ self.plane.T
         tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
-        turn = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
-        return turn, np.where(tilt <= EXACT, 0.0, tilt)
+        yaw = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
+        return yaw, np.where(tilt <= EXACT, 0.0, tilt)
 
-    def _at(self, turn: Array) -> Array:
+    def _at(self, yaw: Array) -> Array:
         """Rotations ``(n, 3, 3)`` of the last frame, turned about w."""
-        return np.asarray(se3.exp(turn[:, None] * self.plane[2]) @ self.R_frame0_last)
+        return np.asarray(se3.exp(yaw[:, None] * self.plane[2]) @ self.R_frame0_last)

@@ -1,4 +1,4 @@
-"""Whether a drawing's inverse has a closed form, and which: the arms that ``closed_forms`` knows."""
+"""Whether a nominal model's inverse has a closed form, and which: the arms that ``closed_forms`` knows."""
 
 from lab.kinematics.inverse.analytic.protocol import ClosedForm, Solutions
 from lab.kinematics.inverse.analytic.scara import Scara
@@ -9,5 +9,5 @@ __all__ = ["ClosedForm", "Solutions", "closed_form_of"]
 
 
 def closed_form_of(chain: Chain) -> ClosedForm | None:
-    """The closed form of a drawing; None where its shape has none that is known here."""
+    """The closed form of a nominal model; None where its shape has none that is known here."""
     return SphericalWrist.of(chain) or Scara.of(chain)

@@ -2,7 +2,7 @@
 
 The wrist's centre is moved by joints 1 to 3 alone (``carriers``); what is left of the rotation is the wrist's, by
 equations of types 2, 3 and 3 (Pieper 1968; Khalil & Dombre 2002, section 4.3). Everything is worked out from the
-joints' axes at zero readings, so that the table's convention, the joints' signs and their zeros do not matter. A vector
+joints' axes at zero joint positions, so that the table's convention, its signs and zeros do not matter. A vector
 is an array of three rows, a pose in each column.
 """
 
@@ -28,7 +28,7 @@ CHUNK = 1024  # poses at a time: what fits the processor's cache
 
 @dataclass(frozen=True)
 class SphericalWrist:
-    """Such an arm, by its axes in frame 0 at zero readings.
+    """Such an arm, by its axes in frame 0 at zero joint positions.
 
     Attributes:
         carrier: joints 1 to 3.
@@ -47,19 +47,19 @@ class SphericalWrist:
 
     @classmethod
     def of(cls, chain: Chain) -> "SphericalWrist | None":
-        """The closed form of a drawing; None where its shape has none."""
+        """The closed form of a nominal model; None where its shape has none."""
         if chain.size != 6 or any(chain.prismatic[3:]):
             return None
-        drawn = Axes.of(chain)
-        z = drawn.directions
-        centre, missed = _meeting_point(drawn.origins[3:], z[3:])
-        if missed > EXACT or not drawn.square(3, 4) or not drawn.square(4, 5):
+        joint_axes = Axes.of(chain)
+        z = joint_axes.directions
+        centre, missed = _meeting_point(joint_axes.origins[3:], z[3:])
+        if missed > EXACT or not joint_axes.square(3, 4) or not joint_axes.square(4, 5):
             return None
-        carrier = Elbow.of(drawn, centre) or Telescope.of(drawn, centre) or Lift.of(drawn, centre)
+        carrier = Elbow.of(joint_axes, centre) or Telescope.of(joint_axes, centre) or Lift.of(joint_axes, centre)
         if carrier is None:
             return None
         axes = np.array([z[3], z[4], np.cross(z[3], z[4])])
-        T = drawn.T_frame0_last
+        T = joint_axes.T_frame0_last
         return cls(
             chain=chain,
             carrier=carrier,
@@ -86,7 +86,7 @@ class SphericalWrist:
         product = [factors[0], ("wrist", wrist), *factors[1:]]
         return determinant(self.chain.joint_names, sign * float(np.prod(self.chain.sign)), lengths, product)
 
-    def nearest_turns(self, Rs_frame0_last: Array) -> Array:
+    def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
         """See ``ClosedForm``: six joints take any rotation."""
         return Rs_frame0_last
 
@@ -108,8 +108,8 @@ class SphericalWrist:
     def _solve(self, Ts: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
         """Fill in the angles ``(6, 2, elbows, 2, n)``: roots of the wrist's, the elbow's and joint 1's equation."""
         R = Ts[:, :3, :3].transpose(1, 2, 0)  # (3, 3, n)
-        place = _turned(R, self.centre) + Ts[:, :3, 3].T
-        carried = self.carrier.solve(place, liked[:3], angles[:3], gap, free[:3])
+        position = _turned(R, self.centre) + Ts[:, :3, 3].T
+        carried = self.carrier.solve(position, liked[:3], angles[:3], gap, free[:3])
         self._turn(R, carried, liked[3:], angles[3:], free[3:])
 
     def _turn(self, R: Array, carried: Carried, liked: Array, angles: Array, free: NDArray[np.bool_]) -> None:

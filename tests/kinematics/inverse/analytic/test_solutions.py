@@ -282,7 +282,7 @@ def test_a_tilt_is_out_of_reach_of_four_parallel_axes_and_told(name: str) -> Non
     tilt = rng.uniform(1e-6, 3.0, 300)
     tilted = Ts.copy()
     tilted[:, :3, :3] = se3.exp(tilt[:, None] * axis / np.linalg.norm(axis, axis=1)[:, None]) @ Ts[:, :3, :3]
-    np.testing.assert_allclose(form.nearest_turns(tilted[:, :3, :3]), Ts[:, :3, :3], atol=1e-9)
+    np.testing.assert_allclose(form.nearest_rotations(tilted[:, :3, :3]), Ts[:, :3, :3], atol=1e-9)
     found = form.solve(tilted)
     np.testing.assert_allclose(found.tilt_rad, np.stack([tilt, tilt], axis=1), rtol=1e-9)
     assert not found.gap_m.any()
