@@ -35,7 +35,6 @@ from lab.commands.calibrate.run import run_virtual
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
-from lab.design.certificate import certify
 from lab.experiments.closed_loop import compensator_of
 from lab.kinematics.effects.groups import HOUR_S
 from lab.kinematics.gauge import base_set
@@ -43,6 +42,7 @@ from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
+from lab.pose_selection.certificate import certify
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.random_effects import random_conditions

@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 
-from lab.design.criteria import indices
 from lab.experiments.thesis_mahdadi_2020 import searched
+from lab.pose_selection.criteria import indices
 
 CANDIDATES, STARTS = 1000, 12
 

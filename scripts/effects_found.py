@@ -27,10 +27,10 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.design.criteria import criterion
-from lab.design.exchange import exchange
 from lab.kinematics.effects.groups import HOUR_S
 from lab.kinematics.gauge import base_set
+from lab.pose_selection.criteria import criterion
+from lab.pose_selection.exchange import exchange
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.random_effects import EffectSizes, random_effects

@@ -26,7 +26,6 @@ from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.design.exchange import information
 from lab.kinematics.dynamics.rigid_body import (
     elements,
     hand_motion,
@@ -34,12 +33,20 @@ from lab.kinematics.dynamics.rigid_body import (
     torque_regressor,
     wrench_regressor,
 )
-from lab.payload.estimate import LoadEstimate
-from lab.payload.excitation import RATE_HZ, SECONDS, PredictedUncertainty, design_path, design_poses, predicted
-from lab.payload.fourier_path import CHECKED, FourierPath, Limits, random_path
-from lab.payload.from_torques import from_torques
-from lab.payload.from_wrench import from_wrench
-from lab.payload.sag_uncertainty import sag_uncertainty
+from lab.payload_identification.estimate import LoadEstimate
+from lab.payload_identification.excitation import (
+    RATE_HZ,
+    SECONDS,
+    PredictedUncertainty,
+    design_path,
+    design_poses,
+    predicted,
+)
+from lab.payload_identification.fourier_path import CHECKED, FourierPath, Limits, random_path
+from lab.payload_identification.from_torques import from_torques
+from lab.payload_identification.from_wrench import from_wrench
+from lab.payload_identification.sag_uncertainty import sag_uncertainty
+from lab.pose_selection.exchange import information
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
 from lab.simulation.payload_bench import LoadBench, RunErrors

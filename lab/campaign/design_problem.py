@@ -13,13 +13,13 @@ from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.design.criteria import Criterion, Scaling, criterion
-from lab.design.exchange import Feasible, Sensitivity, information
-from lab.design.tour import FreePath
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
+from lab.pose_selection.criteria import Criterion, Scaling, criterion
+from lab.pose_selection.exchange import Feasible, Sensitivity, information
+from lab.pose_selection.tour import FreePath
 from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, path_check
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel

@@ -7,7 +7,7 @@ import numpy as np
 from lab.campaign.design_problem import PoseProblem
 from lab.campaign.options import PlannedCampaign
 from lab.core.random import rng_for
-from lab.design.exchange import Design, ascend, exchange
+from lab.pose_selection.exchange import Design, ascend, exchange
 from lab.simulation.candidate_poses import MARGIN
 
 Progress = Callable[[str], None]

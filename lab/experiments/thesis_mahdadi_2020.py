@@ -16,12 +16,12 @@ from lab.campaign.robot import load_robot
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.design.criteria import Scaling, criterion
-from lab.design.exchange import Design, ascend, exchange
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.model import is_angle
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
+from lab.pose_selection.criteria import Scaling, criterion
+from lab.pose_selection.exchange import Design, ascend, exchange
 
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition")
 POSES, CANDIDATES, STARTS = 20, 400, 2

@@ -14,7 +14,7 @@ from scipy import stats
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.payload.fourier_path import Limits, random_path
+from lab.payload_identification.fourier_path import Limits, random_path
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload_bench import RunErrors
 

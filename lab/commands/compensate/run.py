@@ -12,7 +12,7 @@ from lab.core.measurements import asked
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.inverse.newton import PoseTarget
-from lab.payload.sag_uncertainty import sag_uncertainty
+from lab.payload_identification.sag_uncertainty import sag_uncertainty
 
 UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
 

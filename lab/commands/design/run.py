@@ -13,11 +13,11 @@ from lab.campaign.options import PlannedCampaign
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.design.certificate import Certificate, certify
-from lab.design.criteria import Indices, indices
-from lab.design.exchange import Design, information
-from lab.design.predicted_accuracy import PredictedAccuracy, predict, smallest_count
-from lab.design.tour import Tour, plan_tour, rated
+from lab.pose_selection.certificate import Certificate, certify
+from lab.pose_selection.criteria import Indices, indices
+from lab.pose_selection.exchange import Design, information
+from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
+from lab.pose_selection.tour import Tour, plan_tour, rated
 
 POSES = 30  # where neither a number nor an accuracy is asked for
 MOST_POSES = 200  # where an accuracy is asked for

@@ -10,9 +10,9 @@ from lab.commands.calibrate.scene import Drawn, drawn, moved, reach_of, world_le
 from lab.commands.design.result import pose_ids
 from lab.commands.design.run import Plan
 from lab.core.se3 import Array
-from lab.design.exchange import information
-from lab.design.tour import rated, tour_trajectory
 from lab.formats.rapid import WAIT_S
+from lab.pose_selection.exchange import information
+from lab.pose_selection.tour import rated, tour_trajectory
 from lab.render.skeleton import Legs, frame_lines, frame_origins
 from lab.simulation.meshes import Shell, body_poses, shells
 

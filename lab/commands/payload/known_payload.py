@@ -10,7 +10,7 @@ from lab.campaign.robot import Robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.payload.estimate import LoadEstimate
+from lab.payload_identification.estimate import LoadEstimate
 
 LOAD_FILE = "load.json"  # in the folder of a run
 

@@ -13,7 +13,7 @@ from lab.commands.payload.run import PayloadResult
 from lab.commands.run_folder import config, write_json
 from lab.core.se3 import Array
 from lab.formats.load_csv import WRENCH
-from lab.payload.estimate import LoadEstimate, Nuisance
+from lab.payload_identification.estimate import LoadEstimate, Nuisance
 
 AXES = "xyz"
 _PEOPLE = {"s": (1e3, "ms"), "rad": (180 / np.pi, "°")}  # units that a person reads

@@ -16,12 +16,12 @@ from lab.core.se3 import Array
 from lab.formats.load_csv import read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.estimate import LoadEstimate
-from lab.payload.from_sag import Soft, from_sag
-from lab.payload.from_torques import from_torques
-from lab.payload.from_wrench import from_wrench
-from lab.payload.physical_consistency import physical_estimate
-from lab.payload.sag_uncertainty import sag_uncertainty
+from lab.payload_identification.estimate import LoadEstimate
+from lab.payload_identification.from_sag import Soft, from_sag
+from lab.payload_identification.from_torques import from_torques
+from lab.payload_identification.from_wrench import from_wrench
+from lab.payload_identification.physical_consistency import physical_estimate
+from lab.payload_identification.sag_uncertainty import sag_uncertainty
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload import drawn_mounting, own_dynamics
 

@@ -16,8 +16,8 @@ from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.recording import equivalent_ellipsoid
 from lab.core.load_samples import Mounting
 from lab.formats.load_csv import write_loads, write_mounting
-from lab.payload.fourier_path import Limits, random_path
-from lab.payload.sag_uncertainty import sag_uncertainty
+from lab.payload_identification.fourier_path import Limits, random_path
+from lab.payload_identification.sag_uncertainty import sag_uncertainty
 from lab.simulation.collisions import random_poses
 from lab.simulation.elastic import FlexibleArm
 from lab.simulation.payload import RigidLoad

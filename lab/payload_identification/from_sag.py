@@ -9,10 +9,10 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import LOAD, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.estimate import LoadEstimate, estimate_of
-from lab.payload.excitation_advice import unseen_of
-from lab.payload.least_squares import least_squares
-from lab.payload.residual_tests import BiasCandidate, verdict
+from lab.payload_identification.estimate import LoadEstimate, estimate_of
+from lab.payload_identification.excitation_advice import unseen_of
+from lab.payload_identification.least_squares import least_squares
+from lab.payload_identification.residual_tests import BiasCandidate, verdict
 
 _ROUNDS, _SETTLED = 20, 1e-9  # kg, kg m
 _NEWTON = 4

@@ -5,9 +5,9 @@ import pytest
 from helpers.robots import IRB120
 
 from lab.core.errors import LabError
-from lab.design.criteria import CRITERIA, Scaling, criterion, indices
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, indices
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).kept)

@@ -7,8 +7,8 @@ import numpy as np
 
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, elements, inertia_about_centre, is_physical, symmetric
-from lab.payload.least_squares import LinearSolution
-from lab.payload.residual_tests import ResidualVerdict
+from lab.payload_identification.least_squares import LinearSolution
+from lab.payload_identification.residual_tests import ResidualVerdict
 
 
 @dataclass(frozen=True)

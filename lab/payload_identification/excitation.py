@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.design.criteria import Criterion, criterion
-from lab.design.exchange import Feasible, ascend, exchange, information
 from lab.kinematics.dynamics.rigid_body import Dynamics
-from lab.payload.fourier_path import CHECKED, HARMONICS, PERIOD_S, FourierPath, Limits, random_path
-from lab.payload.path_optimizer import Allowed, PathSearch
+from lab.payload_identification.fourier_path import CHECKED, HARMONICS, PERIOD_S, FourierPath, Limits, random_path
+from lab.payload_identification.path_optimizer import Allowed, PathSearch
+from lab.pose_selection.criteria import Criterion, criterion
+from lab.pose_selection.exchange import Feasible, ascend, exchange, information
 
 Regressor = Callable[[Array, Array, Array], Array]
 """Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: what is read is linear in the p parameters."""

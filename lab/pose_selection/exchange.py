@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.design.criteria import Criterion
+from lab.pose_selection.criteria import Criterion
 
 Sensitivity = Callable[[Array], Array]
 Feasible = Callable[[Array], NDArray[np.bool_]]

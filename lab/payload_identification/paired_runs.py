@@ -10,7 +10,7 @@ from lab.core.load_samples import PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.filtering import SETTLING_S, Band, Filter, band_of
+from lab.payload_identification.filtering import SETTLING_S, Band, Filter, band_of
 
 MOST_APART = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
 _SAME_STEP = 0.01  # of a time step

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.design.tsp import double_bridge, improve, lengths, random_starts
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.kinematics.trajectory.trajectory import Trajectory, common_phases, joined
+from lab.pose_selection.tsp import double_bridge, improve, lengths, random_starts
 
 DEFAULT_SPEED = np.pi  # rad/s; small arms' axes reach 2.5 to 7
 DEFAULT_SLIDE_SPEED = 0.5  # m/s

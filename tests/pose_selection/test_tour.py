@@ -12,7 +12,8 @@ from helpers.scenes import among_posts, small_arm
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
 from lab.core.random import rng_for
-from lab.design.tour import (
+from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
+from lab.pose_selection.tour import (
     DEFAULT_SLIDE_SPEED,
     DEFAULT_SPEED,
     FULL_SPEED_S,
@@ -23,7 +24,7 @@ from lab.design.tour import (
     rated,
     tour_trajectory,
 )
-from lab.design.tsp import (
+from lab.pose_selection.tsp import (
     _or_change,
     _or_moved,
     _reversed,
@@ -33,7 +34,6 @@ from lab.design.tsp import (
     lengths,
     random_starts,
 )
-from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.simulation.candidate_poses import draw_candidates, path_check
 from lab.simulation.collisions import collides, random_poses
 

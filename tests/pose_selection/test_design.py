@@ -19,13 +19,13 @@ from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
-from lab.design.certificate import certify
-from lab.design.criteria import CRITERIA, Scaling, criterion
-from lab.design.exchange import ascend, exchange, information
-from lab.design.predicted_accuracy import predict, smallest_count
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.pose_selection.certificate import certify
+from lab.pose_selection.criteria import CRITERIA, Scaling, criterion
+from lab.pose_selection.exchange import ascend, exchange, information
+from lab.pose_selection.predicted_accuracy import predict, smallest_count
 from lab.simulation.candidate_poses import feasibility, path_check
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import track

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft, stats
 
 from lab.core.se3 import Array
-from lab.payload.least_squares import LinearSolution
+from lab.payload_identification.least_squares import LinearSolution
 
 LEVEL = 0.05
 SLOW_HZ = 5.0  # below it a quick arm's torques change

@@ -12,12 +12,12 @@ from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, HandMotion, hand_motion, wrench_regressor
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.estimate import LoadEstimate, estimate_of
-from lab.payload.excitation_advice import unseen_of
-from lab.payload.filtering import BAND_HZ, Band, band_of
-from lab.payload.least_squares import LinearSolution, least_squares
-from lab.payload.paired_runs import same_step
-from lab.payload.residual_tests import BiasCandidate, Series, verdict
+from lab.payload_identification.estimate import LoadEstimate, estimate_of
+from lab.payload_identification.excitation_advice import unseen_of
+from lab.payload_identification.filtering import BAND_HZ, Band, band_of
+from lab.payload_identification.least_squares import LinearSolution, least_squares
+from lab.payload_identification.paired_runs import same_step
+from lab.payload_identification.residual_tests import BiasCandidate, Series, verdict
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 OFFSETS = tuple(f"offset.{name}" for name in WRENCH)

@@ -9,14 +9,14 @@ from helpers.robots import VERSATRAN
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.design.criteria import criterion
-from lab.design.exchange import information
 from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.payload.excitation import PredictedUncertainty, design_path, design_poses, predicted
-from lab.payload.fourier_path import FourierPath, Limits, random_path
-from lab.payload.path_optimizer import Box, PathSearch, _Walls
+from lab.payload_identification.excitation import PredictedUncertainty, design_path, design_poses, predicted
+from lab.payload_identification.fourier_path import FourierPath, Limits, random_path
+from lab.payload_identification.path_optimizer import Box, PathSearch, _Walls
+from lab.pose_selection.criteria import criterion
+from lab.pose_selection.exchange import information
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.payload import CarryingArm, RigidLoad
 

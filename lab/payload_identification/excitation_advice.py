@@ -5,7 +5,7 @@ import numpy as np
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, hand_jacobian
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.least_squares import LinearSolution
+from lab.payload_identification.least_squares import LinearSolution
 
 _AXES = "xyz"
 _SHOWN = 200  # samples to tell by which joints turn the hand

@@ -9,12 +9,12 @@ from lab.core.load_samples import PayloadSamples
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.estimate import LoadEstimate, estimate_of
-from lab.payload.excitation_advice import unseen_of
-from lab.payload.filtering import BAND_HZ, Filter
-from lab.payload.least_squares import LinearSolution, least_squares
-from lab.payload.paired_runs import Compared, compared, diagonal, refuse_apart
-from lab.payload.residual_tests import BiasCandidate, Series, verdict
+from lab.payload_identification.estimate import LoadEstimate, estimate_of
+from lab.payload_identification.excitation_advice import unseen_of
+from lab.payload_identification.filtering import BAND_HZ, Filter
+from lab.payload_identification.least_squares import LinearSolution, least_squares
+from lab.payload_identification.paired_runs import Compared, compared, diagonal, refuse_apart
+from lab.payload_identification.residual_tests import BiasCandidate, Series, verdict
 
 _ROUNDS, _SETTLED = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
 _DELAY = "a delay between torques and positions; estimate it (delay)"

@@ -24,14 +24,14 @@ from lab.kinematics.dynamics.rigid_body import (
     wrench_regressor,
 )
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload.estimate import LoadEstimate
-from lab.payload.filtering import band_of
-from lab.payload.from_sag import Soft, from_sag
-from lab.payload.from_torques import from_torques
-from lab.payload.from_wrench import from_wrench
-from lab.payload.least_squares import least_squares
-from lab.payload.physical_consistency import nearest_physical, physical_estimate
-from lab.payload.residual_tests import LEVEL
+from lab.payload_identification.estimate import LoadEstimate
+from lab.payload_identification.filtering import band_of
+from lab.payload_identification.from_sag import Soft, from_sag
+from lab.payload_identification.from_torques import from_torques
+from lab.payload_identification.from_wrench import from_wrench
+from lab.payload_identification.least_squares import least_squares
+from lab.payload_identification.physical_consistency import nearest_physical, physical_estimate
+from lab.payload_identification.residual_tests import LEVEL
 from lab.simulation.link_masses import loads_of
 
 TX40 = load_virtual("tx40").model

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from lab.core.se3 import Array
-from lab.design.criteria import Criterion
-from lab.design.exchange import information
-from lab.payload.fourier_path import CHECKED, Box, bases
+from lab.payload_identification.fourier_path import CHECKED, Box, bases
+from lab.pose_selection.criteria import Criterion
+from lab.pose_selection.exchange import information
 
 Allowed = Callable[[Array], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 """States ``(n, 3, J)`` (reading, speed, acceleration) to whether each is free of contacts, and within the torques."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.design.tour import rated
 from lab.kinematics.serial.chain import Chain
+from lab.pose_selection.tour import rated
 
 HARMONICS, PERIOD_S = 5, 5.0
 MARGIN = 0.02  # of a joint's range, kept from each limit

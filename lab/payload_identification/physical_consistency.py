@@ -15,7 +15,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, is_physical, pseudo_inertia
-from lab.payload.estimate import LoadEstimate
+from lab.payload_identification.estimate import LoadEstimate
 
 PRIOR = 1e-4  # weight w: it moves the load by far less than a standard deviation
 _FALL = 0.2  # of the weight, from one that outweighs the misfit at the start down to the prior's
