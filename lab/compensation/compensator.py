@@ -83,18 +83,18 @@ class Compensator:
         LabError: the arm cannot bring its tool to places all around it.
     """
 
-    drawing: NominalInverse
+    nominal: NominalInverse
     arm: Arm
     values: Array
 
     def __post_init__(self) -> None:
-        arm, chain = self.drawing.arm, self.drawing.arm.chain
-        _, jacobian = self.drawing.tool(chain.random_joints(TRIED, rng_for(0, "structure")))
+        arm, chain = self.nominal.arm, self.nominal.arm.chain
+        _, jacobian = self.nominal.tool(chain.random_joints(TRIED, rng_for(0, "structure")))
         ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
         if ways < 3:
             raise LabError(
                 f"robot '{chain.name}': its joints ({', '.join(chain.joint_names)}) move "
-                f"{arm.targets[self.drawing.target]} in {ways} of three directions, so it cannot be brought to a "
+                f"{arm.targets[self.nominal.target]} in {ways} of three directions, so it cannot be brought to a "
                 "place that is off by a little; compensation takes three joints that do"
             )
 
@@ -105,7 +105,7 @@ class Compensator:
             conditions: ``(n, c)``, what the arm's effects ask for.
             reference: ``(n, joints)`` readings that say which way to take; NaN where that is free.
         """
-        chain, found = self.drawing.arm.chain, self._first_that_fits(wanted, conditions, reference)
+        chain, found = self.nominal.arm.chain, self._first_that_fits(wanted, conditions, reference)
         fits = np.flatnonzero(found.fits)
         some, given = wanted.take(fits), conditions[fits]
         schemes = [self._differential(some, given, found.start[fits])]
@@ -119,7 +119,7 @@ class Compensator:
         apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
         rigid = rigid_part(self.arm)
-        distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.drawing.target)
+        distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.nominal.target)
         return Compensation(
             found.joints,
             found.start,
@@ -137,8 +137,8 @@ class Compensator:
 
     def _first_that_fits(self, wanted: PoseTarget, conditions: Array, reference: Array) -> Attempts:
         """The identified arm's inverse, by the first way of the drawing that ends within limits; else the best."""
-        chain = self.drawing.arm.chain
-        ways = self.drawing.ways(wanted, reference)
+        chain = self.nominal.arm.chain
+        ways = self.nominal.ways(wanted, reference)
         starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways))
         order[~wanted.turned] = -1  # found by search: of no branch
         free = ~np.isfinite(reference).all(axis=1)
@@ -155,23 +155,23 @@ class Compensator:
         """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
         near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
         joints = ways.joints[rows]
-        distance, _ = self.drawing.arm.singular_distance(
-            joints.reshape(-1, joints.shape[2]), self.drawing.values, self.drawing.target
+        distance, _ = self.nominal.arm.singular_distance(
+            joints.reshape(-1, joints.shape[2]), self.nominal.values, self.nominal.target
         )
         near[rows] = (distance < CLEAR_RAD).reshape(near[rows].shape)
         return near
 
     def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
         """Newton's method from one way of the drawing, aimed a few times at what the arm misses there."""
-        chain = self.drawing.arm.chain
+        chain = self.nominal.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
         going = np.arange(len(wanted))
         for _ in range(AIMINGS):
             aimed = self._aimed(wanted.take(going), joints[going], conditions[going])
-            joints[going], reached = self.drawing.again(aimed, joints[going], branch[going])
+            joints[going], reached = self.nominal.again(aimed, joints[going], branch[going])
             aimings[going] += 1
             going = going[reached]
-        ended = reach(self.arm, self.values, wanted, joints, conditions, self.drawing.target)
+        ended = reach(self.arm, self.values, wanted, joints, conditions, self.nominal.target)
         turned = nearest_whole_turns(chain, ended.joints, start)
         excess = chain.excess(turned)
         return Attempts(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
@@ -180,7 +180,7 @@ class Compensator:
         """Scheme (b)."""
 
         def moved(rows: NDArray[np.int_], joints: Array, missing: Array) -> Array:
-            return joints + shortest_step(self.drawing.tool(joints)[1], missing, wanted.turned[rows])
+            return joints + shortest_step(self.nominal.tool(joints)[1], missing, wanted.turned[rows])
 
         return self._iterated(wanted, conditions, start, moved)
 
@@ -193,7 +193,7 @@ class Compensator:
         def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
             corrected = self._aimed(wanted.take(rows), joints, conditions[rows])
             aimed.positions[rows], aimed.rotations[rows] = corrected.positions, corrected.rotations
-            return self.drawing.again(aimed.take(rows), joints, branch[rows])[0]
+            return self.nominal.again(aimed.take(rows), joints, branch[rows])[0]
 
         return aimed, self._iterated(wanted, conditions, start, moved)
 
@@ -220,12 +220,12 @@ class Compensator:
 
     def _aimed(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
         """X_C = X_R - dX: where to aim the drawing, by what the arm misses at these readings."""
-        real, drawn = self._tool(joints, conditions)[0], self.drawing.tool(joints)[0]
+        real, drawn = self._tool(joints, conditions)[0], self.nominal.tool(joints)[0]
         positions = wanted.positions - (real[:, :3, 3] - drawn[:, :3, 3])
         return PoseTarget(positions, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.rotations)
 
     def _tool(self, joints: Array, conditions: Array) -> tuple[Array, Array]:
-        return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.drawing.target)
+        return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.nominal.target)
 
     def _apart(self, conditions: Array, turned: NDArray[np.bool_], *schemes: Array) -> Array:
         """The largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""

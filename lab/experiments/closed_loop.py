@@ -8,7 +8,7 @@ from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.run import CalibrationResult
 from lab.compensation.compensator import CLEAR_RAD, Compensator
-from lab.compensation.iso9283 import CYCLES, SIDES_M, circle_places, cube_places, line_places
+from lab.compensation.iso9283 import CYCLES, SIDES_M, circle_positions, cube_positions, line_positions
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
@@ -36,7 +36,7 @@ class VisitedPath:
     Attributes:
         wanted: those that could be corrected, ``(n, 3)`` m in the tracker's frame.
         failed: how many could not.
-        uncorrected, corrected: joint readings ``(n, joints)``.
+        uncorrected, corrected: joint positions ``(n, joints)``.
         before, after: places measured then ``(cycles, n, 3)`` m.
     """
 
@@ -64,8 +64,8 @@ def compensator_of(outcome: CalibrationResult, target: str = "p1") -> Compensato
     )
     before = dict(zip(found.model.names, found.before, strict=True))
     rigid = rigid_part(arm)
-    drawing = NominalInverse(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
-    return Compensator(drawing, arm, np.array([likely[name] for name in arm.names]))
+    nominal = NominalInverse(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
+    return Compensator(nominal, arm, np.array([likely[name] for name in arm.names]))
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,11 @@ class Cube:
     centre: Array
     turn: Array
 
-    def poses(self, places: Array, drawing: NominalInverse) -> PoseTarget:
-        """Places ``(n, 3)`` from the centre as targets in the tracker's frame, where the drawing's base has it."""
-        T_tracker_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
-        turns = np.broadcast_to(T_tracker_frame0[:3, :3] @ self.turn, (len(places), 3, 3))
-        return PoseTarget(se3.transform(T_tracker_frame0, self.centre + places), turns)
+    def poses(self, positions: Array, nominal: NominalInverse) -> PoseTarget:
+        """Places ``(n, 3)`` from the centre as targets in the tracker's frame, where the nominal base has it."""
+        T_tracker_frame0 = nominal.arm.T_tracker_frame0(nominal.values)
+        turns = np.broadcast_to(T_tracker_frame0[:3, :3] @ self.turn, (len(positions), 3, 3))
+        return PoseTarget(se3.transform(T_tracker_frame0, self.centre + positions), turns)
 
 
 @dataclass(frozen=True)
@@ -105,36 +105,34 @@ class ClosedLoop:
 
 
 def reachable_cube(robot: Robot, target: str) -> Cube:
-    """The largest of the standard's cubes that the drawing reaches with one rotation of the tool, clear of everything.
+    """The largest of the standard's cubes that the nominal model reaches with one tool rotation and without collision.
 
     Raises:
         LabError: there is none.
     """
     model = robot.model
     arm = robot.arm((target,))
-    drawing = NominalInverse(arm, arm.nominal(robot.tool))
-    centres = drawing.tool(random_poses(model, CENTRES, rng_for(0, "structure")))[0]
+    nominal = NominalInverse(arm, arm.nominal(robot.tool))
+    centres = nominal.tool(random_poses(model, CENTRES, rng_for(0, "structure")))[0]
     aside = np.abs(centres[:, 1, 3]) + ROTATION_M * np.abs(centres[:, 1, 2])
     centres = centres[np.argsort(aside)]  # those straight ahead first
     for side in SIDES_M:
         for T in centres:
             cube = Cube(side, T[:3, 3], T[:3, :3])
-            if all(
-                _clear(model, drawing, cube.poses(places, drawing))
-                for places in (cube_places(side), circle_places(side, PATH_POINTS), line_places(side, PATH_POINTS))
-            ):
+            paths = cube_positions(side), circle_positions(side, PATH_POINTS), line_positions(side, PATH_POINTS)
+            if all(_clear(model, nominal, cube.poses(positions, nominal)) for positions in paths):
                 return cube
     raise LabError(f"robot {robot.name}: no test cube of {SIDES_M[-1]:g} m is within its reach")
 
 
-def _clear(model: RobotModel, drawing: NominalInverse, wanted: PoseTarget) -> bool:
-    """Whether the drawing reaches all poses, clear of its limits, of singularities and of collisions."""
-    chain, anywhere = drawing.arm.chain, np.full((len(wanted), drawing.arm.chain.size), np.nan)
-    ways = drawing.ways(wanted, anywhere)
+def _clear(model: RobotModel, nominal: NominalInverse, wanted: PoseTarget) -> bool:
+    """Whether the nominal model reaches all poses, clear of its limits, of singularities and of collisions."""
+    chain, anywhere = nominal.arm.chain, np.full((len(wanted), nominal.arm.chain.size), np.nan)
+    ways = nominal.ways(wanted, anywhere)
     joints = ordered(chain, ways, anywhere, np.zeros(ways.gap_m.shape, dtype=np.bool_))[0][:, 0]
     if ways.gap_m.min(axis=1).max() > 0 or chain.beyond_limits(joints, -MARGIN_RAD).any():
         return False
-    distance, _ = drawing.arm.singular_distance(joints, drawing.values, drawing.target)
+    distance, _ = nominal.arm.singular_distance(joints, nominal.values, nominal.target)
     return bool(distance.min() > CLEAR_RAD) and not collides(model, joints).any()
 
 
@@ -154,14 +152,14 @@ def close_loop(
     """
     assert outcome.real is not None
     compensator = compensator_of(outcome)
-    runner, drawing = _Runner(outcome.real, compensator, instrument, payload_kg, seed), compensator.drawing
-    poses = drawing.tool(random_poses(outcome.real.robot, targets, rng_for(seed, "targets")))[0]
+    runner, nominal = _Runner(outcome.real, compensator, instrument, payload_kg, seed), compensator.nominal
+    poses = nominal.tool(random_poses(outcome.real.robot, targets, rng_for(seed, "targets")))[0]
     return ClosedLoop(
         cube,
-        runner.run(cube.poses(cube_places(cube.side_m), drawing), CYCLES),
+        runner.run(cube.poses(cube_positions(cube.side_m), nominal), CYCLES),
         runner.run(PoseTarget(poses[:, :3, 3], poses[:, :3, :3])),
-        runner.run(cube.poses(circle_places(cube.side_m, PATH_POINTS), drawing)),
-        runner.run(cube.poses(line_places(cube.side_m, PATH_POINTS), drawing)),
+        runner.run(cube.poses(circle_positions(cube.side_m, PATH_POINTS), nominal)),
+        runner.run(cube.poses(line_positions(cube.side_m, PATH_POINTS), nominal)),
     )
 
 
@@ -189,8 +187,8 @@ class _Runner:
 
     def _visited(self, joints: Array, cycles: int) -> Array:
         """Places ``(cycles, n, 3)`` that the tracker measures, one cycle after the other."""
-        drawing, every = self.compensator.drawing, np.tile(joints, (cycles, 1))
+        nominal, every = self.compensator.nominal, np.tile(joints, (cycles, 1))
         load = {"payload_kg": np.full(len(every), self.payload_kg)}
-        name, rng = drawing.arm.targets[drawing.target], rng_for(self.seed, "visits")
+        name, rng = nominal.arm.targets[nominal.target], rng_for(self.seed, "visits")
         data = track(self.real, every, (name,), self.instrument, rng, READINGS, load)
         return data.points.reshape(cycles, len(joints), 3)

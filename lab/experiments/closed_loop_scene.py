@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lab.commands.calibrate.result import rigid
 from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import LARGEST_FACTOR, magnification, moved, world_of
-from lab.compensation.iso9283 import cube_places
+from lab.compensation.iso9283 import cube_positions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.experiments.closed_loop import ClosedLoop, Cube, VisitedPath, compensator_of
@@ -102,7 +102,7 @@ def loop_scene(outcome: CalibrationResult, loop: ClosedLoop) -> LoopScene:
     joints = np.concatenate([course.corrected for course, _ in run.values()])
     places, corners = (
         _in_world(outcome, loop.cube, offsets)
-        for offsets in (cube_places(loop.cube.side_m), loop.cube.side_m * _CORNERS)
+        for offsets in (cube_positions(loop.cube.side_m), loop.cube.side_m * _CORNERS)
     )
     reached = moved(T_world_tracker, loop.poses.wanted)
     normal = np.cross(places[1] - places[0], places[3] - places[0])
@@ -134,4 +134,4 @@ def _shown(course: VisitedPath, T_world_tracker: Array, start: int, hold: int) -
 
 def _in_world(outcome: CalibrationResult, cube: Cube, offsets: Array) -> Array:
     """Places ``(n, 3)`` m from the cube's centre, in the world."""
-    return moved(world_of(outcome), cube.poses(offsets, compensator_of(outcome).drawing).positions)
+    return moved(world_of(outcome), cube.poses(offsets, compensator_of(outcome).nominal).positions)

@@ -1,7 +1,7 @@
 """What other searches would have chosen: the poses of a study's cells by other seeds, and the errors they promise.
 
 A study's intervals are for the poses that it has. Another search by the same criterion ends at other poses; how much
-that matters is predicted to first order, for the arm as drawn.
+that matters is predicted to first order, for the nominal arm.
 """
 
 from collections.abc import Callable, Sequence

@@ -25,7 +25,7 @@ from lab.pose_selection.exchange import Design, ascend, exchange
 
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition")
 POSES, CANDIDATES, STARTS = 20, 400, 2
-# Table IV.2: how far the arm is off its drawing (mm, rad), in the order in which the thesis lists the 19.
+# Table IV.2: how far the arm is off its nominal model (mm, rad), in the order in which the thesis lists the 19.
 OFF: Mapping[str, float] = MappingProxyType(
     {
         "link1.theta": 0.0013, "link1.d": 1.005, "link1.a": 1.23, "link1.alpha": 0.0017,
@@ -57,7 +57,7 @@ class Case:
 
     Attributes:
         arm: whose only target is the flange's origin.
-        nominal: parameters ``(p,)`` of the drawing, SI; the base at rest.
+        nominal: parameters ``(p,)`` of the nominal model, SI; the base at rest.
         free: indices of the 19, in the order of ``OFF``.
         mm: ``(19,)``, by what an error in SI is multiplied to be in mm or rad.
     """
@@ -77,7 +77,7 @@ class Case:
 
 @cache
 def thesis_case() -> Case:
-    """The arm of the thesis; drawn once."""
+    """The nominal arm of the thesis."""
     arm = load_robot("irb120").serial_arm(("p1",))
     nominal = arm.nominal({"p1": np.zeros(3)})
     free = tuple(arm.names.index(name) for name in OFF)
@@ -142,8 +142,8 @@ def errors(
     """Errors of the 19 ``(draws, 19)``, mm and rad, each draw with other noise of ±8 µm; for all poses the same.
 
     Args:
-        linear: of an arm whose points move with its parameters as they do on the drawing, which is what the thesis'
-            errors look like; else of the arm as it is, fitted until nothing moves.
+        linear: of an arm whose points move with its parameters as they do on the nominal model, as the
+            thesis' errors look like; else of the arm as it is, fitted until nothing moves.
     """
     case, device = thesis_case(), instrument("uniform-8um")
     truth, free = case.truth(hidden), list(case.free)

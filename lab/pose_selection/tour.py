@@ -88,7 +88,7 @@ class RoadmapGraph:
         return True
 
     def settle_tour(self, tour: Indices) -> bool:
-        """The same for all moves of a closed tour ``(m + 1,)``; False if all were already true."""
+        """Make the costs of all moves of a closed tour ``(m + 1,)``; False if all were already true."""
         changed = [self.settle(int(a), int(b)) for a, b in zip(tour, np.roll(tour, -1), strict=True)]
         return any(changed)
 

@@ -42,13 +42,13 @@ def inputs(of: Compensator, joints: Array) -> Array:
 
 def reachable(of: Compensator, count: int, seed: int) -> PoseTarget:
     """Poses that the identified arm takes at random joints within limits."""
-    joints = of.drawing.arm.chain.random_joints(count, np.random.default_rng(seed))
+    joints = of.nominal.arm.chain.random_joints(count, np.random.default_rng(seed))
     Ts, _ = of.arm.tool(inputs(of, joints), of.values)
     return PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
 
 
 def corrected(of: Compensator, wanted: PoseTarget, reference: Array | None = None) -> Compensation:
-    size = of.drawing.arm.chain.size
+    size = of.nominal.arm.chain.size
     anywhere = np.full((len(wanted), size), np.nan)
     conditions = inputs(of, np.zeros((len(wanted), size)))[:, size:]
     return of(wanted, conditions, anywhere if reference is None else reference)
@@ -68,7 +68,7 @@ def test_targets_from_random_joints_are_hit(groups: tuple[str, ...]) -> None:
         assert all(reason for reason, done in zip(found.reasons, found.converged, strict=True) if not done)
         words = ("joint limit: ", "within 1° of a singularity", "out of reach by ", "° from a singularity")
         assert all(any(word in reason for word in words) for reason in found.reasons if reason)
-        within = ~of.drawing.arm.chain.beyond_limits(found.joints, 1e-9).any(axis=1)
+        within = ~of.nominal.arm.chain.beyond_limits(found.joints, 1e-9).any(axis=1)
         assert within[found.converged].all()
 
 
@@ -86,10 +86,10 @@ def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned
         missing = wanted.take(done).errors(of.arm.tool(inputs(of, joints)[done], of.values)[0])
         assert np.abs(missing).max() <= 1e-6
     assert found.scheme_disagreement_m[done].max() <= AGREED_M
-    closed = of.drawing.closed_form  # the controller itself, by another inverse than Newton's
+    closed = of.nominal.closed_form  # the controller itself, by another inverse than Newton's
     assert closed is not None
     aimed = PoseTarget(found.positions[done], found.rotations[done])
-    ways = closed.solve(of.drawing.last_frames(aimed)).joints
+    ways = closed.solve(of.nominal.last_frames(aimed)).joints
     apart = np.abs((ways - found.cartesian[done][:, None] + np.pi) % (2 * np.pi) - np.pi).max(axis=2).min(axis=1)
     assert np.quantile(apart, 0.99) < 1e-6
     moved = np.linalg.norm(found.positions - wanted.positions, axis=1)[done]
@@ -98,7 +98,7 @@ def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned
 
 def test_without_an_error_nothing_is_corrected() -> None:
     of = compensator((), 5)
-    of = Compensator(of.drawing, of.drawing.arm, of.drawing.values)
+    of = Compensator(of.nominal, of.nominal.arm, of.nominal.values)
     wanted = reachable(of, 200, 6)
     found = corrected(of, wanted)
     assert found.converged.all()
@@ -108,7 +108,7 @@ def test_without_an_error_nothing_is_corrected() -> None:
 
 def test_the_branch_that_is_given_is_kept_and_otherwise_the_nearest_is_taken() -> None:
     of = compensator((), 7)
-    chain = of.drawing.arm.chain
+    chain = of.nominal.arm.chain
     joints = 0.9 * chain.random_joints(300, np.random.default_rng(8))
     Ts, jacobian = of.arm.tool(joints, of.values)
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
@@ -135,7 +135,7 @@ def test_a_path_stays_in_the_branch_that_its_first_target_names() -> None:
 
 def test_what_cannot_be_reached_says_why() -> None:
     of = compensator((), 9)
-    chain = of.drawing.arm.chain
+    chain = of.nominal.arm.chain
     inside = np.deg2rad([[10.0, 20, -20, 30, 40, 50]] * 4)
     far, limited, singular, fine = inside
     limited[2] = chain.upper[2] + 0.05
@@ -177,16 +177,16 @@ def other_compensator(name: str, seed: int) -> tuple[Compensator, Array]:
 def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool) -> None:
     """The SCARA's axes are tilted: it cannot take the drawing's rotations, but their places and their turn about z."""
     of, joints = other_compensator(name, 1)
-    joints = np.clip(joints, of.drawing.arm.chain.lower + 0.02, of.drawing.arm.chain.upper - 0.02)
+    joints = np.clip(joints, of.nominal.arm.chain.lower + 0.02, of.nominal.arm.chain.upper - 0.02)
     if name == "scara":
         joints[:, 1] = np.where(np.abs(joints[:, 1]) < 0.25, 0.25, joints[:, 1])  # short of the outstretched arm
-    Ts, _ = of.drawing.tool(joints) if drawn else of.arm.tool(joints, of.values)
+    Ts, _ = of.nominal.tool(joints) if drawn else of.arm.tool(joints, of.values)
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     found = corrected(of, wanted)
     assert found.converged.mean() >= 0.995
     assert all("singularity" in reason or "joint limit" in reason for reason in found.reasons if reason)
     done = np.flatnonzero(found.converged)
-    axis_z = of.drawing.arm.T_tracker_frame0(of.drawing.values)[:3, 2]
+    axis_z = of.nominal.arm.T_tracker_frame0(of.nominal.values)[:3, 2]
     for readings in (found.joints, found.differential, found.cartesian):
         missing = wanted.take(done).errors(of.arm.tool(readings[done], of.values)[0])
         assert np.linalg.norm(missing[:, :3], axis=1).max() < 1.5e-9
@@ -201,13 +201,13 @@ def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool)
         assert not found.unturned_rad.any()
     else:
         assert 1e-4 < found.unturned_rad[done].mean() < 10e-3
-    drawn_there = of.drawing.tool(found.cartesian[done])[0]  # what the controller computes for the corrected targets
+    drawn_there = of.nominal.tool(found.cartesian[done])[0]  # what the controller computes for the corrected targets
     np.testing.assert_allclose(drawn_there[:, :3, 3], found.positions[done], atol=1e-8)
 
 
 def test_places_alone_need_no_rotation() -> None:
     of, joints = other_compensator("scara", 2)
-    Ts, _ = of.drawing.tool(joints[:50])
+    Ts, _ = of.nominal.tool(joints[:50])
     found = corrected(of, PoseTarget(Ts[:, :3, 3], np.full((50, 3, 3), np.nan)))
     assert found.converged.mean() >= 0.9 and not found.unturned_rad.any()
     assert not any("°" in reason and "out of reach" in reason for reason in found.reasons)
@@ -217,7 +217,7 @@ def test_a_scara_s_turn_that_is_out_of_reach_is_told() -> None:
     """At the edge the tool's place can still be met, but not turned as well."""
     of, joints = other_compensator("scara", 3)
     joints[:, 1] = 1e-3
-    Ts, _ = of.drawing.tool(joints[:30])
+    Ts, _ = of.nominal.tool(joints[:30])
     Ts[:, :3, :3] = se3.exp(np.array([0, 0, 0.2])) @ Ts[:, :3, :3]
     found = corrected(of, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]))
     assert not found.converged.all() and np.isfinite(found.joints).all()

@@ -22,7 +22,7 @@ def test_a_delta_goes_where_it_is_sent() -> None:
     assert outcome.real is not None
     compensator = compensator_of(outcome)
     joints = random_poses(outcome.robot.model, 40, np.random.default_rng(8))
-    places = compensator.drawing.tool(joints)[0][:, :3, 3]
+    places = compensator.nominal.tool(joints)[0][:, :3, 3]
     anywhere, nothing = np.full((40, 3), np.nan), np.empty((40, 0))
     wanted = PoseTarget(places, np.full((40, 3, 3), np.nan))
     found = compensator(wanted, nothing, anywhere)
@@ -30,7 +30,7 @@ def test_a_delta_goes_where_it_is_sent() -> None:
     there, before = (outcome.real.points(q[found.converged], ("p1",))[:, 0] for q in (found.joints, joints))
     np.testing.assert_allclose(there, places[found.converged], rtol=0, atol=1e-9)
     assert np.linalg.norm(before - places[found.converged], axis=1).mean() > 3e-4
-    up = compensator.drawing.arm.T_tracker_frame0(compensator.drawing.values)[:3, 2]
+    up = compensator.nominal.arm.T_tracker_frame0(compensator.nominal.values)[:3, 2]
     below = compensator(PoseTarget(places[:3] - up, wanted.rotations[:3]), nothing[:3], anywhere[:3])
     assert all("out of reach" in why for why in below.reasons)  # a metre lower
 

@@ -13,7 +13,7 @@ from helpers.run_script import answer_of, script
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import PlannedCampaign, VirtualCampaign
 from lab.commands.calibrate.run import run_virtual
-from lab.compensation.iso9283 import accuracy, circle_places, cube_places, line_places, repeatability
+from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
 from lab.core.instruments import instrument
 from lab.experiments.closed_loop import close_loop, reachable_cube
 from lab.simulation.collisions import collides
@@ -22,13 +22,13 @@ from lab.simulation.collisions import collides
 def test_the_poses_are_those_of_the_standard() -> None:
     """P2 to P5 are a tenth of the diagonal away from the corners of a plane through two opposite edges."""
     side = 0.4
-    places = cube_places(side)
+    places = cube_positions(side)
     assert (places[0] == 0).all()
     corners = side / 2 * np.array([[1, 1, 1], [-1, -1, -1], [1, 1, -1], [-1, -1, 1]])
     diagonal = np.sqrt(3) * side
     np.testing.assert_allclose(np.linalg.norm(corners - places[1:], axis=1), 0.1 * diagonal, rtol=1e-12)
     normal = np.array([1, -1, 0]) / np.sqrt(2)
-    circle, line = circle_places(side, 36), line_places(side, 11)
+    circle, line = circle_positions(side, 36), line_positions(side, 11)
     for points in (places, circle, line):
         assert np.abs(points @ normal).max() < 1e-15
     np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 0.4 * side, rtol=1e-12)

@@ -8,7 +8,7 @@ from helpers.recordings import FLOAT32, column, home, in_world, needs_vulkan, rr
 
 from lab.commands.calibrate.recording_text import format_magnification
 from lab.commands.calibrate.run import VirtualCampaign, run_virtual
-from lab.compensation.iso9283 import CYCLES, accuracy, cube_places, repeatability
+from lab.compensation.iso9283 import CYCLES, accuracy, cube_positions, repeatability
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
@@ -143,7 +143,8 @@ def test_the_cube_holds_its_poses_in_the_plane_that_is_looked_at(outcome, loop):
     corners = np.unique(shown.edges.reshape(-1, 3).round(9), axis=0) - middle
     farthest = (shown.courses["poses"].wanted[1:] - middle) / 0.8  # 10 % of a half diagonal from the corners
     assert max(np.linalg.norm(corners - corner, axis=1).min() for corner in farthest) < 1e-8
-    assert np.linalg.norm(cube_places(cube.side_m), axis=1).max() == pytest.approx(0.8 * np.sqrt(3) / 2 * cube.side_m)
+    reach = np.linalg.norm(cube_positions(cube.side_m), axis=1).max()
+    assert reach == pytest.approx(0.8 * np.sqrt(3) / 2 * cube.side_m)
 
 
 def test_the_arm_is_drawn_where_its_targets_are(outcome, loop):

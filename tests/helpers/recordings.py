@@ -69,7 +69,7 @@ def column(path, entity, name, timeline="pose"):
     """Indices and values of a component over a timeline, one list of values a row."""
     reader = RrdReader(path)
     rows = {}
-    for chunk in reader.rng_for(store=reader.recordings()[0]).filter(content=entity):
+    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
         batch = chunk.to_record_batch()
         if timeline in batch.schema.names and name in batch.schema.names:
             rows.update(zip(batch.column(timeline).to_pylist(), batch.column(name).to_pylist(), strict=True))
@@ -79,7 +79,7 @@ def column(path, entity, name, timeline="pose"):
 
 def statics(path, entity, name):
     reader = RrdReader(path)
-    for chunk in reader.rng_for(store=reader.recordings()[0]).filter(content=entity):
+    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
         batch = chunk.to_record_batch()
         if "pose" not in batch.schema.names and name in batch.schema.names:
             return batch.column(name).to_pylist()[0]

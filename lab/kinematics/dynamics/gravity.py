@@ -14,7 +14,7 @@ _POSES = 200
 
 @dataclass(frozen=True)
 class Loads:
-    """Masses on the links of a drawn arm, and which way is down.
+    """Masses on the links of a nominal arm, and which way is down.
 
     Attributes:
         mass_kg: ``(n,)``, of what turns with each joint.

@@ -85,7 +85,7 @@ class NominalInverse:
         return found, reached
 
     def _near(self, wanted: PoseTarget, joints: Array) -> Array:
-        """The same by Newton's method."""
+        """Reach targets by Newton's method from ``joints`` ``(n, joints)``."""
         return reach(self.arm, self.values, wanted, joints, np.empty((len(wanted), 0)), self.target).joints
 
     def tool(self, joints: Array) -> tuple[Array, Array]:

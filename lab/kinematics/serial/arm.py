@@ -158,7 +158,7 @@ class SerialArm:
         return _poses(frame, position, len(joints)), jacobian.transpose(2, 0, 1)
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
-        """As of ``RigidArm``: by ``differential.singular_distance``."""
+        """Distance to the nearest singularity, as ``RigidArm.singular_distance`` describes it."""
         return singular_distance(self.tool(joints, values, target)[1])
 
     def frame(self, joints: Array, values: Array, size: int) -> Array:

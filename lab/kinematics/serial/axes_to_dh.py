@@ -171,7 +171,7 @@ def parameters_from_axes(arm: SerialArm, axes: JointAxes, start: Array) -> Truth
     error, _ = _axis_errors(arm, axes, values)
     if np.abs(error).max() > 1e-11:
         raise LabError(
-            f"robot '{arm.chain.name}': no chain like the drawing has these axes "
+            f"robot '{arm.chain.name}': no chain like the nominal one has these axes "
             f"(off by {np.abs(error).max():.1g}); perturb less, or mend the model"
         )
     return Truth(arm, values, chosen)

@@ -1,4 +1,4 @@
-"""Many arms of one drawing, each with its own parameters: positions and derivatives at once."""
+"""Many arms of one nominal model, each with its own parameters: positions and derivatives at once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from lab.kinematics.serial.arm import BASE_NAMES, Motion, SerialArm, along, fill
 
 
 class Stacked(Protocol):
-    """What fits of many campaigns need of arms of one drawing."""
+    """What fits of many campaigns need of arms of one nominal model."""
 
     @property
     def arm(self) -> RigidArm:
@@ -27,22 +27,22 @@ class Stacked(Protocol):
 
 
 def stacked(arm: RigidArm) -> Stacked:
-    """Many arms of this drawing."""
+    """Many arms of this nominal model."""
     return StackedArm(arm) if isinstance(arm, SerialArm) else SequentialBatch(arm)
 
 
 @dataclass(frozen=True)
 class SequentialBatch:
-    """Arms of one drawing, asked one after the other: of a mechanism, whose loops close in their own time."""
+    """Arms of one nominal model, asked one after the other: of a mechanism, whose loops close in their own time."""
 
     arm: RigidArm
 
     def points(self, joints: Array, values: Array) -> Array:
-        """As of ``Stacked``."""
+        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)``, one arm after the other."""
         return np.stack([self.arm.points(joints, row).transpose(1, 2, 0) for row in values])
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
-        """As of ``Stacked``."""
+        """Positions ``(b, k, 3, n)`` m and their derivatives by the ``free`` parameters, one arm after the other."""
         both = [self.arm.observe(joints, row) for row in values]
         points = np.stack([points.transpose(1, 2, 0) for points, _ in both])
         columns = np.stack([jacobian[..., list(free)].transpose(3, 2, 1, 0) for _, jacobian in both], axis=3)
@@ -51,7 +51,7 @@ class SequentialBatch:
 
 @dataclass(frozen=True)
 class StackedArm:
-    """Arms of one drawing, as many as there are rows of parameters.
+    """Arms of one nominal model, as many as there are rows of parameters.
 
     Attributes:
         arm: the nominal model and its targets.

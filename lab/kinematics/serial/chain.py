@@ -43,7 +43,7 @@ class Chain(JointSpec):
                 raise LabError(f"robot '{self.name}', joint {name}: a value is not finite")
 
     def with_table(self, table: Array) -> "Chain":
-        """The same joints with other link parameters ``(n, 5)``."""
+        """A chain of these joints with other link parameters ``(n, 5)``."""
         return replace(self, table=np.array(table, dtype=np.float64))
 
     def first(self, size: int) -> "Chain":

@@ -50,7 +50,7 @@ class Axis:
         return self.moved - 0.5 * (self.start_speed + self.end_speed) * self.ramp
 
     def mirrored(self) -> "Axis":
-        """The same the other way round."""
+        """The mirrored profile: the joint moves the other way."""
         return replace(self, moved=-self.moved, start_speed=-self.start_speed, end_speed=-self.end_speed)
 
     def spans(self) -> list[Span]:

@@ -121,7 +121,7 @@ def test_singular_values_and_convergence_are_the_fits(recording, outcome):
     bars = statics(recording, "/singular_values", "BarChart:values")
     assert fit.singular_values.tolist() in list(_nested(bars))
     reader = RrdReader(recording)
-    (chunk,) = reader.rng_for(store=reader.recordings()[0]).filter(content="/convergence/rms")
+    (chunk,) = reader.stream(store=reader.recordings()[0]).filter(content="/convergence/rms")
     batch = chunk.to_record_batch()
     assert batch.column("iteration").to_pylist() == list(range(fit.iterations + 1))
     rms = np.array(batch.column("Scalars:scalars").to_pylist())[:, 0]

@@ -43,7 +43,7 @@ def recorded(request, tmp_path_factory):
 def lines(path, timeline="pose"):
     """Index (of seconds, in ns), and lines (n, legs, 2, 3) in the world."""
     reader, rows = RrdReader(path), {}
-    for chunk in reader.rng_for(store=reader.recordings()[0]).filter(content=f"/{LEGS}"):
+    for chunk in reader.stream(store=reader.recordings()[0]).filter(content=f"/{LEGS}"):
         batch = chunk.to_record_batch()
         if timeline in batch.schema.names and STRIPS in batch.schema.names:
             index = batch.column(timeline).cast("int64").to_pylist()
@@ -53,7 +53,7 @@ def lines(path, timeline="pose"):
 
 def entities(path):
     reader = RrdReader(path)
-    return {str(chunk.entity_path) for chunk in reader.rng_for(store=reader.recordings()[0])}
+    return {str(chunk.entity_path) for chunk in reader.stream(store=reader.recordings()[0])}
 
 
 def body_places(path, body):
