@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
 from lab.calibration.statistics.linearized import NoiseDistribution
-from lab.calibration.statistics.outliers import LEVEL, Outliers, find_outliers
+from lab.calibration.statistics.outliers import Outliers, find_outliers
 from lab.calibration.weights import Noise
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
@@ -29,6 +29,7 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import TrueRobot, track
@@ -127,7 +128,9 @@ def outliers_of(arm: SerialArm, data: Measurements, known: bool, seed: int) -> t
     weight = 1 / INSTRUMENT.radial_m if known else 1.0
     seen = Observations(data.joints, data.points, np.full(data.seen.shape, weight))
     rng, shape = np.random.default_rng((seed, 2)), NoiseDistribution("uniform")
-    return plain.values, find_outliers(arm, seen, plain.fit.free, plain.before, known=known, rng=rng, shape=shape)
+    return plain.values, find_outliers(
+        arm, seen, plain.fit.free, plain.nominal_aligned, known=known, rng=rng, shape=shape
+    )
 
 
 def summary(spoilt: Sequence[Campaign], named_clean: Sequence[bool]) -> dict[str, Any]:
@@ -163,7 +166,7 @@ def table(result: dict[str, Any]) -> str:
             f"named: {result['large_named']:.1%} of {result['large']} bad rows of 0.05 mm and more, "
             f"{result['small_named']:.1%} of {result['small']} smaller ones; {result['good_named']} good rows",
             f"nothing but noise: {result['named_there']:.2%} of {result['nothing_but_noise']} campaigns name a row "
-            f"(level {LEVEL:.0%})",
+            f"(level {CAMPAIGN_OUTLIERS:.0%})",
         ]
     )
 

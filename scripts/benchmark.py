@@ -93,20 +93,20 @@ def peak_beyond_result_mb(call: Callable[[], tuple[np.ndarray, np.ndarray]]) -> 
 
 def by_the_lab(arm: SerialArm, data: Measurements, start: Identification) -> None:
     """The fit alone, from located base and tool."""
-    solved = fit(arm, Observations.unweighted(data), start.fit.free, start.before)
+    solved = fit(arm, Observations.unweighted(data), start.fit.free, start.nominal_aligned)
     assert np.abs(solved.values - start.values).max() < 1e-9
 
 
 def by_scipy(arm: SerialArm, data: Measurements, start: Identification) -> None:
     """The same from the same start, by scipy's least squares with finite differences."""
-    free, values = list(start.fit.free), start.before.copy()
+    free, values = list(start.fit.free), start.nominal_aligned.copy()
     scale = start.fit.scale / start.fit.scale.max()
 
     def residual(x: np.ndarray) -> np.ndarray:
         values[free] = x / scale
         return 1e6 * (arm.points(data.joints, values) - data.points).ravel()
 
-    solved = least_squares(residual, start.before[free] * scale, x_scale="jac")
+    solved = least_squares(residual, start.nominal_aligned[free] * scale, x_scale="jac")
     assert np.abs(solved.x / scale - start.values[free]).max() < 1e-6
 
 

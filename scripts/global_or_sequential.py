@@ -29,10 +29,10 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import STUDY_COMPARISON
 from lab.kinematics.model import is_angle
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.studies.analysis import LEVEL
 from lab.studies.bootstrap import resampled
 from lab.studies.table import RESAMPLES
 
@@ -248,7 +248,7 @@ def intervals(columns: dict[str, Array], seed: int) -> dict[str, Interval]:
     """Means over robots of columns ``(b,)``."""
     size = len(next(iter(columns.values())))
     drawn = rng_for(seed, "bootstrap").multinomial(size, np.full(size, 1 / size), RESAMPLES)
-    found = resampled(np.stack(list(columns.values()), axis=1), drawn.astype(float), LEVEL)
+    found = resampled(np.stack(list(columns.values()), axis=1), drawn.astype(float), STUDY_COMPARISON)
     ends = zip(found.mean.tolist(), found.lower.tolist(), found.upper.tolist(), strict=True)
     return dict(zip(columns, ends, strict=True))
 

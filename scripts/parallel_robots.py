@@ -175,7 +175,7 @@ def one_robot(name: str, seed: int, noiseless: bool = False) -> Row:
         real = true_mechanism(real.robot, real.values, real.robot.T_world_frame0 @ moved).with_effects(real.effects)
     bench, model = Bench.of(real, case.targets, seed), robot.arm_with(case.targets, case.groups)
     found, row = bench.identified(model, IdentifyOptions(case.fix, case.free), device, seed)
-    before = found.before if case.tracker != "known" else model.nominal(robot.tool)
+    before = found.nominal_aligned if case.tracker != "known" else model.nominal(robot.tool)
     rates = model.observe(bench.fresh, found.values)[1][..., list(found.fit.free)]
     foreseen = np.einsum("...f,fg,...g->...", rates, found.covariance, rates).sum(axis=2)
     parameters = len(model.names) - len(named(model.names, "fix", case.fix))
@@ -206,7 +206,7 @@ def six_rods(seed: int, every: bool = True) -> Row:
     if every:  # takes 12 s
         data = track(real, bench.joints, ("p1",), DEVICE, rng_for(seed, "noise"))
         seen = weighed(observation_of(arm), data, Noise(DEVICE))[0]
-        done = fit(arm, seen, range(len(nominal)), plain.before)
+        done = fit(arm, seen, range(len(nominal)), plain.nominal_aligned)
         row["every"] = {"converged": done.status == "converged", **bench.errors(arm, done.values)}
     row["three rods"] = bench.identified(robot_of("delta").arm(("p1",)), IdentifyOptions(), DEVICE, seed)[1]
     return row

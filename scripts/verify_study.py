@@ -27,9 +27,10 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import VERIFICATION
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import TrueRobot, track
-from lab.verification.prediction import LEVEL, CalibrationPrediction
+from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified, verify
 
 TARGETS = ("p1",)
@@ -151,7 +152,7 @@ def study(options: Options) -> dict[str, dict[str, float]]:
     found = {case: summary(case, [arm[case] for arm in arms]) for case in MOVED}
     total = options.arms * options.files
     if counts:
-        found["level"] = {"meant": LEVEL, "files": total}
+        found["level"] = {"meant": VERIFICATION, "files": total}
         found["level"] |= {name: sum(count[name] for count in counts) / total for name in LEVELS}
     return found
 

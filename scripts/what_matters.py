@@ -18,8 +18,9 @@ from threadpoolctl import threadpool_limits
 from lab.campaign.option_groups import ArmEffects, Flag
 from lab.commands.design.figures import save
 from lab.core.errors import LabError
+from lab.core.significance import STUDY_COMPARISON
 from lab.experiments.figures import Cost, costs_figure
-from lab.studies.analysis import LEVEL, compared, means
+from lab.studies.analysis import compared, means
 from lab.studies.bootstrap import holm
 from lab.studies.grid import NONE, Cell, Study
 from lab.studies.progress import study_runner
@@ -117,7 +118,7 @@ def sorted_costs(arranged: CampaignArray, names: list[str]) -> tuple[float, list
     base = means(arranged, METRIC)[0].mean
     group = CellGroup(("case",), {}, tuple(range(len(names))))
     pairs = [pair for pair in compared(arranged, group, METRIC, "difference").pairs if pair.first == 0]
-    told = holm(np.array([pair.p for pair in pairs])) < LEVEL  # of the pairs with the base alone
+    told = holm(np.array([pair.p for pair in pairs])) < STUDY_COMPARISON  # of the pairs with the base alone
     costs = [
         Cost(names[pair.second], pair.effect, pair.lower, pair.upper, base, bool(sure), pair.left_out)
         for pair, sure in zip(pairs, told, strict=True)

@@ -15,7 +15,7 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
 Status = Literal["converged", "not converged"]
-Further = Callable[[Array], tuple[Array, Array]]  # parameters to further whitened residuals, and their Jacobian
+ExtraResiduals = Callable[[Array], tuple[Array, Array]]  # parameters to further whitened residuals, and their Jacobian
 MAX_ITERATIONS = 300
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
 PROBE = 0.1  # of a step, at which its curvature is looked for
@@ -45,13 +45,13 @@ class Observations:
 
     def apply(self, vectors: Array) -> Array:
         """Whitened rows of the seen points: ``(n, k, d, ...)`` to ``(d seen, ...)``."""
-        seen = seen_mask(self.points)
+        observed = seen_mask(self.points)
         if self.whiten.ndim == 2:
             rows = vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
         else:
             flat = vectors.reshape(*vectors.shape[:3], -1)
             rows = (self.whiten @ flat).reshape(vectors.shape)
-        picked: Array = (rows if seen.all() else rows[seen]).reshape(-1, *vectors.shape[3:])
+        picked: Array = (rows if observed.all() else rows[observed]).reshape(-1, *vectors.shape[3:])
         return picked
 
 
@@ -106,12 +106,12 @@ def whitening(covariance: Array) -> Array:
 
 def fit(
     model: Model,
-    seen: Observations,
+    observed: Observations,
     free: Sequence[int],
     start: Array,
     *,
     tolerance_m: float = 1e-9,
-    extra_residuals: Further | None = None,
+    extra_residuals: ExtraResiduals | None = None,
 ) -> Fit:
     """Least squares over the free parameters from ``start``, the others held.
 
@@ -123,10 +123,10 @@ def fit(
         further: what else is known of the parameters, e.g. a prior.
     """
     index = list(free)
-    metre = typical_weight(seen) * np.sqrt(max(len(seen.inputs), 1))
+    metre = typical_weight(observed) * np.sqrt(max(len(observed.inputs), 1))
 
     def at(values: Array) -> _State:
-        return _State(values, *_linearized(model, seen, values, index, extra_residuals))
+        return _State(values, *_linearized(model, observed, values, index, extra_residuals))
 
     here, damping = at(start.copy()), LEAST_DAMPING
     trace = [here.cost]
@@ -210,11 +210,11 @@ def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
 
 
 def _linearized(
-    model: Model, seen: Observations, values: Array, free: list[int], extra_residuals: Further | None
+    model: Model, observed: Observations, values: Array, free: list[int], extra_residuals: ExtraResiduals | None
 ) -> tuple[Array, Array]:
     """Whitened residual ``(r,)``, measured less predicted, and Jacobian ``(r, f)`` of the prediction."""
-    points, derivative = model.observe(seen.inputs, values)
-    residual, jacobian = seen.apply(seen.points - points), seen.apply(derivative[..., free])
+    points, derivative = model.observe(observed.inputs, values)
+    residual, jacobian = observed.apply(observed.points - points), observed.apply(derivative[..., free])
     if extra_residuals is None:
         return residual, jacobian
     more, rows = extra_residuals(values)
@@ -230,9 +230,9 @@ def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:
     return padded[:size, :size], padded[:size, size]
 
 
-def typical_weight(seen: Observations) -> float:
+def typical_weight(observed: Observations) -> float:
     """The root mean square weight of a coordinate."""
-    whiten = seen.whiten[seen_mask(seen.points)]
+    whiten = observed.whiten[seen_mask(observed.points)]
     if whiten.ndim == 1:
         return float(np.sqrt(np.mean(whiten**2)))
     return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(1, 2))) / whiten.shape[1]))

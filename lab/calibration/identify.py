@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
-from lab.calibration.gauss_newton import Fit, Further, Observations, Status, fit
+from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit
 from lab.calibration.identifiability import poses_needed
 from lab.calibration.initial_guess import columns_of
 from lab.calibration.observations.protocol import Observation, observation_of
@@ -61,23 +61,23 @@ class Identification:
     """What one set of measurements says of an arm.
 
     Attributes:
-        before: values with nominal links, base and targets fitted to the same measurements.
+        nominal_aligned: ``(p,)`` the nominal links, with base and targets fitted to the same measurements.
         values: the identified parameters ``(p,)`` in the order of ``model.names``.
         base_set: which parameters the arm's structure lets one tell apart.
         fit: of the parameters that these poses tell apart; ``fit.free`` are their indices.
         sigma_m: noise of a coordinate, given (a root mean square) or estimated; NaN if unknown.
         sigma_known: whether it was given.
         residual_sigma_m: noise of a coordinate that the residuals say; NaN where nothing is left over.
-        freedom: residual degrees of freedom.
+        dof: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
         further: what was known beside the measurements, weighed as they are: places, a prior.
-        freedom_each: ``(f,)`` of each parameter's interval, where the covariance is not sigma's (``sandwich``).
+        dof_each: ``(f,)`` of each parameter's interval, where the covariance is not sigma's (``sandwich``).
         residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not seen.
         spread: of the measured points, to that of the drawing's in the same poses: a wrong unit shows here.
     """
 
     model: Model
-    before: Array
+    nominal_aligned: Array
     values: Array
     base_set: BaseSet
     fit: Fit
@@ -89,8 +89,8 @@ class Identification:
     residuals: Array
     spread: float
     warnings: tuple[str, ...]
-    extra_residuals: Further
-    freedom_each: Array | None = None
+    extra_residuals: ExtraResiduals
+    dof_each: Array | None = None
 
     @property
     def status(self) -> Status:
@@ -107,7 +107,7 @@ class Identification:
         """Half of each 95 % interval ``(f,)`` in standard deviations: Student's t where sigma was estimated."""
         if self.sigma_known:
             return np.full(len(self.fit.free), 1.959963984540054)
-        dof = np.full(len(self.fit.free), self.dof) if self.freedom_each is None else self.freedom_each
+        dof = np.full(len(self.fit.free), self.dof) if self.dof_each is None else self.dof_each
         return np.asarray(np.where(dof > 0, scipy.stats.t.ppf(0.975, np.maximum(dof, 1)), np.nan))
 
     @property
@@ -122,28 +122,28 @@ class Identification:
         return tuple(name for name, std in zip(names, self.std, strict=True) if std > WEAK)
 
     @property
-    def unseen(self) -> tuple[int, ...]:
+    def unobservable(self) -> tuple[int, ...]:
         """Identifiable parameters that these poses do not tell apart, held at nominal."""
         return tuple(i for i in self.base_set.kept if i not in self.fit.free)
 
 
-def fit_base_and_tool(observation: Observation, seen: Observations, nominal: Array) -> Array:
+def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:
     """Nominal links with what is placed fitted: what *before* is, and where *after* starts."""
     model = observation.model
     placing = list(columns_of(model, observation.placed))
     inputs = model.structure_joints(50, rng_for(0, "structure"))
     _, jacobian = model.observe(inputs, model.rank_point(nominal))
     free = independent_columns(jacobian.reshape(-1, len(model.names))[:, placing], range(len(placing)))
-    start = observation.initial_guess(seen, nominal)
+    start = observation.initial_guess(observed, nominal)
     held = [column for i, column in enumerate(placing) if i not in free]
     start[held] = nominal[held]
     return fit(
         model,
-        seen,
+        observed,
         [placing[i] for i in free],
         start,
         tolerance_m=1e-7,
-        extra_residuals=weighted_constraints(observation, seen),
+        extra_residuals=weighted_constraints(observation, observed),
     ).values
 
 
@@ -165,37 +165,38 @@ def identify(
     """
     noise, request, observation = noise or Noise(), request or IdentifyOptions(), observation_of(seen_by).within(data)
     model, nominal = observation.model, observation.nominal(nominal)
-    seen, known = weighed(observation, data, noise)
-    _refuse_impossible(observation, data, seen, nominal)
+    observed, known = weighed(observation, data, noise)
+    _refuse_impossible(observation, data, observed, nominal)
     if (count := int(data.seen.sum())) < 3:
         raise LabError(
             f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
         )
-    before, extra_residuals = fit_base_and_tool(observation, seen, nominal), weighted_constraints(observation, seen)
-    known_rows = observation.extra_residuals(model.rank_point(before))[1]
-    structure = base_set(model, before, fix=request.fix, free=request.free, known=known_rows)
-    free = _told_apart(model, seen, before, structure, known_rows)
-    needed = poses_needed(model, before, structure) if len(free) < len(structure.kept) else 0
+    aligned = fit_base_and_tool(observation, observed, nominal)
+    extra_residuals = weighted_constraints(observation, observed)
+    known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
+    structure = base_set(model, aligned, fix=request.fix, free=request.free, known=known_rows)
+    free = _identifiable(model, observed, aligned, structure, known_rows)
+    needed = poses_needed(model, aligned, structure) if len(free) < len(structure.kept) else 0
     if len(data) < needed and request.tolerance is None:
         raise LabError(
             f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
             f"need at least {needed}: measure more"
         )
-    start = before.copy()
+    start = aligned.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
     solve = request.solve or partial(_all_at_once, extra_residuals)
-    solution = _canonical(model, solve(observation, seen, free, start))
-    dof, estimated = _residual_sigma(observation, seen, solution)
+    solution = _canonical(model, solve(observation, observed, free, start))
+    dof, estimated = _residual_sigma(observation, observed, solution)
     if request.tolerance is not None:
         if not (known or np.isfinite(estimated)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
         prior = prior_of(model, structure, nominal, request.tolerance)
         extra_residuals = joined(extra_residuals, prior.rows(1.0 if known else estimated))
-        solution = _canonical(model, fit(model, seen, structure.kept, start, extra_residuals=extra_residuals))
-    given = root_mean_square_sigma(seen, observation.positions) if known else 1.0
+        solution = _canonical(model, fit(model, observed, structure.kept, start, extra_residuals=extra_residuals))
+    given = root_mean_square_sigma(observed, observation.positions) if known else 1.0
     found = Identification(
         model=model,
-        before=before,
+        nominal_aligned=aligned,
         values=solution.values,
         base_set=structure,
         fit=solution,
@@ -204,17 +205,17 @@ def identify(
         residual_sigma_m=given * estimated,
         dof=dof,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
-        residuals=data.points - model.points(seen.inputs, solution.values),
-        spread=_spread_to_drawing(observation, seen, before, nominal),
+        residuals=data.points - model.points(observed.inputs, solution.values),
+        spread=_spread_to_drawing(observation, observed, aligned, nominal),
         warnings=data.warnings,
         extra_residuals=extra_residuals,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found, weighed_prior=request.tolerance is not None)))
 
 
-def _refuse_impossible(observation: Observation, data: Measurements, seen: Observations, nominal: Array) -> None:
+def _refuse_impossible(observation: Observation, data: Measurements, observed: Observations, nominal: Array) -> None:
     """A LabError for measured poses at which the drawing has no answer, as its loops do not close there."""
-    silent = np.isnan(observation.model.points(seen.inputs, nominal)) & np.isfinite(seen.points)
+    silent = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
     if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
         raise LabError(
             f"{len(lost)} of {len(data)} measured poses cannot be of this robot as drawn, {data.where(int(lost[0]))} "
@@ -223,22 +224,24 @@ def _refuse_impossible(observation: Observation, data: Measurements, seen: Obser
 
 
 def _all_at_once(
-    extra_residuals: Further, observation: Observation, seen: Observations, free: Sequence[int], start: Array
+    extra_residuals: ExtraResiduals, observation: Observation, observed: Observations, free: Sequence[int], start: Array
 ) -> Fit:
-    return fit(observation.model, seen, free, start, extra_residuals=extra_residuals)
+    return fit(observation.model, observed, free, start, extra_residuals=extra_residuals)
 
 
-def _residual_sigma(observation: Observation, seen: Observations, solution: Fit) -> tuple[int, float]:
+def _residual_sigma(observation: Observation, observed: Observations, solution: Fit) -> tuple[int, float]:
     """Residual degrees of freedom, and the sigma that residuals say; NaN where nothing is left over."""
-    residuals = seen.apply(seen.points - observation.model.points(seen.inputs, solution.values))
+    residuals = observed.apply(observed.points - observation.model.points(observed.inputs, solution.values))
     dof = len(residuals) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
     return dof, float(np.sqrt(residuals @ residuals / dof)) if dof > 0 else float("nan")
 
 
-def _told_apart(model: Model, seen: Observations, before: Array, structure: BaseSet, known: Array) -> tuple[int, ...]:
+def _identifiable(
+    model: Model, observed: Observations, aligned: Array, structure: BaseSet, known: Array
+) -> tuple[int, ...]:
     """Those of the base set that the measured poses tell apart, at the nominal links."""
-    _, jacobian = model.observe(seen.inputs, model.rank_point(before))
-    rows = np.concatenate([jacobian[seen_mask(seen.points)].reshape(-1, len(model.names)), known])
+    _, jacobian = model.observe(observed.inputs, model.rank_point(aligned))
+    rows = np.concatenate([jacobian[seen_mask(observed.points)].reshape(-1, len(model.names)), known])
     kept = list(structure.kept)
     order = [kept.index(i) for i in model.column_priority() if i in structure.kept]
     return tuple(kept[i] for i in independent_columns(rows[:, kept], order))
@@ -266,12 +269,12 @@ def _canonical(model: Model, solution: Fit) -> Fit:
     return replace(solution, values=values, triangle=triangle, scale=scale, singular_values=sizes)
 
 
-def _spread_to_drawing(observation: Observation, seen: Observations, before: Array, nominal: Array) -> float:
+def _spread_to_drawing(observation: Observation, observed: Observations, aligned: Array, nominal: Array) -> float:
     """The spread of what was measured, to that of the drawing with its tool in the same poses; 1 where all is zero."""
-    drawing, tool = before.copy(), list(columns_of(observation.model, ("tool",)))
+    drawing, tool = aligned.copy(), list(columns_of(observation.model, ("tool",)))
     drawing[tool] = nominal[tool]
-    compared = seen.points[:, : observation.positions or None]
-    drawn = observation.model.points(seen.inputs, drawing)[:, : observation.positions or None]
+    compared = observed.points[:, : observation.positions or None]
+    drawn = observation.model.points(observed.inputs, drawing)[:, : observation.positions or None]
     if not np.nan_to_num(compared).any():  # places are touched: nothing but zeros is observed
         return 1.0
     return spread(compared) / spread(np.where(np.isnan(compared), np.nan, drawn))
@@ -279,8 +282,8 @@ def _spread_to_drawing(observation: Observation, seen: Observations, before: Arr
 
 def spread(points: Array) -> float:
     """Root mean square distance (m) of points from their mean; NaN are left out."""
-    seen = points[seen_mask(points)]
-    return float(np.sqrt(((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    visible = points[seen_mask(points)]
+    return float(np.sqrt(((visible - visible.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
@@ -290,9 +293,9 @@ def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
             f"Gauss-Newton did not converge in {found.fit.iterations} steps: the result is not to be used; where the "
             "measurements say too little, --prior weighs the drawing's tolerances"
         )
-    if unseen := [found.model.names[i] for i in found.unseen]:
+    if unobservable := [found.model.names[i] for i in found.unobservable]:
         warnings.append(
-            f"these poses do not tell {', '.join(unseen)} apart from the others: they stay nominal; "
+            f"these poses do not tell {', '.join(unobservable)} apart from the others: they stay nominal; "
             "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
         )
     elif found.fit.condition > BARELY_TOLD_APART:

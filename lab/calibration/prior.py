@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.gauss_newton import Further
+from lab.calibration.gauss_newton import ExtraResiduals
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model, is_link, unit_of
@@ -50,7 +50,7 @@ class Prior:
     of: tuple[int, ...]
     whiten: Array
 
-    def rows(self, sigma: float) -> Further:
+    def rows(self, sigma: float) -> ExtraResiduals:
         """The prior as residuals beside measurements that weigh as one over ``sigma`` of theirs."""
         jacobian = np.zeros((len(self.of), len(self.mean)))
         jacobian[:, list(self.of)] = self.whiten * sigma

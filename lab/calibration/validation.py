@@ -72,7 +72,7 @@ class TruthComparison:
 
 def errors_at(identification: Identification, inputs: Array, points: Array) -> Errors:
     """Errors of the identified and the nominal arm at ``inputs``, where the targets are at ``points`` (n, k, 3)."""
-    model, both = identification.model, (identification.before, identification.values)
+    model, both = identification.model, (identification.nominal_aligned, identification.values)
     before, after = (np.linalg.norm(model.points(inputs, v) - points, axis=2) for v in both)
     return Errors(before, after)
 
@@ -80,7 +80,9 @@ def errors_at(identification: Identification, inputs: Array, points: Array) -> E
 def errors_of(identification: Identification, test: Measurements) -> Errors:
     """Errors at rows that were not fitted, as their kind of sighting counts them."""
     observation = observation_of(identification.model)
-    return Errors(observation.errors(test, identification.before), observation.errors(test, identification.values))
+    return Errors(
+        observation.errors(test, identification.nominal_aligned), observation.errors(test, identification.values)
+    )
 
 
 def configurations(joints: Array) -> Rows:
@@ -146,7 +148,7 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
     for fold in range(count):
         test = np.flatnonzero(rows == fold)
         part = identify(data.take(np.flatnonzero(rows != fold)))
-        unseen = {part.model.names[i] for i in part.unseen}
+        unseen = {part.model.names[i] for i in part.unobservable}
         blind = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unseen]
         if len(unseen) > 3 * len(blind):
             return Validation(
@@ -175,7 +177,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         part = data.take([i for i, s in enumerate(data.sessions) if s == session])
         reference, test = _reference_and_test(part, refit)
         inputs, points = part.inputs(model.conditions)[test], part.points[test]
-        for values, out in ((identification.before, before), (identification.values, after)):
+        for values, out in ((identification.nominal_aligned, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
             if refit:
                 moved = _placed(model, part.take(reference), moved, refit, session)

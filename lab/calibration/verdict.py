@@ -37,8 +37,8 @@ def verdict(identification: Identification, validation: Validation, gate_m: floa
         )
     if reason := _implausible(identification):
         return Verdict("bad", reason)
-    if identification.unseen:
-        names = ", ".join(identification.model.names[i] for i in identification.unseen)
+    if identification.unobservable:
+        names = ", ".join(identification.model.names[i] for i in identification.unobservable)
         return Verdict("bad", f"these poses do not tell {names} apart from the others")
     if validation.errors is None:
         return Verdict("not judged")
@@ -66,6 +66,6 @@ def _implausible(identification: Identification) -> str:
         words = f"measured orientations do not fit ({1e3 * off:.3g} mrad): wrong --orientation or columns?"
         return words if off > LARGEST_ROTATION_RAD else ""
     lengths = [i for i, name in enumerate(model.names) if is_link(name) and unit_of(name) == "m"]
-    off = float(np.abs(identification.values - identification.before)[lengths].max())
+    off = float(np.abs(identification.values - identification.nominal_aligned)[lengths].max())
     words = f"the links came out {1e3 * off:.3g} mm from the drawing: these places do not hold the arm"
     return f"{words}; wrong columns or rows, or is --prior needed?" if off > LARGEST_CHANGE_M else ""

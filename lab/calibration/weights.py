@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.gauss_newton import Further, Observations, typical_weight, whitening
+from lab.calibration.gauss_newton import ExtraResiduals, Observations, typical_weight, whitening
 from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
@@ -52,8 +52,8 @@ def _instrument_covariance(observation: Observation, device: Instrument, points:
     """``(n, k, 3, 3)``: of positions the instrument's; of what else is seen, by its unit, from their mean."""
     if not observation.positions:
         raise LabError(f"{device.name} measures points, of which none are observed: say --noise-mm in its place")
-    seen = np.nan_to_num(points[:, : observation.positions], nan=1.0)
-    covariance = np.asarray(device.covariance(seen, readings))
+    observed = np.nan_to_num(points[:, : observation.positions], nan=1.0)
+    covariance = np.asarray(device.covariance(observed, readings))
     if observation.positions == len(observation.units):
         return covariance
     mean = float(np.trace(covariance, axis1=2, axis2=3).mean()) / 3
@@ -61,18 +61,18 @@ def _instrument_covariance(observation: Observation, device: Instrument, points:
     return np.concatenate([covariance, np.broadcast_to(extra_residuals, (len(points), *extra_residuals.shape))], axis=1)
 
 
-def root_mean_square_sigma(seen: Observations, positions: int) -> float:
+def root_mean_square_sigma(observed: Observations, positions: int) -> float:
     """Of a number that was seen, as it is weighed: of the first ``positions`` things, of all where there are none."""
-    things = positions or seen.points.shape[1]
-    whiten = seen.whiten[:, :things][seen_mask(seen.points[:, :things])]
+    things = positions or observed.points.shape[1]
+    whiten = observed.whiten[:, :things][seen_mask(observed.points[:, :things])]
     if whiten.ndim == 1:
         return float(np.sqrt(np.mean(1 / whiten**2)))
     return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
 
 
-def weighted_constraints(observation: Observation, seen: Observations) -> Further:
+def weighted_constraints(observation: Observation, observed: Observations) -> ExtraResiduals:
     """What is known beside the measurements, weighed as these are."""
-    weight = typical_weight(seen)
+    weight = typical_weight(observed)
 
     def rows(values: Array) -> tuple[Array, Array]:
         residual, jacobian = observation.extra_residuals(values)
@@ -81,7 +81,7 @@ def weighted_constraints(observation: Observation, seen: Observations) -> Furthe
     return rows
 
 
-def joined(first: Further, second: Further) -> Further:
+def joined(first: ExtraResiduals, second: ExtraResiduals) -> ExtraResiduals:
     """Two sources of further rows as one."""
 
     def rows(values: Array) -> tuple[Array, Array]:

@@ -62,7 +62,7 @@ def compensator_of(outcome: CalibrationResult, target: str = "p1") -> Compensato
     likely = dict(
         zip(found.model.names, most_likely_parameters(found, outcome.nominal, outcome.tolerance), strict=True)
     )
-    before = dict(zip(found.model.names, found.before, strict=True))
+    before = dict(zip(found.model.names, found.nominal_aligned, strict=True))
     rigid = rigid_part(arm)
     nominal = NominalInverse(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
     return Compensator(nominal, arm, np.array([likely[name] for name in arm.names]))

@@ -16,9 +16,9 @@ import numpy as np
 from scipy import fft, stats
 
 from lab.core.se3 import Array
+from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.payload_identification.least_squares import LinearSolution
 
-LEVEL = 0.05
 SLOW_HZ = 5.0  # below it a quick arm's torques change
 _MOST_SLOW = 0.5  # of the band
 _NEW = 1e-6  # of a suspect's column: what the fit's own columns must leave of it
@@ -89,7 +89,7 @@ def verdict(
     least, words = min(tested)
     p = min(1.0, len(tested) * least)
     counted = f"(p = {p:.2g}, the least of {len(tested)} tests)"
-    if p >= LEVEL:
+    if p >= PAYLOAD_RESIDUALS:
         return ResidualVerdict(True, p, f"the residuals are what independent noise explains {counted}")
     return ResidualVerdict(False, p, f"the intervals are too small: the residuals follow {words} {counted}")
 

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
+from lab.core.significance import STUDY_COMPARISON
 from lab.studies.bootstrap import Resampled, holm, resampled
 from lab.studies.grid import ANY, FACTORS, Cell
 from lab.studies.table import KEYS, CampaignArray, CellGroup, groups
 
-LEVEL = 0.05
 COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
 _TIED = 1e-12  # scores this near to each other, against the largest, are equal
 
@@ -79,7 +79,7 @@ class Pair:
     @property
     def told(self) -> bool:
         """Whether the two can be told apart, among all pairs of the comparison."""
-        return self.p_holm <= LEVEL
+        return self.p_holm <= STUDY_COMPARISON
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
     """Of every cell."""
     values, failed = campaigns.values(metric), campaigns.not_converged()
     by_robot = _over_draws(values)
-    found = resampled(by_robot.T, campaigns.weights, LEVEL)
+    found = resampled(by_robot.T, campaigns.weights, STUDY_COMPARISON)
     counts = campaigns.present().sum((1, 2))
     used, robots = np.isfinite(values).sum((1, 2)), np.isfinite(by_robot).sum(1)
     return tuple(
@@ -164,7 +164,7 @@ def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind
         values = np.log(np.where(values > 0, values, np.nan))
     numbers = list(combinations(range(len(group.cells)), 2))
     apart = [values[j] - values[i] for i, j in numbers]  # (robots, draws) each
-    found = resampled(np.stack([_over_draws(each) for each in apart], axis=1), campaigns.weights, LEVEL)
+    found = resampled(np.stack([_over_draws(each) for each in apart], axis=1), campaigns.weights, STUDY_COMPARISON)
     corrected = holm(found.p)
     told = np.stack([found.mean, found.lower, found.upper])
     mean, lower, upper = np.exp(told) if kind == "ratio" else told

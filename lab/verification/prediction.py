@@ -17,9 +17,9 @@ from lab.calibration.initial_guess import initial_guess
 from lab.calibration.weights import root_mean_square_sigma
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
+from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
 
-LEVEL = 0.01  # of the test
 POWER = 0.95  # with which a change that "would be noticed" is
 ITERATIONS = 20
 SETTLED = 1e-3  # standard deviations: a step that moves the predictions by less
@@ -49,7 +49,7 @@ class CalibrationPrediction:
         """The test of so many numbers and its outcome, for a person."""
         name, dof = ("chi2", f"{numbers}") if self.dof is None else ("F", f"{numbers} and {self.dof}")
         chance = f"p = {p:.2g}" if p > 0 else "p < 1e-300"
-        return f"{name} test at {100 * LEVEL:g} %, {dof} degrees of freedom, {chance}"
+        return f"{name} test at {100 * VERIFICATION:g} %, {dof} degrees of freedom, {chance}"
 
     def p(self, square: float, numbers: int) -> float:
         """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none."""
@@ -70,8 +70,8 @@ class CalibrationPrediction:
 
         def missed(shift: float) -> float:
             if self.dof is None:
-                return float(stats.ncx2.cdf(stats.chi2.isf(LEVEL, numbers), numbers, shift)) - (1 - POWER)
-            bound = stats.f.isf(LEVEL, numbers, self.dof)
+                return float(stats.ncx2.cdf(stats.chi2.isf(VERIFICATION, numbers), numbers, shift)) - (1 - POWER)
+            bound = stats.f.isf(VERIFICATION, numbers, self.dof)
             return float(stats.ncf.cdf(bound, numbers, self.dof, shift)) - (1 - POWER)
 
         enough = 1.0
@@ -147,7 +147,7 @@ class VerificationProblem:
     """New measurements, weighed by the instrument's noise, against a promise."""
 
     prediction: CalibrationPrediction
-    seen: Observations
+    observed: Observations
 
     def fitted(self, start: Array, directions: Array) -> RefitSolution:
         """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
@@ -160,7 +160,7 @@ class VerificationProblem:
             if moved < SETTLED:
                 break
             values = values + step
-            if np.isnan(self.prediction.arm.points(self.seen.inputs, values)).any():  # too far: loops do not close
+            if np.isnan(self.prediction.arm.points(self.observed.inputs, values)).any():  # too far: loops do not close
                 break
             here, step, moved = self._step(values, directions)
             best = here if here.square < best.square else best
@@ -169,10 +169,10 @@ class VerificationProblem:
     def placed(self, start: Array, directions: Array, groups: Sequence[str]) -> RefitSolution:
         """The same for base or tool, which may be anywhere: from ``start``, or from where the points alone put them."""
         near = self.fitted(start, directions)
-        enough = int(seen_mask(self.seen.points).sum()) >= 3
-        if "base" not in groups or not enough or self.prediction.p(near.square, near.left) >= LEVEL:
+        enough = int(seen_mask(self.observed.points).sum()) >= 3
+        if "base" not in groups or not enough or self.prediction.p(near.square, near.left) >= VERIFICATION:
             return near
-        far = self.fitted(initial_guess(self.prediction.arm, self.seen, start, groups), directions)
+        far = self.fitted(initial_guess(self.prediction.arm, self.observed, start, groups), directions)
         return far if far.square < near.square else near
 
     def promised_m(self, fit: RefitSolution) -> float:
@@ -185,21 +185,21 @@ class VerificationProblem:
             float((self.in_metres(rows) ** 2).sum()) for rows in (there.axes * there.sizes, there.coloured(fit.basis))
         )
         numbers = len(there.residual)
-        noise = numbers * root_mean_square_sigma(self.seen, 0) ** 2
+        noise = numbers * root_mean_square_sigma(self.observed, 0) ** 2
         return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / numbers))
 
     def in_metres(self, rows: Array) -> Array:
         """Rows ``(N, h)`` in units of the noise, in metres."""
-        whiten, blocks = self.seen.whiten[seen_mask(self.seen.points)], rows.reshape(len(rows) // 3, 3, -1)
+        whiten, blocks = self.observed.whiten[seen_mask(self.observed.points)], rows.reshape(len(rows) // 3, 3, -1)
         metres = blocks / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, blocks)
         return np.asarray(metres.reshape(rows.shape))
 
     def _at(self, values: Array) -> WhitenedSystem:
-        points, slopes = self.prediction.arm.observe(self.seen.inputs, values)
-        jacobian = self.seen.apply(slopes)
+        points, slopes = self.prediction.arm.observe(self.observed.inputs, values)
+        jacobian = self.observed.apply(slopes)
         known = jacobian[:, list(self.prediction.free)] @ _root(self.prediction.covariance)
         axes, sizes, _ = np.linalg.svd(known, full_matrices=False)
-        return WhitenedSystem(self.seen.apply(self.seen.points - points), jacobian, axes, sizes)
+        return WhitenedSystem(self.observed.apply(self.observed.points - points), jacobian, axes, sizes)
 
     def _step(self, values: Array, directions: Array) -> tuple[RefitSolution, Array, float]:
         """The fit if it were solved here, the step ``(p,)`` to a better one, and how far that leads."""

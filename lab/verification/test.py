@@ -14,6 +14,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import VERIFICATION
 from lab.verification.hypotheses import (
     ChangeHypothesis,
     Displacement,
@@ -26,7 +27,7 @@ from lab.verification.hypotheses import (
     refitted,
     sized,
 )
-from lab.verification.prediction import FULL_RANK, LEVEL, CalibrationPrediction, RefitSolution, VerificationProblem
+from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
 
 GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
 STRUCTURE_POSES = 50
@@ -90,7 +91,7 @@ class Verified:
 
 
 def verify(
-    prediction: CalibrationPrediction, seen: Observations, refit: Sequence[str] = (), poses: Sequence[str] = ()
+    prediction: CalibrationPrediction, observed: Observations, refit: Sequence[str] = (), poses: Sequence[str] = ()
 ) -> Verified:
     """Test new measurements against what a run promised; where they contradict it, say what has moved.
 
@@ -102,24 +103,24 @@ def verify(
     Raises:
         LabError: the measurements are too few for what is to be fitted anew.
     """
-    arm, problem = prediction.arm, VerificationProblem(prediction, seen)
+    arm, problem = prediction.arm, VerificationProblem(prediction, observed)
     anew = refitted(arm, refit)
     fit = problem.placed(prediction.values, anew, refit)
     if refit and (fit.left < 1 or fit.rank < _structural_rank(prediction, anew)):
-        count = f"{len(seen.points)} pose{'' if len(seen.points) == 1 else 's'}"
+        count = f"{len(observed.points)} pose{'' if len(observed.points) == 1 else 's'}"
         raise LabError(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
             "measure more, or refit less"
         )
     p = prediction.p(fit.square, fit.left)
-    found = [] if p >= LEVEL else _hypotheses(problem, fit, refit, poses)
+    found = [] if p >= VERIFICATION else _hypotheses(problem, fit, refit, poses)
     alike = _not_told_apart(found, len(fit.there.residual))
-    errors = np.linalg.norm(seen.points - arm.points(seen.inputs, fit.values), axis=2)
+    errors = np.linalg.norm(observed.points - arm.points(observed.inputs, fit.values), axis=2)
     promised = problem.promised_m(fit)
     rms = float(np.sqrt(np.nanmean(errors**2)))
     words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are promised ({prediction.test(fit.left, p)})"
     return Verified(
-        good=p >= LEVEL,
+        good=p >= VERIFICATION,
         statistic=fit.square,
         numbers=fit.left,
         sigma_freedom=prediction.dof,
@@ -130,7 +131,7 @@ def verify(
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
         refit=_placed_anew(prediction, fit, refit),
         would_notice=_would_notice(prediction, fit, refit),
-        words=f"still good: {words}" if p >= LEVEL else f"changed: {words}: {_diagnosis(alike)}",
+        words=f"still good: {words}" if p >= VERIFICATION else f"changed: {words}: {_diagnosis(alike)}",
     )
 
 
@@ -174,11 +175,11 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
     With M = S^-1 less what is fitted and g = M r, leaving out rows i lowers it by g_i' M_ii^-1 g_i, and M_ii^-1 g_i
     is how far they are off, with covariance M_ii^-1 (Cook & Weisberg 1982, section 2.2, for blocks).
     """
-    there, seen = fit.there, problem.seen
+    there, observed = fit.there, problem.observed
     gain = np.sqrt(there.sizes**2 / (1 + there.sizes**2))
     taken = np.concatenate([there.axes * gain, there.white(fit.basis)], axis=1)  # M = 1 - taken taken'
     pull = there.residual - taken @ (taken.T @ there.residual)
-    pose, _ = np.nonzero(seen_mask(seen.points))
+    pose, _ = np.nonzero(seen_mask(observed.points))
     of_row, best = np.repeat(pose, 3), None
     for i in np.unique(pose).tolist():
         rows = of_row == i
@@ -210,10 +211,10 @@ def _judged(
     alike: int,
 ) -> Hypothesis:
     """A hypothesis of ``told`` numbers that leaves a square of so many degrees of freedom."""
-    prediction, numbers = problem.prediction, 3 * int(seen_mask(problem.seen.points).sum())
+    prediction, numbers = problem.prediction, 3 * int(seen_mask(problem.observed.points).sum())
     bic = prediction.deviance(left[0], numbers) + told * np.log(numbers) + 2 * np.log(alike)
     p = prediction.p(*left)
-    return Hypothesis(kind, words, size, told, left[0], p, float(bic), p >= LEVEL)
+    return Hypothesis(kind, words, size, told, left[0], p, float(bic), p >= VERIFICATION)
 
 
 def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:

@@ -52,7 +52,7 @@ def test_another_representative_predicts_the_same() -> None:
 
 def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
     found = identified(campaign(1), IdentifyOptions(fix=("link4.d", "link2.a")))
-    assert found.fit.rank == 25 and not found.unseen
+    assert found.fit.rank == 25 and not found.unobservable
     held = [ARM.names[i] for i in found.base_set.held]
     assert held == ["link2.a", "link4.d"]
     columns = [found.base_set.fixed.index(i) for i in found.base_set.held]

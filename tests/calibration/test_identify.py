@@ -201,8 +201,8 @@ def test_poses_that_never_move_a_joint_are_a_bad_result() -> None:
     joints = IRB120.chain.random_joints(50, rng)
     joints[:, 2] = 0.3
     found = identify(ARM, measured(NAMES, joints, ("p1",), ARM.points(joints, truth.values)), ARM.nominal())
-    assert found.unseen and found.fit.rank < 27
-    named = [ARM.names[i] for i in found.unseen]
+    assert found.unobservable and found.fit.rank < 27
+    named = [ARM.names[i] for i in found.unobservable]
     assert any(named[0] in warning for warning in found.warnings)
     word = verdict(found, Validation(None, None), 1e-3)
     assert word.word == "bad" and named[0] in word.reason

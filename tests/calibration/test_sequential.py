@@ -33,7 +33,7 @@ def both_ways(seed: int, sigma_m: float, sigma_rad: float, arm: SerialArm = ARM)
     noise = Noise(sigma_m=sigma_m or None)
     found = identify(observation, data, arm.nominal(), noise)
     seen, _ = weighed(observation, data, noise)
-    return observation, found.fit, fit_sequentially(observation, seen, found.fit.free, found.before), true
+    return observation, found.fit, fit_sequentially(observation, seen, found.fit.free, found.nominal_aligned), true
 
 
 def fresh_mm(values: Array, true: Array, seed: int) -> float:
@@ -55,7 +55,7 @@ def test_orientations_see_fifteen_angles_and_not_the_sixteenth() -> None:
     observation, data, _ = seen_poses(ARM, 60, 0)
     found = identify(observation, data, ARM.nominal())
     seen, _ = weighed(observation, data, Noise())
-    split = split_of(observation, seen, found.fit.free, found.before)
+    split = split_of(observation, seen, found.fit.free, found.nominal_aligned)
     assert len(split.angles) == 15 == 7 * 3 - 6 and split.rest.shape == (37, 15)
     hidden = [column for column in split.rest.T if (column != 0).sum() > 1]
     assert len(hidden) == 1
@@ -74,7 +74,7 @@ def test_the_table_of_noises(sigma_rad: float) -> None:
         observation = Poses(ARM, "p1", sigma_rad / SIGMA)
         seen, _ = weighed(observation, data, Noise(sigma_m=SIGMA))
         found = identify(observation, data, ARM.nominal(), Noise(sigma_m=SIGMA))
-        first = fit_sequentially(observation, seen, found.fit.free, found.before)
+        first = fit_sequentially(observation, seen, found.fit.free, found.nominal_aligned)
         assert first.status == "converged" and first.rank == 30
         after = fit(observation, seen, found.fit.free, first.values, tolerance_m=np.inf).values  # one global step
         together.append(fresh_mm(found.values, true, seed))

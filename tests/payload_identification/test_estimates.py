@@ -13,6 +13,7 @@ from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
+from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
     hand_motion,
@@ -31,7 +32,6 @@ from lab.payload_identification.from_torques import from_torques
 from lab.payload_identification.from_wrench import from_wrench
 from lab.payload_identification.least_squares import least_squares
 from lab.payload_identification.physical_consistency import nearest_physical, physical_estimate
-from lab.payload_identification.residual_tests import LEVEL
 from lab.simulation.link_masses import loads_of
 
 TX40 = load_virtual("tx40").model
@@ -505,7 +505,7 @@ def honest(result: dict[str, Array]) -> None:
     for name in ("covered", "centre", "inner"):
         if name in result:
             assert ((result[name] > 0.925) & (result[name] < 0.975)).all()
-    assert result["fires"] < 2 * LEVEL
+    assert result["fires"] < 2 * PAYLOAD_RESIDUALS
 
 
 @pytest.mark.slow

@@ -15,7 +15,8 @@ from lab.commands.study.figures import plot_study
 from lab.commands.study.text import effect_words, sentence, sentences
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.studies.analysis import LEVEL, Analysis, Comparison, analysed, compared, means
+from lab.core.significance import STUDY_COMPARISON
+from lab.studies.analysis import Analysis, Comparison, analysed, compared, means
 from lab.studies.bootstrap import holm, resampled
 from lab.studies.grid import Cell, Study
 from lab.studies.table import CampaignArray, CellGroup, groups
@@ -126,8 +127,8 @@ def test_holm_keeps_the_error_of_the_family() -> None:
         values = rng.normal(size=(1, 20, 1)) + 0.5 * rng.normal(size=(4, 20, 1)) + 0.5 * rng.normal(size=(4, 20, 2))
         found = compare(np.exp(values))
         told += any(pair.told for pair in found.pairs)
-        uncorrected += any(pair.p <= LEVEL for pair in found.pairs)
-        assert all((pair.p <= LEVEL) == (not pair.lower <= 1 <= pair.upper) for pair in found.pairs)
+        uncorrected += any(pair.p <= STUDY_COMPARISON for pair in found.pairs)
+        assert all((pair.p <= STUDY_COMPARISON) == (not pair.lower <= 1 <= pair.upper) for pair in found.pairs)
     assert told / 400 <= 0.05 + 0.033
     assert uncorrected / 400 > 0.1
 
@@ -239,7 +240,7 @@ def test_a_robot_without_campaigns_in_a_cell_counts_for_nothing() -> None:
     values = two_levels(1, 9, 4, 13)
     gone = np.where(np.arange(9)[:, None] < 3, np.nan, values[0])[None]
     weights = arranged(gone).weights
-    found = resampled(np.nanmean(gone[:, 3:], axis=2).T, weights[:, 3:], LEVEL)
+    found = resampled(np.nanmean(gone[:, 3:], axis=2).T, weights[:, 3:], STUDY_COMPARISON)
     (mean,) = means(arranged(gone), METRIC)
     assert (mean.mean, mean.lower) == pytest.approx((found.mean[0], found.lower[0]), rel=1e-12)
     assert mean.robots == 6

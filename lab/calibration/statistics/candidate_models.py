@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.gauss_newton import Further, Observations
+from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.identify import WEAK, Identification, IdentifyOptions, identify
 from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import prior_of
@@ -88,13 +88,13 @@ class FullModel:
 
     observation: Observation
     start: Array
-    seen: Observations
+    observed: Observations
     groups: dict[str, tuple[int, ...]]
     structure: Array
     measured: Array
     folds: Labels
     clusters: Labels
-    extra_residuals: Further
+    extra_residuals: ExtraResiduals
     floor: float
 
     @classmethod
@@ -103,10 +103,10 @@ class FullModel:
         made = task.model_with(groups)
         observation = observation_of(made).within(task.data)
         model, start = observation.model, observation.nominal(task.drawn(made))
-        seen, known = weighed(observation, task.data, task.noise)
-        at = model.rank_point(_filled(start, model, alone.model, alone.before))
+        observed, known = weighed(observation, task.data, task.noise)
+        at = model.rank_point(_filled(start, model, alone.model, alone.nominal_aligned))
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
-        structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, seen.inputs))
+        structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
         extra_residuals = observation.extra_residuals(at)[1]
         held = named(model.names, "--fix", task.request.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
@@ -114,23 +114,23 @@ class FullModel:
         return cls(
             observation=observation,
             start=start,
-            seen=seen,
+            observed=observed,
             groups={
                 name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in held)
                 for name in groups
             },
             structure=_triangle(structure.reshape(-1, len(model.names)), extra_residuals),
-            measured=_triangle(measured[seen_mask(seen.points)].reshape(-1, len(model.names)), extra_residuals),
+            measured=_triangle(measured[seen_mask(observed.points)].reshape(-1, len(model.names)), extra_residuals),
             folds=folds(clusters, seed),
             clusters=clusters,
-            extra_residuals=_known(task, observation, seen, start, at, alone.sigma_m if not known else 1.0),
+            extra_residuals=_known(task, observation, observed, start, at, alone.sigma_m if not known else 1.0),
             floor=1.0 if known else FLOOR_M,
         )
 
     @property
     def least_rows(self) -> int:
         """Residuals that the largest fold leaves to fit; none where there is one fold only."""
-        sizes = np.bincount(self.folds, seen_mask(self.seen.points).sum(axis=1) * self.seen.points.shape[2])
+        sizes = np.bincount(self.folds, seen_mask(self.observed.points).sum(axis=1) * self.observed.points.shape[2])
         return int(sizes.sum() - sizes.max())
 
     def around(self, found: Identification) -> Nested:
@@ -140,7 +140,9 @@ class FullModel:
         columns = sorted({*self.fitted(found), *effects})
         drawn = np.array([self.start[i] if i in effects else values[i] for i in columns])
         kinds = self.folds, self.clusters
-        return nested_at(self.observation, self.seen, values, columns, drawn, *kinds, self.extra_residuals, self.floor)
+        return nested_at(
+            self.observation, self.observed, values, columns, drawn, *kinds, self.extra_residuals, self.floor
+        )
 
     def fitted(self, found: Identification) -> tuple[int, ...]:
         """What an identification fitted, as indices of this model."""
@@ -176,10 +178,10 @@ class FullModel:
 
 
 def _known(
-    task: SelectionTask, observation: Observation, seen: Observations, start: Array, at: Array, sigma: float
-) -> Further:
+    task: SelectionTask, observation: Observation, observed: Observations, start: Array, at: Array, sigma: float
+) -> ExtraResiduals:
     """What is known beside the measurements: of the sighting, and the prior of the whole model if one is wished."""
-    beside = weighted_constraints(observation, seen)
+    beside = weighted_constraints(observation, observed)
     if task.request.tolerance is None:
         return beside
     structure = base_set(observation.model, at, known=observation.extra_residuals(at)[1])

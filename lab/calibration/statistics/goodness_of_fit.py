@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.gauss_newton import Fit, Further, Observations
+from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.statistics.linearized import Linear, NoiseDistribution, linearized
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
+from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 from lab.kinematics.model import Model
 
-LEVEL = 0.05  # of the tests of adequacy
-STRICT = 1e-3  # of those whose outcome is a warning
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
 
 By = Literal["chi2", "repeats", "holdout", "nothing"]
@@ -43,14 +42,14 @@ class GoodnessOfFit:
 
 def goodness_of_fit(
     model: Model,
-    seen: Observations,
+    observed: Observations,
     fit: Fit,
     *,
     known: bool,
     shape: NoiseDistribution = NoiseDistribution(),  # noqa: B008
     labels: NDArray[np.int_] | None = None,
     held: Observations | None = None,
-    extra_residuals: Further | None = None,
+    extra_residuals: ExtraResiduals | None = None,
 ) -> GoodnessOfFit:
     """The best test that there is something for: a known sigma, then repeats, then poses held out.
 
@@ -62,7 +61,7 @@ def goodness_of_fit(
         held: poses that were not fitted.
         further: what else was known of the parameters when they were fitted.
     """
-    linear = linearized(model, seen, fit.values, fit.free, extra_residuals)
+    linear = linearized(model, observed, fit.values, fit.free, extra_residuals)
     if known:
         return by_noise(linear, shape)
     if labels is not None and (found := by_repeats(linear, labels)).by != "nothing":
@@ -83,12 +82,12 @@ def by_noise(linear: Linear, shape: NoiseDistribution) -> GoodnessOfFit:
     if within.dof < 1:
         return _nothing_left()
     total, nu = float((linear.residual**2).sum()), within.dof
-    left = (1 - (within.basis**2).sum(axis=2))[linear.seen]
+    left = (1 - (within.basis**2).sum(axis=2))[linear.mask]
     variance = 2 * nu + shape.excess_kurtosis * float((left**2).sum())
     p = float(stats.chi2.sf(total * 2 * nu / variance, 2 * nu**2 / variance))
     ratio = np.sqrt(total / nu)
     test = f"(chi2 test, {nu} degrees of freedom, p = {p:.2g})"
-    if p < LEVEL:
+    if p < LACK_OF_FIT:
         return GoodnessOfFit(
             False, p, "chi2", f"the model is not adequate: residuals are {ratio:.3g} times the noise {test}"
         )
@@ -109,12 +108,12 @@ def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> GoodnessOfFit:
     """
     within = linear.everywhere()
     _, group = np.unique(
-        np.append(labels, labels.max() + 1 + np.arange(len(linear.seen) - linear.poses)), return_inverse=True
+        np.append(labels, labels.max() + 1 + np.arange(len(linear.mask) - linear.poses)), return_inverse=True
     )
     member = np.eye(group.max() + 1)[group]  # (n, groups)
-    count = member.T @ linear.seen  # (groups, m)
+    count = member.T @ linear.mask  # (groups, m)
     mean = (member.T @ linear.residual) / np.maximum(count, 1)
-    scatter = np.where(linear.seen, linear.residual - mean[group], 0.0)
+    scatter = np.where(linear.mask, linear.residual - mean[group], 0.0)
     pure = int(np.maximum(count - 1, 0).sum())
     lack = within.dof - pure
     if pure < 1 or lack < 1:
@@ -123,7 +122,7 @@ def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> GoodnessOfFit:
     ratio = (total - error) / lack / max(error / pure, 1e-300)
     p = float(stats.f.sf(ratio, lack, pure))
     test = f"(F test of lack of fit, {lack} and {pure} degrees of freedom, p = {p:.2g})"
-    if p < LEVEL:
+    if p < LACK_OF_FIT:
         words = f"the model is not adequate: poses are off by {np.sqrt(ratio):.3g} times what repeats scatter {test}"
         return GoodnessOfFit(False, p, "repeats", words)
     return GoodnessOfFit(True, p, "repeats", f"the residuals are what the scatter of repeated poses explains {test}")
@@ -135,7 +134,7 @@ def by_holdout(linear: Linear, held: Linear) -> GoodnessOfFit:
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
     """
     within = linear.everywhere()
-    numbers = int(held.seen.sum())
+    numbers = int(held.mask.sum())
     if within.dof < 1 or not numbers:
         return _nothing_left()
     moved = (held.jacobian * held.scale @ within.back).reshape(-1, within.back.shape[1])
@@ -145,7 +144,7 @@ def by_holdout(linear: Linear, held: Linear) -> GoodnessOfFit:
     ratio = rise / numbers / max(float((linear.residual**2).sum()) / within.dof, 1e-300)
     p = float(stats.f.sf(ratio, numbers, within.dof))
     test = f"(F test of held-out errors, {numbers} and {within.dof} degrees of freedom, p = {p:.2g})"
-    if p < LEVEL:
+    if p < LACK_OF_FIT:
         words = f"the model is not adequate: held-out poses are off by {np.sqrt(ratio):.3g} times what it claims {test}"
         return GoodnessOfFit(False, p, "holdout", words)
     words = f"the model predicts poses held out as well as it claims {test}; whether noise is all that is left, "
@@ -166,21 +165,21 @@ class Isotropy:
     words: str
 
 
-def isotropy(model: Model, seen: Observations, fit: Fit) -> Isotropy:
+def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     """F test of residuals across against along the line from the head, at the origin; for equal weights on x, y, z.
 
     With A the projection of every point on its line, and M = I - H, the sums r'A r and r'(I - A) r have the means
     tr AM and tr (I - A) M, and the log of their quotient a variance from tr (AM)^2 and its like: the test's
     degrees of freedom are those of an F with that variance (Satterthwaite 1946).
     """
-    linear = linearized(model, seen, fit.values, fit.free)
+    linear = linearized(model, observed, fit.values, fit.free)
     within = linear.everywhere()
-    shape = seen.points.shape
-    observation = np.nan_to_num(seen.points / np.linalg.norm(seen.points, axis=2, keepdims=True))
+    shape = observed.points.shape
+    observation = np.nan_to_num(observed.points / np.linalg.norm(observed.points, axis=2, keepdims=True))
     along = (linear.residual.reshape(shape) * observation).sum(axis=2)
     hat = (within.basis.reshape(*shape, -1) * observation[..., None]).sum(axis=2).reshape(along.size, -1)  # (n k, f)
     taken = hat.T @ hat
-    count = int(seen_mask(seen.points).sum())
+    count = int(seen_mask(observed.points).sum())
     first = count - float(np.trace(taken))  # tr AM
     second = within.dof - first
     if min(first, second) < 1:
@@ -195,7 +194,7 @@ def isotropy(model: Model, seen: Observations, fit: Fit) -> Isotropy:
     tails = stats.f.sf(square, gain * second, gain * first), stats.f.cdf(square, gain * second, gain * first)
     p = min(1.0, 2 * float(min(tails)))
     ratio = float(np.sqrt(square))
-    if p >= STRICT:
+    if p >= UNSOLICITED_WARNING:
         return Isotropy(ratio, p, "")
     words = (
         f"residuals across the line of sight are {ratio:.2g} times those along it (F test, p = {p:.1g}): the noise is "

@@ -15,9 +15,9 @@ from lab.calibration.gauss_newton import Fit, Observations
 from lab.calibration.statistics.linearized import FULL_RANK, Linear, Within, linearized
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
+from lab.core.significance import UNSOLICITED_WARNING
 from lab.kinematics.model import Model
 
-LEVEL = 1e-3  # of a warning
 SEVERAL = 2  # joints: one alone is as well an error of that joint
 
 
@@ -39,7 +39,7 @@ class Lag:
 
 
 def lagging(
-    model: Model, seen: Observations, fit: Fit, moves: Array, reading_jacobian: Array, sessions: Sequence[str]
+    model: Model, observed: Observations, fit: Fit, moves: Array, reading_jacobian: Array, sessions: Sequence[str]
 ) -> tuple[Lag, ...]:
     """The sessions where several joints lag.
 
@@ -51,7 +51,7 @@ def lagging(
         reading_jacobian: ``(n, k, d, joints)``, of the prediction by the readings.
         sessions: ``(n,)`` names.
     """
-    linear = linearized(model, seen, fit.values, fit.free)
+    linear = linearized(model, observed, fit.values, fit.free)
     within = linear.everywhere()
     names = list(dict.fromkeys(sessions))
     found = []
@@ -59,11 +59,11 @@ def lagging(
         rows = [i for i, session in enumerate(sessions) if session == name]
         here = np.zeros_like(moves)
         here[rows] = moves[rows]
-        mask = seen_mask(seen.points)
+        mask = seen_mask(observed.points)
         columns = np.zeros(reading_jacobian.shape)
-        columns[mask] = seen.apply(reading_jacobian * here[:, None, None, :]).reshape(columns[mask].shape)
-        lag = _regressed(name, linear, within, columns.reshape(*linear.seen.shape, -1), len(names))
-        if lag.p < LEVEL and lag.significant.sum() >= SEVERAL:
+        columns[mask] = observed.apply(reading_jacobian * here[:, None, None, :]).reshape(columns[mask].shape)
+        lag = _regressed(name, linear, within, columns.reshape(*linear.mask.shape, -1), len(names))
+        if lag.p < UNSOLICITED_WARNING and lag.significant.sum() >= SEVERAL:
             found.append(lag)
     return tuple(found)
 
@@ -86,5 +86,5 @@ def _regressed(name: str, linear: Linear, within: Within, columns: Array, sessio
         p = min(1.0, sessions * float(stats.f.sf(pull @ pull / len(pull) / variance, len(pull), dof)))
         estimate, std = inverse @ pull, np.sqrt(variance) * np.linalg.norm(inverse, axis=1)
         fractions[told] = estimate / scale[told]
-        significant[told] = 2 * stats.t.sf(np.abs(estimate / std), dof) * joints < LEVEL
+        significant[told] = 2 * stats.t.sf(np.abs(estimate / std), dof) * joints < UNSOLICITED_WARNING
     return Lag(name, p, fractions, significant)

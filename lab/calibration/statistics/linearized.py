@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.gauss_newton import Further, Observations
+from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -51,19 +51,19 @@ class Linear:
         residual: ``(n, m)`` measured less predicted, m = k d; zero where not seen.
         jacobian: ``(n, m, f)`` of the prediction, columns scaled to unit norm; zero where not seen.
         scale: ``(f,)`` the norms they had.
-        seen: ``(n, m)``.
+        mask: ``(n, m)`` which numbers were observed.
         poses: how many of the n blocks are poses, the first; the others hold what else is known, and are not tested.
     """
 
     residual: Array
     jacobian: Array
     scale: Array
-    seen: Mask
+    mask: Mask
     poses: int
 
     def everywhere(self) -> "Within":
         """Least squares on all poses."""
-        return self.within(np.ones(len(self.seen), dtype=bool))
+        return self.within(np.ones(len(self.mask), dtype=bool))
 
     def within(self, inside: Mask) -> "Within":
         """Least squares on the poses ``inside`` ``(n,)``."""
@@ -83,8 +83,8 @@ class Linear:
             basis=basis,
             back=back / self.scale[:, None],
             root=(root[:, None, :] * axes) @ np.swapaxes(axes, 1, 2),
-            count=np.where(np.arange(len(own)) < self.poses, self.seen.sum(axis=1) - alone.sum(axis=1), 0),
-            dof=int(self.seen[inside].sum()) - int(told.sum()),
+            count=np.where(np.arange(len(own)) < self.poses, self.mask.sum(axis=1) - alone.sum(axis=1), 0),
+            dof=int(self.mask[inside].sum()) - int(told.sum()),
             full_rank=bool(told.all()) and len(told) == len(self.scale),
         )
 
@@ -152,38 +152,42 @@ class Within:
 
 
 def linearized(
-    model: Model, seen: Observations, values: Array, free: Sequence[int], extra_residuals: Further | None = None
+    model: Model,
+    observed: Observations,
+    values: Array,
+    free: Sequence[int],
+    extra_residuals: ExtraResiduals | None = None,
 ) -> Linear:
     """The linear problem of ``seen`` at ``values`` ``(p,)`` in the parameters ``free``.
 
     Args:
         further: what else is known of the parameters; its rows stay whichever poses are looked at.
     """
-    predicted, jacobian = model.observe(seen.inputs, values)
-    mask = seen_mask(seen.points)
-    n, k, d = seen.points.shape
+    predicted, jacobian = model.observe(observed.inputs, values)
+    mask = seen_mask(observed.points)
+    n, k, d = observed.points.shape
     more, rows = (np.empty(0), np.empty((0, len(values)))) if extra_residuals is None else extra_residuals(values)
     blocks = n + -(-len(more) // (k * d))
     residual, slopes = np.zeros((blocks, k * d)), np.zeros((blocks, k * d, len(free)))
     numbers = np.zeros((blocks, k * d), dtype=bool)
     numbers[:n] = np.repeat(mask, d, axis=1)
     numbers[n:].flat[: len(more)] = True
-    residual[numbers] = np.concatenate([seen.apply(seen.points - predicted), more])
-    slopes[numbers] = np.concatenate([seen.apply(jacobian[..., list(free)]), rows[:, list(free)]])
+    residual[numbers] = np.concatenate([observed.apply(observed.points - predicted), more])
+    slopes[numbers] = np.concatenate([observed.apply(jacobian[..., list(free)]), rows[:, list(free)]])
     scale = np.linalg.norm(slopes.reshape(-1, len(free)), axis=0)
     scale[scale == 0] = 1.0
     return Linear(residual, slopes / scale, scale, numbers, n)
 
 
 def smallest_p(
-    within: Within, seen: Mask, shape: NoiseDistribution, known: bool, draws: int, rng: np.random.Generator
+    within: Within, mask: Mask, shape: NoiseDistribution, known: bool, draws: int, rng: np.random.Generator
 ) -> Array:
     """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape."""
     found = []
     sizes = np.unique(within.count)
-    block = max(1, _BLOCK // seen.size)
+    block = max(1, _BLOCK // mask.size)
     for first in range(0, draws, block):
-        errors = shape.draw((min(block, draws - first), *seen.shape), rng) * seen
+        errors = shape.draw((min(block, draws - first), *mask.shape), rng) * mask
         distance, total = within.squares(within.residuals(errors))
         # Among poses of as many numbers the farthest has the smallest p-value: only those are worked out.
         farthest = np.stack([np.where(within.count == size, distance, -1.0).argmax(axis=1) for size in sizes], axis=1)

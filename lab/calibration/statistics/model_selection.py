@@ -17,11 +17,11 @@ from lab.calibration.statistics.nested_models import Nested, Score
 from lab.calibration.validation import ROWS_PER_PARAMETER
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements
+from lab.core.significance import MODEL_GROUPS
 from lab.kinematics.effects.groups import GROUPS
 
 CANDIDATES = tuple(name for name in GROUPS if name != "payload")  # a mass and a stiffness, both unknown, hardly differ
 GEOMETRY = "geometric"
-LEVEL = 0.01  # of the tests of all groups together
 BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
 
 
@@ -193,7 +193,7 @@ def _trial(large: FullModel, table: Nested, found: Identification, name: str) ->
 def objection(table: Nested, small: Score, big: Score, p: float) -> str:
     """What speaks against an extension, with ``p`` of the tests of all groups together; empty if nothing does."""
     fall, error = table.gain(small, big)
-    if p >= LEVEL:
+    if p >= MODEL_GROUPS:
         return "not significant"
     if big.bic > small.bic - BIC_FALL:
         return "BIC does not fall enough" if big.bic < small.bic else "BIC rises"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.gauss_newton import RANK_TOLERANCE, Further, Observations
+from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
 from lab.calibration.observations.protocol import Observation
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
@@ -117,13 +117,13 @@ class Nested:
 
 def nested_at(
     observation: Observation,
-    seen: Observations,
+    observed: Observations,
     values: Array,
     columns: Sequence[int],
     drawn: Array,
     folds: Labels,
     clusters: Labels,
-    extra_residuals: Further,
+    extra_residuals: ExtraResiduals,
     floor: float,
 ) -> Nested:
     """The large model near ``values`` ``(p,)``.
@@ -135,14 +135,14 @@ def nested_at(
         further: what is known beside the measurements, weighed as they are.
     """
     index, count = list(columns), int(folds.max()) + 1
-    predicted, jacobian = observation.model.observe(seen.inputs, values)
-    both = np.concatenate([jacobian[..., index], (seen.points - predicted)[..., None]], axis=3)
-    rows, mask = seen.apply(both), seen_mask(seen.points)
+    predicted, jacobian = observation.model.observe(observed.inputs, values)
+    both = np.concatenate([jacobian[..., index], (observed.points - predicted)[..., None]], axis=3)
+    rows, mask = observed.apply(both), seen_mask(observed.points)
     scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
     scale[scale == 0] = 1.0
     residual, slopes = extra_residuals(values)
     beside = np.column_stack([slopes[:, index], residual]) / scale
-    fold = np.repeat(folds[np.nonzero(mask)[0]], seen.points.shape[2])
+    fold = np.repeat(folds[np.nonzero(mask)[0]], observed.points.shape[2])
     parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]
     in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
     inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.gauss_newton import Fit, Further, Observations, fit
+from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, fit
 from lab.calibration.statistics.linearized import Linear, Mask, NoiseDistribution, Within, linearized, smallest_p
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
+from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.model import Model
 
-LEVEL = 0.01  # of a campaign
 MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise
 LEAST_SIGMA_M = 1e-6  # an estimated sigma below is no instrument's, but what models leave of each other
 _DRAWS = 999  # (draws + 1) x level is a whole number: the test of Monte Carlo draws is then exact (Barnard 1963)
@@ -55,15 +55,15 @@ class Outliers:
 
 def find_outliers(
     model: Model,
-    seen: Observations,
+    observed: Observations,
     free: Sequence[int],
     start: Array,
     *,
     known: bool,
     rng: np.random.Generator,
     shape: NoiseDistribution = NoiseDistribution(),  # noqa: B008
-    level: float = LEVEL,
-    extra_residuals: Further | None = None,
+    level: float = CAMPAIGN_OUTLIERS,
+    extra_residuals: ExtraResiduals | None = None,
     things: int | None = None,
 ) -> Outliers:
     """Find the poses that are off, and fit the others.
@@ -78,19 +78,21 @@ def find_outliers(
         things: how many of the observed things, from the first, are lengths; all where None.
         further: what else is known of the parameters, as for ``fit``.
     """
-    values, weights, scale = _robust(model, seen, free, start, extra_residuals, 0.01 if known else LEAST_SIGMA_M)
+    values, weights, scale = _robust(model, observed, free, start, extra_residuals, 0.01 if known else LEAST_SIGMA_M)
     believed = bool(known and scale <= MISFIT)
-    inside, linear = weights > 0, linearized(model, seen, values, free, extra_residuals)
+    inside, linear = weights > 0, linearized(model, observed, values, free, extra_residuals)
     test = _test(linear, shape if believed == known else NoiseDistribution(), believed, level, rng)
     for _ in range(_ROUNDS):
         settled, needed = _settle(linear, inside, test)
-        solution = fit(model, leave_out(seen, np.flatnonzero(~settled)), free, values, extra_residuals=extra_residuals)
+        solution = fit(
+            model, leave_out(observed, np.flatnonzero(~settled)), free, values, extra_residuals=extra_residuals
+        )
         values, before, inside = solution.values, inside, settled
-        linear = linearized(model, seen, values, free, extra_residuals)
+        linear = linearized(model, observed, values, free, extra_residuals)
         if (inside == before).all():
             break
     p, _ = test.judge(linear.within(inside), linear.residual)
-    rows, sizes = np.flatnonzero(~inside), _sizes(model, seen, values, things)
+    rows, sizes = np.flatnonzero(~inside), _sizes(model, observed, values, things)
     rows = rows[np.argsort(-sizes[rows], kind="stable")]
     return Outliers(
         rows, sizes[rows], test.campaign(p[rows]), solution, weights[: linear.poses], believed, level, needed
@@ -108,13 +110,13 @@ class HeldOut:
 
 def off_held_out(
     model: Model,
-    seen: Observations,
+    observed: Observations,
     fitted: int,
     solution: Fit,
     *,
     known: bool,
-    level: float = LEVEL,
-    extra_residuals: Further | None = None,
+    level: float = CAMPAIGN_OUTLIERS,
+    extra_residuals: ExtraResiduals | None = None,
     things: int | None = None,
 ) -> HeldOut:
     """Which poses that were not fitted are no predictions of those that were: F or chi squared, Bonferroni over them.
@@ -125,32 +127,32 @@ def off_held_out(
         known: whether the weights stand on a known sigma; where most residuals are beyond it, it is estimated.
         level, further, things: as for ``find_outliers``.
     """
-    linear = linearized(model, seen, solution.values, solution.free, extra_residuals)
-    inside = np.ones(len(linear.seen), dtype=bool)
+    linear = linearized(model, observed, solution.values, solution.free, extra_residuals)
+    inside = np.ones(len(linear.mask), dtype=bool)
     inside[fitted : linear.poses] = False
     within = linear.within(inside)
     distance, total = within.squares(within.residuals(linear.residual))
     believed = known and float(total) <= MISFIT**2 * max(within.dof, 1)
     p = within.p_values(distance, total, believed, 0.0 if known else LEAST_SIGMA_M)
     campaign = np.minimum(1.0, p * max(linear.poses - fitted, 1))
-    rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, seen, solution.values, things)
+    rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, observed, solution.values, things)
     rows = rows[np.argsort(-sizes[rows], kind="stable")]
     return HeldOut(rows - fitted, sizes[rows], campaign[rows])
 
 
-def leave_out(seen: Observations, rows: NDArray[np.int_]) -> Observations:
+def leave_out(observed: Observations, rows: NDArray[np.int_]) -> Observations:
     """The observations without some rows."""
-    keep = np.setdiff1d(np.arange(len(seen.inputs)), rows)
-    return Observations(seen.inputs[keep], seen.points[keep], seen.whiten[keep])
+    keep = np.setdiff1d(np.arange(len(observed.inputs)), rows)
+    return Observations(observed.inputs[keep], observed.points[keep], observed.whiten[keep])
 
 
-def would_matter(model: Model, seen: Observations, fitted: Array, without: Array) -> float:
+def would_matter(model: Model, observed: Observations, fitted: Array, without: Array) -> float:
     """How far (m, root mean square over the seen points) the prediction moves from one vector ``(p,)`` to another.
 
     Of a plain fit and one without its outliers it says what leaving them out would change.
     """
-    moved = model.points(seen.inputs, fitted) - model.points(seen.inputs, without)
-    return float(np.sqrt((moved[seen_mask(seen.points)] ** 2).sum(axis=-1).mean()))
+    moved = model.points(observed.inputs, fitted) - model.points(observed.inputs, without)
+    return float(np.sqrt((moved[seen_mask(observed.points)] ** 2).sum(axis=-1).mean()))
 
 
 @dataclass(frozen=True)
@@ -184,12 +186,12 @@ class _Test:
 
 
 def _test(linear: Linear, shape: NoiseDistribution, known: bool, level: float, rng: np.random.Generator) -> _Test:
-    poses = int(linear.seen[: linear.poses].any(axis=1).sum())
+    poses = int(linear.mask[: linear.poses].any(axis=1).sum())
     floor = 0.0 if known else LEAST_SIGMA_M
     if shape.kind == "gaussian":
         return _Test(known, level / poses, np.empty(0), poses, floor)
-    draws = int(np.ceil((_DRAWS + 1) * max(1.0, LEVEL / level))) - 1
-    reference = smallest_p(linear.everywhere(), linear.seen, shape, known, draws, rng)
+    draws = int(np.ceil((_DRAWS + 1) * max(1.0, CAMPAIGN_OUTLIERS / level))) - 1
+    reference = smallest_p(linear.everywhere(), linear.mask, shape, known, draws, rng)
     rank = int(np.floor((draws + 1) * level + 1e-9)) - 1
     return _Test(known, np.nextafter(reference[rank], 0.0), reference, poses, floor)
 
@@ -217,7 +219,7 @@ def _settle(linear: Linear, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np
         without = inside.copy()
         without[np.argmax(np.where(failed, distance, -1.0))] = False
         if not linear.within(without).full_rank:
-            return inside, np.flatnonzero(failed & (within.count < linear.seen.sum(axis=1)))
+            return inside, np.flatnonzero(failed & (within.count < linear.mask.sum(axis=1)))
         inside = without
     return inside, np.empty(0, dtype=np.int_)
 
@@ -229,7 +231,12 @@ def _enough(linear: Linear, inside: Mask) -> Mask:
 
 
 def _robust(
-    model: Model, seen: Observations, free: Sequence[int], start: Array, extra_residuals: Further | None, floor: float
+    model: Model,
+    observed: Observations,
+    free: Sequence[int],
+    start: Array,
+    extra_residuals: ExtraResiduals | None,
+    floor: float,
 ) -> tuple[Array, Array, float]:
     """Values, Tukey's weights ``(n,)`` and scale that a minority of poses cannot spoil.
 
@@ -239,7 +246,7 @@ def _robust(
     """
     values = ahead = start
     for _ in range(_ROUNDS):
-        linear = linearized(model, seen, ahead, free, extra_residuals)
+        linear = linearized(model, observed, ahead, free, extra_residuals)
         if not np.isfinite(linear.residual).all():  # too far: loops that do not close
             break
         values = ahead
@@ -255,7 +262,7 @@ def _robust(
 
 def _reweighted(linear: Linear, basis: Array, floor: float) -> tuple[Array, Array, float]:
     """Step ``(f,)`` in an orthonormal basis ``(n m, f)``, Tukey's weights ``(n,)`` and the scale."""
-    size = linear.seen.sum(axis=1)
+    size = linear.mask.sum(axis=1)
     tested = (size > 0) & (np.arange(len(size)) < linear.poses)
     middle = np.sqrt(stats.chi2.ppf(0.5, np.maximum(size, 1)))
     end = np.sqrt(stats.chi2.isf(_TUKEY_TAIL, np.maximum(size, 1)))
@@ -275,13 +282,13 @@ def _reweighted(linear: Linear, basis: Array, floor: float) -> tuple[Array, Arra
 
 def _weighted_step(linear: Linear, basis: Array, weights: Array) -> Array:
     """Weighted least squares ``(f,)``, one weight a pose."""
-    spread = (np.repeat(weights, linear.seen.shape[1])[:, None] * basis).T
+    spread = (np.repeat(weights, linear.mask.shape[1])[:, None] * basis).T
     normal = spread @ basis
     normal.flat[:: len(normal) + 1] += 1e-12 * np.trace(normal)  # weights of zero may leave a direction to nobody
     return np.asarray(np.linalg.solve(normal, spread @ linear.residual.ravel()))
 
 
-def _sizes(model: Model, seen: Observations, values: Array, things: int | None) -> Array:
+def _sizes(model: Model, observed: Observations, values: Array, things: int | None) -> Array:
     """Largest residual length ``(n,)`` of each pose's seen targets (m)."""
-    lengths = np.linalg.norm((seen.points - model.points(seen.inputs, values))[:, :things], axis=2)
+    lengths = np.linalg.norm((observed.points - model.points(observed.inputs, values))[:, :things], axis=2)
     return np.asarray(np.where(np.isnan(lengths), 0.0, lengths).max(axis=1))

@@ -229,7 +229,7 @@ class Fitter:
             start.model,
             seen,
             start.fit.free,
-            start.before,
+            start.nominal_aligned,
             known=known,
             rng=rng_for(self.seed, "null"),
             shape=self._shape,
@@ -276,7 +276,7 @@ class Fitter:
         if known or self.options.prior or len(seen.inputs) <= len(found.fit.free):
             return found, [words]
         own = sandwich(linearized(found.model, seen, found.values, found.fit.free))
-        trusted = replace(found, covariance=own.covariance, freedom_each=own.dof)
+        trusted = replace(found, covariance=own.covariance, dof_each=own.dof)
         return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
 
     def _moves(self, rows: Measurements) -> Array:

@@ -65,7 +65,7 @@ def parameter_table(outcome: CalibrationResult) -> str:
 
 def _changes(identification: Identification) -> Array:
     """Identified less before ``(p,)`` in m and rad; of the base's rotation, log(R_before' R_identified)."""
-    names, before, after = identification.model.names, identification.before, identification.values
+    names, before, after = identification.model.names, identification.nominal_aligned, identification.values
     turning = [names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
     changes = after - before
     changes[turning] = se3.log(se3.exp(before[turning]).T @ se3.exp(after[turning]))

@@ -84,7 +84,7 @@ def parameters(outcome: CalibrationResult) -> list[dict[str, Any]]:
     exported = likely(outcome)
     std = dict(zip(free, identification.std, strict=True))
     reach = dict(zip(free, identification.half_width_95 * identification.std, strict=True))
-    scale = column_scale(model, identification.before)
+    scale = column_scale(model, identification.nominal_aligned)
     hidden = {alias.name: dict(alias.into) for alias in aliases(model, identification.base_set, scale)}
     rows = []
     for i, name in enumerate(model.names):
@@ -94,7 +94,7 @@ def parameters(outcome: CalibrationResult) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "unit": unit_of(name, _is_slide(outcome, name)),
-                "nominal": float(identification.before[i]),
+                "nominal": float(identification.nominal_aligned[i]),
                 "estimate": estimate,
                 "exported": float(exported[i]),
                 "std": number(std.get(i, np.nan)),
@@ -139,7 +139,7 @@ def _status(identification: Identification, parameter: int) -> str:
         return "identified"
     if parameter in identification.base_set.held:
         return "held"
-    return "not seen" if parameter in identification.unseen else "fixed"
+    return "not seen" if parameter in identification.unobservable else "fixed"
 
 
 def likely(outcome: CalibrationResult) -> Array:

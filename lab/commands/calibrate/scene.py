@@ -108,7 +108,7 @@ def scene(outcome: CalibrationResult) -> Scene:
     rows, inputs = drawn_rows(len(fitted)), fitted.inputs(model.conditions)
     joints = fitted.joints[rows]
     T_world_instrument = world_of(outcome)
-    both = (identification.before, identification.values)
+    both = (identification.nominal_aligned, identification.values)
     before, after = (model.points(inputs, v)[:, : seen.shape[1]] for v in both)
     errors = [_mean_length(seen - predicted) for predicted in (before, after)]
     measured, before, after = (moved(T_world_instrument, points) for points in (seen, before, after))

@@ -39,7 +39,7 @@ def of_weakness(
     robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], found: Identification, inputs: Array
 ) -> list[str]:
     """What would show what points barely show."""
-    if found.fit.condition <= WEAK_CONDITION or found.unseen or "sessions" in groups:
+    if found.fit.condition <= WEAK_CONDITION or found.unobservable or "sessions" in groups:
         return []
     wanted = changes(robot, targets, groups, found.values, inputs)[0]
     if wanted.condition > WORTH * found.fit.condition:

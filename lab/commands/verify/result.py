@@ -11,8 +11,8 @@ from lab.campaign.options import Verification
 from lab.commands.calibrate.result import number, statistics
 from lab.commands.run_folder import config, write_json
 from lab.commands.verify.run import VerifiedRun
+from lab.core.significance import VERIFICATION
 from lab.verification.hypotheses import Displacement
-from lab.verification.prediction import LEVEL
 from lab.verification.test import Hypothesis
 
 MOST_HYPOTHESES = 6  # that are printed
@@ -34,7 +34,7 @@ def verification_summary(run: VerifiedRun) -> dict[str, Any]:
         "targets": list(run.rows.targets),
         "good": found.good,
         "p": found.p,
-        "level": LEVEL,
+        "level": VERIFICATION,
         "statistic": found.statistic,
         "freedom": found.numbers,
         "sigma_freedom": found.sigma_freedom,

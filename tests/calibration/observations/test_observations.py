@@ -195,7 +195,7 @@ def test_exact_places_give_the_truth(kind, places: int, rows: int, distance: flo
         observation = many(kind, places)
         data, true = seen_places(observation, rows, rng)
         found = identify(observation, data, ARM.nominal())
-        assert found.status == "converged" and not found.unseen and found.plausible
+        assert found.status == "converged" and not found.unobservable and found.plausible
         assert np.abs(found.values - true).max() < 1e-11
 
 

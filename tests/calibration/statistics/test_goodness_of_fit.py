@@ -8,10 +8,11 @@ from helpers.robots import IRB120, perturbed, somewhere
 from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Observations, fit, whitening
-from lab.calibration.statistics.goodness_of_fit import LEVEL, GoodnessOfFit, goodness_of_fit, isotropy, sandwich
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.se3 import Array
+from lab.core.significance import LACK_OF_FIT
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 
@@ -66,7 +67,7 @@ def test_a_true_model_is_rejected_at_the_level(device: Instrument, shape: NoiseD
         for _ in range(50):
             seen, solution = fitted(device, truth, joints, rng)
             found = goodness_of_fit(ARM, seen, solution, known=True, shape=shape)
-            assert found.by == "chi2" and found.adequate == (found.p >= LEVEL)
+            assert found.by == "chi2" and found.adequate == (found.p >= LACK_OF_FIT)
             rejected += not found.adequate
     assert rejected / 500 == pytest.approx(0.05, abs=0.029)
 

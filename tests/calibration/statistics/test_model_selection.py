@@ -243,7 +243,7 @@ def test_what_poses_do_not_show_is_held() -> None:
     found = select(irb120, data, nominal, Noise(None, SIGMA))
     taken = row(found, "backlash")
     assert found.chosen == ("backlash",) and taken.held == found.held == ("joint4.backlash",) and taken.parameters == 5
-    assert not found.identification.unseen
+    assert not found.identification.unobservable
     assert found.identification.values[arm.names.index("joint4.backlash")] == 0.0
     all_from_one_side = {**data.conditions, **{name: np.ones(60) for name in arm.conditions}}
     found = select(irb120, replace(data, conditions=all_from_one_side), nominal)

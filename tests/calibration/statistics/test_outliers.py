@@ -94,7 +94,7 @@ def test_the_reference_is_the_distribution_of_the_smallest_p() -> None:
     for known in (True, False):
         rng = np.random.default_rng(0)
         gaussian, uniform = (
-            smallest_p(within, linear.seen, s, known, 4000, rng) for s in (NoiseDistribution(), UNIFORM)
+            smallest_p(within, linear.mask, s, known, 4000, rng) for s in (NoiseDistribution(), UNIFORM)
         )
         assert np.mean(gaussian <= 0.05 / 60) == pytest.approx(0.049, abs=0.011)  # 3 sigma of 4,000 is 0.010
         assert np.mean(uniform <= 0.05 / 60) < 0.005

@@ -30,7 +30,9 @@ def test_irb120_by_its_protocol() -> None:
     assert mean_mm(errors.after) > 0.2  # near zero would be a leak
     found = outcome.identification
     assert len(found.fit.free) == 33
-    turned = {n: v - b for n, v, b in zip(found.model.names, found.values, found.before, strict=True) if "theta" in n}
+    turned = {
+        n: v - b for n, v, b in zip(found.model.names, found.values, found.nominal_aligned, strict=True) if "theta" in n
+    }
     offsets = [name for name, change in turned.items() if abs(np.rad2deg(change)) > 1]
     assert offsets == ["link2.theta", "link4.theta", "link5.theta"]  # joint offsets over one degree
 

@@ -63,7 +63,7 @@ def test_points_are_where_they_were_measured_and_predicted(recording, outcome):
     fitted, identification = outcome.fitted, outcome.identification
     expected = {
         "measured": fitted.points,
-        "predicted_before": identification.model.points(fitted.joints, identification.before),
+        "predicted_before": identification.model.points(fitted.joints, identification.nominal_aligned),
         "predicted_after": identification.model.points(fitted.joints, identification.values),
     }
     for name, points in expected.items():
@@ -101,7 +101,7 @@ def test_ellipsoids_are_those_computed(recording, outcome, name):
 def test_the_arrows_are_the_errors_times_the_factor_shown(recording, outcome):
     shown, fitted, identification = scene(outcome), outcome.fitted, outcome.identification
     for name, values, factor in (
-        ("before", identification.before, shown.factor_before),
+        ("before", identification.nominal_aligned, shown.factor_before),
         ("after", identification.values, shown.factor_after),
     ):
         vectors = np.array(column(recording, f"/world/errors/{name}", "Arrows3D:vectors")[1])[:, 0]

@@ -1,0 +1,35 @@
+"""Significance levels: the chance at which each test of the lab rejects although nothing is wrong.
+
+Every level has the name of the decision that it belongs to, so that one is never changed in place of another.
+"""
+
+__all__ = [
+    "CAMPAIGN_OUTLIERS",
+    "LACK_OF_FIT",
+    "MODEL_GROUPS",
+    "PAYLOAD_RESIDUALS",
+    "STUDY_COMPARISON",
+    "UNSOLICITED_WARNING",
+    "VERIFICATION",
+]
+
+LACK_OF_FIT = 0.05
+"""Whether a calibrated model leaves more in the residuals than noise does."""
+
+PAYLOAD_RESIDUALS = 0.05
+"""Whether the residuals of a payload follow anything, of all tests together (Bonferroni)."""
+
+STUDY_COMPARISON = 0.05
+"""Whether two criteria or settings of a study differ, of all pairs together (Holm)."""
+
+MODEL_GROUPS = 0.01
+"""Whether a group of parameters belongs into the model, of all groups together (Bonferroni)."""
+
+CAMPAIGN_OUTLIERS = 0.01
+"""Whether any pose of a campaign is an outlier."""
+
+VERIFICATION = 0.01
+"""Whether an arm has changed since it was calibrated."""
+
+UNSOLICITED_WARNING = 1e-3
+"""Whether to warn of something that nobody asked about: joints that lag, noise that is not isotropic."""
