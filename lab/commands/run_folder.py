@@ -21,6 +21,7 @@ from lab.commands.calibrated_files import MJCF, TABLE, arm_files
 from lab.commands.payload.known_payload import LOAD_FILE, read_hand_load
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import write_measurements
+from lab.formats.programs.registry import program_file_names
 
 _FILES = {
     "config.json",
@@ -37,15 +38,14 @@ _FILES |= {
     "nominal.toml",
     "joints.csv",
     "cartesian.csv",
-    "program.mod",
     "plan.csv",
-    "plan.mod",
     "curve.png",
     "curve.svg",
     "poses.png",
     "poses.svg",
     "recording.rrd",
     "report.html",
+    *program_file_names(),
 }  # a folder with anything else is not replaced
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 

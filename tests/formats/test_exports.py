@@ -16,7 +16,8 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.dh_table_toml import RobotTable, read_table
 from lab.formats.link_tree import link_tree
-from lab.formats.rapid import program_module
+from lab.formats.programs.protocol import TargetMoves
+from lab.formats.programs.rapid import Rapid
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.build_serial import table_model
@@ -213,8 +214,9 @@ def program() -> tuple[str, Array, Array, Array]:
     joints = IRB120.chain.random_joints(len(IDS), rng)
     T_frame0_instrument = se3.inverse(se3.pose(se3.exp(values[3:6]), values[:3]))
     T_last_tool = se3.pose(R_last_tool, arm.split(values)[2][0])
-    text = program_module("a robot – ß", IDS, joints, T_last_tool, T_frame0_instrument)
-    return text, joints, values, R_last_tool
+    content = Rapid().target_moves(TargetMoves("a robot – ß", IDS, joints, T_last_tool, T_frame0_instrument))
+    assert content.count(b"\n") == content.count(b"\r\n")
+    return content.decode("ascii").replace("\r\n", "\n"), joints, values, R_last_tool
 
 
 def test_the_program_moves_through_the_targets(program) -> None:

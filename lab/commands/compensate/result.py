@@ -17,10 +17,11 @@ from lab.commands.run_folder import config, write_json
 from lab.compensation.ik_results import NEAR_RAD
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.rapid import program_module, why_no_rapid
+from lab.formats.programs.protocol import TargetMoves
+from lab.formats.programs.registry import refusals, target_files
 
 MOST_FAILED = 10  # that are printed
-JOINTS, CARTESIAN, PROGRAM, NOMINAL = "joints.csv", "cartesian.csv", "program.mod", "nominal.toml"
+JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
 
 
 def correction_summary(done: CompensationResult) -> dict[str, Any]:
@@ -68,8 +69,7 @@ def warnings_of(done: CompensationResult) -> list[str]:
         said.append(
             f"the expected error is {expected.mean():.3g} mm: these targets are far from where the arm was measured"
         )
-    why = why_no_rapid(done.run.robot.chain)
-    return [*said, *([why] if why else [])]
+    return [*said, *refusals(done.run.robot.chain)]
 
 
 def _mean_and_max(values: Array) -> dict[str, float | None]:
@@ -87,18 +87,19 @@ def write_correction(folder: Path, done: CompensationResult, options: Correction
     (folder / NOMINAL).write_text(table_text(drawing.arm, drawing.values), encoding="utf-8")
     for name, text in arm_files(run.robot, *run.geometry).items():
         (folder / name).write_text(text, encoding="utf-8")
-    if why_no_rapid(run.robot.chain) is None and len(rows):
-        (folder / PROGRAM).write_text(_program(done, rows), encoding="ascii", newline="\r\n")
+    if len(rows):
+        for name, content in target_files(run.robot.chain, _moves(done, rows)).items():
+            (folder / name).write_bytes(content)
     write_json(folder / "result.json", correction_summary(done))
 
 
-def _program(done: CompensationResult, rows: NDArray[np.int_]) -> str:
-    """The RAPID module, with the base and tool that suit the controller's links."""
+def _moves(done: CompensationResult, rows: NDArray[np.int_]) -> TargetMoves:
+    """What a controller's program is made from, with the base and tool that suit the controller's links."""
     run, drawing = done.run, done.run.nominal_inverse(done.target)
     T_instrument_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
     ids = [done.targets.ids[i] for i in rows]
     T_last_tool = se3.pose(run.R_last_tool, drawing.tools[done.target])
-    return program_module(run.robot.name, ids, done.found.joints[rows], T_last_tool, se3.inverse(T_instrument_frame0))
+    return TargetMoves(run.robot.name, ids, done.found.joints[rows], T_last_tool, se3.inverse(T_instrument_frame0))
 
 
 def _joint_columns(done: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:

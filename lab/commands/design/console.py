@@ -8,7 +8,8 @@ from rich.table import Table
 
 from lab.commands.design.result import plan_summary
 from lab.commands.design.run import Plan
-from lab.formats.rapid import SPEED, WAIT_S
+from lab.formats.programs.protocol import PAUSE_S
+from lab.formats.programs.registry import PLAN, planned_in
 
 
 def print_plan(plan: Plan, folder: Path) -> None:
@@ -21,10 +22,11 @@ def print_plan(plan: Plan, folder: Path) -> None:
     console.print(indices_line(seen))
     console.print(candidates_line(seen))
     console.print(tour_line(seen))
-    files = "plan.csv to measure" + (", plan.mod for the controller" if seen["rapid"] == "plan.mod" else "")
-    console.print(f"{files}, curve.png, poses.png, recording.rrd")
-    if seen["rapid"] != "plan.mod":
-        console.print(seen["rapid"])
+    languages, refusals = planned_in(seen)
+    programs = "".join(f", {PLAN}{language.suffix} for the controller" for language in languages)
+    console.print(f"plan.csv to measure{programs}, curve.png, poses.png, recording.rrd")
+    for why in refusals:
+        console.print(why)
     console.print(f"plan: {folder}", soft_wrap=True)
 
 
@@ -76,10 +78,11 @@ def candidates_line(seen: dict[str, Any]) -> str:
 def tour_line(seen: dict[str, Any]) -> str:
     """How long the day is."""
     via = f", {seen['via']} of them by way of poses that are only passed" if seen["via"] else ""
-    slower = f"(plan.mod moves at {SPEED}, which takes longer), " if seen["rapid"] == "plan.mod" else ""
+    moving = [f"{PLAN}{each.suffix} moves at {each.speed}" for each in planned_in(seen)[0]]
+    slower = f"({', '.join(moving)}, which takes longer), " if moving else ""
     return (
         f"tour: {seen['moves']} moves{via}, {seen['tour_seconds']:.1f} s at full speed and acceleration, home to home "
-        f"{slower}and {WAIT_S} s of waiting at each pose"
+        f"{slower}and {PAUSE_S} s of waiting at each pose"
     )
 
 

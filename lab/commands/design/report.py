@@ -10,6 +10,7 @@ from lab.commands.design.console import candidates_line, certificate, headline, 
 from lab.commands.design.result import plan_summary
 from lab.commands.design.run import Plan
 from lab.commands.provenance import how_it_was_made
+from lab.formats.programs.registry import PLAN, planned_in
 from lab.render.html import (
     Html,
     capital,
@@ -41,7 +42,8 @@ _INDICES = {
 def write_plan_report(folder: Path, plan: Plan) -> None:
     """Write ``report.html`` beside the pictures ``curve.svg`` and ``poses.svg``, which it takes in."""
     seen = plan_summary(plan)
-    files = "plan.csv, to measure" + (", and plan.mod, for the controller" if seen["rapid"] == "plan.mod" else "")
+    programs = (f", and {PLAN}{language.suffix}, for the controller" for language in planned_in(seen)[0])
+    files = "plan.csv, to measure" + "".join(programs)
     parts = [
         paragraph(f"{_sentence(headline(seen))} {_sentence(promise(seen))}", "lead"),
         warnings_box(seen["warnings"]),

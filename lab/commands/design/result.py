@@ -11,7 +11,8 @@ from lab.commands.run_folder import config, write_json
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import write_measurements
-from lab.formats.rapid import rapid_module, why_no_rapid
+from lab.formats.programs.protocol import MeasuringTour
+from lab.formats.programs.registry import plan_files, plan_or_refusal
 
 _NUMBERED = ("o1", "o2", "o3", "o4", "o5", "condition", "a")
 _VARIANCE = "mm², of the position on test poses, whatever the units of the parameters"
@@ -43,7 +44,7 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
         "moves": len(tour.stops) - 1,
         "via": int((tour.measured[1:-1] < 0).sum()),
         "curve": [_point(step) for step in plan.curve],
-        "rapid": why_no_rapid(plan.problem.robot.chain) or "plan.mod",
+        **plan_or_refusal(plan.problem.robot.chain),
         "seconds": round(plan.seconds, 4),
         "warnings": list(plan.warnings),
     }
@@ -84,9 +85,9 @@ def write_plan(folder: Path, plan: Plan) -> None:
     robot = plan.problem.robot
     write_json(folder / "config.json", config("design", plan.options, robot.sha256))
     write_measurements(folder / "plan.csv", plan_table(plan), robot.chain.prismatic)
-    if why_no_rapid(robot.chain) is None:
-        text = rapid_module(robot.name, plan.tour.stops, plan.tour.measured, pose_ids(plan))
-        (folder / "plan.mod").write_text(text, encoding="ascii", newline="\r\n")
+    tour = MeasuringTour(robot.name, plan.tour.stops, plan.tour.measured, pose_ids(plan))
+    for name, content in plan_files(robot.chain, tour).items():
+        (folder / name).write_bytes(content)
     write_json(folder / "result.json", plan_summary(plan))
 
 

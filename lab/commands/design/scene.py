@@ -10,7 +10,7 @@ from lab.commands.calibrate.scene import Drawn, drawn, moved, reach_of, world_le
 from lab.commands.design.result import pose_ids
 from lab.commands.design.run import Plan
 from lab.core.se3 import Array
-from lab.formats.rapid import WAIT_S
+from lab.formats.programs.protocol import PAUSE_S
 from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
 from lab.render.skeleton import Legs, frame_lines, frame_origins
@@ -79,7 +79,7 @@ def plan_scene(plan: Plan) -> PlanScene:
     between = stops[:-1, None] + share * (stops[1:] - stops[:-1])[:, None]  # (s - 1, looks, joints)
     way = np.concatenate([between.reshape(-1, stops.shape[1]), stops[-1:]])
     mapping, uncertainty = _shapes(plan)
-    waiting = np.where(plan.tour.measured >= 0, float(WAIT_S), 0.0)
+    waiting = np.where(plan.tour.measured >= 0, float(PAUSE_S), 0.0)
     day, arrivals = tour_trajectory(rated(problem.robot.chain)[0], stops, waiting)
     times = np.concatenate(
         [np.arange(left, came, STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]

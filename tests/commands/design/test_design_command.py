@@ -25,7 +25,8 @@ from lab.commands.design.scene import plan_scene
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
 from lab.formats.measurement_csv import read_measurements
-from lab.formats.rapid import rapid_module, why_no_rapid
+from lab.formats.programs.protocol import MeasuringTour
+from lab.formats.programs.rapid import Rapid
 from lab.simulation.true_robot import random_perturbation, random_tracker, track, true_robot
 
 POSES = 14
@@ -164,16 +165,17 @@ def test_the_rapid_module_is_the_tour(folder: Path, plan) -> None:
 def test_poses_on_the_way_are_passed_without_a_wait() -> None:
     stops = np.vstack([np.zeros(6), np.random.default_rng(0).uniform(-2, 2, (4, 6)), np.zeros(6)])
     measured = np.array([-1, 1, -1, 0, 2, -1])
-    text = rapid_module("a robot, with a name – longer than thirty-two", stops, measured, ("1", "2", "3"))
+    tour = MeasuringTour("a robot, with a name – longer than thirty-two", stops, measured, ("1", "2", "3"))
+    text = Rapid().measuring_tour(tour).decode("ascii").replace("\r\n", "\n")
     check_module(text, stops, measured)
     assert text.count("via001,v200,fine") == 1 and text.count('TPWrite "Pose ') == 3
 
 
 def test_only_six_revolute_joints_make_a_rapid_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    assert why_no_rapid(IRB120.chain) is None
-    assert "RRPR" in str(why_no_rapid(SCARA))
+    assert Rapid().refusal(IRB120.chain) is None
+    assert "RRPR" in str(Rapid().refusal(SCARA))
     slide = replace(IRB120.chain, prismatic=(False,) * 5 + (True,))
-    assert "RRRRRP" in str(why_no_rapid(slide))
+    assert "RRRRRP" in str(Rapid().refusal(slide))
     monkeypatch.chdir(tmp_path)
     Path("arm.xml").write_text(ARM_XML.replace("mass=", 'contype="0" conaffinity="0" mass='))
     assert run("design --robot arm.xml --candidates 200 --poses 8 --starts 1 --json") == 0

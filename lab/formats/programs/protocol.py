@@ -1,0 +1,76 @@
+"""What a controller's language has to offer, and what a program in it is made from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["PAUSE_S", "Language", "MeasuringTour", "TargetMoves"]
+
+PAUSE_S = 3  # how long a program waits at each pose that is measured
+
+
+@dataclass(frozen=True)
+class MeasuringTour:
+    """A tour through the poses to measure, from home to home.
+
+    Attributes:
+        robot: the robot's name.
+        stops: ``(s, n)`` joint positions (rad, m of a slide), home first and last.
+        measured: ``(s,)``, negative where a stop is only passed.
+        ids: what ``plan.csv`` calls the measured poses, in the order of the tour.
+    """
+
+    robot: str
+    stops: Array
+    measured: NDArray[np.int_]
+    ids: Sequence[str]
+
+
+@dataclass(frozen=True)
+class TargetMoves:
+    """Moves to compensated targets, with the two frames that suit the controller's nominal links best.
+
+    Attributes:
+        robot: the robot's name.
+        ids: what the targets' file calls them, ``(t,)``.
+        joints: ``(t, n)`` joint positions (rad, m of a slide) at which the calibrated arm is at the targets.
+        T_last_tool: pose ``(4, 4)`` (m) of the tool in the table's last frame, of the nominal arm that fits best.
+        T_frame0_instrument: pose ``(4, 4)`` (m) of the instrument's frame in that arm's frame 0.
+    """
+
+    robot: str
+    ids: Sequence[str]
+    joints: Array
+    T_last_tool: Array
+    T_frame0_instrument: Array
+
+
+class Language(Protocol):
+    """The language of a controller."""
+
+    @property
+    def name(self) -> str:
+        """What its users call it; in lower case the key of ``result.json``."""
+
+    @property
+    def suffix(self) -> str:
+        """What the names of its files end in, with the dot."""
+
+    @property
+    def speed(self) -> str:
+        """How fast its programs move, as the language says it."""
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        """Why a robot with these joints cannot be moved by a program in it, in words; None where it can."""
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        """The file of a program that goes through the poses to measure and waits ``PAUSE_S`` at each."""
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        """The file of a program that goes to the compensated targets."""

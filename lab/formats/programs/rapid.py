@@ -1,0 +1,136 @@
+"""A measuring tour and compensated targets as modules in RAPID, the language of ABB's controllers (IRC5, OmniCore)."""
+
+import itertools
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["Rapid"]
+
+_AXES = 6
+_SPEED = "v200"
+_LONGEST_NAME = 32
+_PREFIX = "j_"  # of joint targets: no reserved word and nothing of the controller begins so
+_TOOL, _WORK_OBJECT = "calibration_tool", "instrument_frame"
+_LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"  # a controller moves no tool without a mass and a centre
+_SAME = "[[0,0,0],[1,0,0,0]]"  # the object's frame is the user's
+_NO_AXES = "[" + ",".join(["9E+09"] * _AXES) + "]"  # external axes that are not there
+
+
+class Rapid:
+    """Modules for robots with six revolute axes, which is what a joint target of RAPID holds."""
+
+    name = "RAPID"
+    suffix = ".mod"
+    speed = _SPEED
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        """None for six revolute joints; else the reason."""
+        if joints.size == _AXES and not any(joints.prismatic):
+            return None
+        kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
+        return f"no RAPID module: a joint target has six revolute axes, robot {joints.name} has {kinds}"
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        """A module with a procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""
+        ids = tour.ids
+        routine = f"measure_poses_from_{ids[0]}"
+        names, moves = ["home"], ["    TPErase;", _move("home", "tool0")]
+        pose, via = 0, 0
+        for is_pose in tour.measured[1:-1] >= 0:
+            if not is_pose:
+                via += 1
+                names.append(f"via{via:03d}")
+                moves.append(_move(names[-1], "tool0"))
+                continue
+            names.append(f"pose{int(ids[pose]):03d}")
+            moves += [
+                _move(names[-1], "tool0"),
+                f'    TPWrite "Pose {ids[pose]}: {pose + 1} of {len(ids)}";',
+                f"    WaitTime {PAUSE_S};",
+            ]
+            pose += 1
+        targets = [_joint_target(name, joints) for name, joints in zip(names, tour.stops, strict=False)]
+        moves += [_move("home", "tool0"), '    TPWrite "All poses measured";']
+        head = [
+            f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
+            "  ! Checked free of collisions in the lab's model only: run it slowly first, in manual mode.",
+            "  ! Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
+        ]
+        name = _name(f"plan_{tour.robot}", f"_from_{ids[0]}")  # so that a plan and what extends it can both be loaded
+        return _module(name, [*head, *targets], routine, moves)
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        """A module with a procedure ``move_to_targets`` through joint targets, and with the frames they are of."""
+        ids = moves.ids
+        head = [
+            f"  ! {len(ids)} corrected joint targets. The correction is in the joint angles: move with MoveAbsJ.",
+            "  ! Not checked for collisions: run it slowly first, in manual mode.",
+            f"  ! {_TOOL} and {_WORK_OBJECT} suit the controller's nominal links best. They hold where tool0 is",
+            "  ! the last frame of the lab's table, and world is frame 0 of it.",
+            f"  ! CalcRobT(<a target>, {_TOOL} \\WObj:={_WORK_OBJECT}) makes a robtarget of one, with its",
+            "  ! configuration, by the controller's own nominal model: the same joint angles, so as well corrected.",
+        ]
+        data = [
+            "  ! The load is a placeholder: declare the real one.",
+            f"  PERS tooldata {_TOOL}:=[TRUE,{_pose(moves.T_last_tool)},{_LOAD}];",
+            f'  PERS wobjdata {_WORK_OBJECT}:=[FALSE,TRUE,"",{_pose(moves.T_frame0_instrument)},{_SAME}];',
+        ]
+        names = _target_names(ids)
+        targets, lines = [], ["    TPErase;"]
+        for i, (name, each, joints) in enumerate(zip(names, ids, moves.joints, strict=True), start=1):
+            targets += [] if name == _PREFIX + each else [f"  ! id {each!a}"]
+            targets.append(_joint_target(name, joints))
+            lines += [_move(name, _TOOL), f'    TPWrite "{name}: {i} of {len(ids)}";']
+        return _module(_name(f"program_{moves.robot}"), [*head, *data, *targets], "move_to_targets", lines)
+
+
+def _target_names(ids: Sequence[str]) -> list[str]:
+    """A legal name for each id; RAPID does not tell small letters from capitals."""
+    names: dict[str, str] = {}
+    for each in ids:
+        tries = (_name(_PREFIX + each, f"_{i}" if i > 1 else "") for i in itertools.count(1))
+        name = next(name for name in tries if name.lower() not in names)
+        names[name.lower()] = name
+    return list(names.values())
+
+
+def _name(text: str, end: str = "") -> str:
+    """A legal name that begins like ``text``, which begins with a letter, and has this end."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", text)[: _LONGEST_NAME - len(end)] + end
+
+
+def _module(name: str, declarations: Sequence[str], routine: str, moves: Sequence[str]) -> bytes:
+    """A module's file: ASCII, with the line ends that controllers write."""
+    body = [*declarations, "", f"  PROC {routine}()", *moves, "  ENDPROC"]
+    return ("\r\n".join([f"MODULE {name}", *body, "ENDMODULE"]) + "\r\n").encode("ascii")
+
+
+def _joint_target(name: str, joints: Array) -> str:
+    return f"  LOCAL CONST jointtarget {name}:=[{_degrees(joints)},{_NO_AXES}];"
+
+
+def _move(target: str, tool: str) -> str:
+    return f"    MoveAbsJ {target},{_SPEED},fine,{tool};"
+
+
+def _degrees(joints: Array) -> str:
+    """Six angles; a millionth of a degree moves a point 1 m away by 17 nm."""
+    return _list(np.rad2deg(joints), 6)
+
+
+def _pose(matrix: Array) -> str:
+    """A pose ``(4, 4)`` (m) in millimetres and as a quaternion wxyz."""
+    quaternion = se3.quaternion_from_rotation(matrix[:3, :3])
+    return f"[{_list(1e3 * matrix[:3, 3], 6)},{_list(quaternion, 9)}]"
+
+
+def _list(values: Array, digits: int) -> str:
+    return "[" + ",".join(f"{value + 0.0:.{digits}f}" for value in values.round(digits)) + "]"
