@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
-from lab.campaign.config_file import options_from
 from lab.campaign.option_groups import ArmEffects, Fitting, positive, whole
 from lab.core.errors import LabError, error_context
+from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 
 ANY: Final = "any"  # the scaling of what is the same in each
@@ -161,17 +161,14 @@ def read_study(path: Path) -> Study:
 
 
 def study_from(content: Mapping[str, Any]) -> Study:
-    """A study from plain values, as TOML and JSON have them."""
-    known = {each.name for each in fields(Study)}
-    if unknown := [name for name in content if name not in known]:
-        raise LabError(f"'{unknown[0]}' is unknown; there are {', '.join(sorted(known))}")
-    values = dict(content)
-    values["targets"] = tuple(values.get("targets", ("p1",)))
-    values["factors"] = {name: _levels(name, given) for name, given in values.get("factors", {}).items()}
-    for key, kind in (("parameters", Fitting), ("effects", ArmEffects)):
-        sets = values.get(key, {})
-        values[key] = {name: options_from(f"{key}.{name}", kind, given) for name, given in sets.items()}
-    return Study(**values)
+    """A study from plain values, as TOML and JSON have them.
+
+    Raises:
+        LabError: a name is unknown, a value is not of its type, or the study asks for what there is not.
+    """
+    given = content.get("factors", {})
+    factors = {name: _levels(name, levels) for name, levels in given.items()} if isinstance(given, Mapping) else given
+    return structured("", Study, {**content, "factors": factors})
 
 
 def _levels(factor: str, given: Any) -> tuple[Any, ...]:
@@ -179,4 +176,4 @@ def _levels(factor: str, given: Any) -> tuple[Any, ...]:
     levels = given if isinstance(given, list) else [given]
     if factor not in FACTORS:
         return tuple(levels)  # the study says that there is none such
-    return tuple(getattr(options_from("factors", Cell, {factor: level}), factor) for level in levels)
+    return tuple(getattr(structured("factors", Cell, {factor: level}), factor) for level in levels)

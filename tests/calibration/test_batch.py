@@ -215,7 +215,7 @@ def test_what_is_not_fitted_and_what_is_not_geometry_costs() -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"robot": "irb120", "speed": 3}, "'speed' is unknown"),
+        ({"robot": "irb120", "speed": 3}, "'speed' is no option"),
         ({"factors": {"colour": ["red"]}}, "factor 'colour' is unknown"),
         ({"factors": {"poses": []}}, "give at least one value"),
         ({"factors": {"poses": [20, 20]}}, "each once"),

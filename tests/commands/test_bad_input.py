@@ -177,7 +177,7 @@ FITTING = [
     configured("unknown option", '{"options": {"pose": 12}}', "'pose'", "poses"),
     configured("wrong kind", '{"options": {"poses": "many"}}', "'many'", "poses"),
     configured("wrong group", '{"options": {"effects": 3}}', "'effects'"),
-    configured("a truth in a list", '{"options": {"effects": {"payload_kg": [true]}}}', "[True]", "'payload_kg'"),
+    configured("a truth in a list", '{"options": {"effects": {"payload_kg": [true]}}}', "[True]", "payload_kg'"),
     configured("a number among names", '{"options": {"targets": ["p1", 1]}}', "'targets'"),
     configured("no file to identify", '{"options": {}}', "missing", command="identify"),
 ]

@@ -1,0 +1,189 @@
+"""Plain values, as JSON and TOML have them, turned into typed dataclasses; what is wrong is said in one line.
+
+A value has to be of its field's type: text is no number, a number no text, and a truth value neither; a whole number is
+a number. cattrs walks the types and says where a value stands; the words are made here.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, cast, get_args, get_origin
+
+from lab.core.errors import LabError
+
+if TYPE_CHECKING:
+    from cattrs import Converter
+
+__all__ = ["read_json", "structured"]
+
+Kind = TypeVar("Kind")
+_PLAIN = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", Path: "a path as text"}
+
+
+class _InvalidError(ValueError):
+    """A value that its type does not allow, and what it allows."""
+
+    def __init__(self, value: object, valid: str) -> None:
+        super().__init__(f"{value!r}: give {valid}")
+        self.value, self.valid = value, valid
+
+
+def structured(where: object, kind: type[Kind], values: object, *, extra: bool = False) -> Kind:
+    """A dataclass from plain values.
+
+    Args:
+        where: what an error calls the values' source: a file, a section of it, a call; "" for a caller that says it.
+        values: a mapping from the fields' names; one that is no mapping is refused.
+        extra: whether names that are no field's are passed over.
+
+    Raises:
+        LabError: a name is unknown or missing, or a value is not of its field's type; the message says what is valid.
+    """
+    from cattrs import BaseValidationError
+
+    try:
+        return cast(Kind, _converter(extra).structure(values, kind))
+    except BaseValidationError as error:
+        message = _first(error, ())
+    except _InvalidError as error:
+        message = f"{error.value!r} is to be {error.valid}"
+    raise LabError(f"{where}: {message}" if where else message)
+
+
+def read_json(path: Path, mend: str) -> Any:
+    """The content of a JSON file.
+
+    Args:
+        mend: what to do if it cannot be read, for the end of the message.
+
+    Raises:
+        LabError: the file cannot be read, or is no JSON.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LabError(f"{path}: cannot be read ({error.strerror}); {mend}") from error
+    except ValueError as error:
+        raise LabError(f"{path}: not JSON ({error}); {mend}") from error
+
+
+@cache
+def _converter(extra: bool) -> "Converter":
+    from cattrs import Converter
+
+    converter = Converter(forbid_extra_keys=not extra)
+    for plain in _PLAIN:
+        converter.register_structure_hook(plain, _plain)
+    converter.register_structure_hook_func(lambda kind: bool(_allowed(kind)), _choice)
+    converter.register_structure_hook_factory(_is_tuple, _tuple_hook)
+    converter.register_structure_hook_factory(_is_mapping, _mapping_hook)
+    converter.register_structure_hook_factory(is_dataclass, _dataclass_hook)
+    return converter
+
+
+def _plain(value: object, kind: type) -> Any:
+    """A value of a type that JSON has, or a path."""
+    accepted = {float: (int, float), Path: (str, Path)}.get(kind, (kind,))
+    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
+        raise _InvalidError(value, _PLAIN[kind])
+    return kind(value)
+
+
+def _allowed(kind: Any) -> tuple[object, ...]:
+    """The values of a literal type, or of one that may be None as well; none of any other type."""
+    parts = get_args(kind) if get_origin(kind) is Union else (kind,)
+    literals = [part for part in parts if get_origin(part) is Literal]
+    return tuple(value for part in literals for value in get_args(part))
+
+
+def _choice(value: object, kind: Any) -> object:
+    if value is None and type(None) in get_args(kind):
+        return None
+    allowed = _allowed(kind)
+    if not isinstance(value, str) or value not in allowed:
+        raise _InvalidError(value, f"one of {', '.join(map(str, allowed))}")
+    return value
+
+
+def _is_tuple(kind: Any) -> bool:
+    return get_origin(kind) is tuple
+
+
+def _tuple_hook(kind: Any, converter: "Converter") -> Any:
+    part = get_args(kind)[0]
+
+    def hook(value: object, _: Any) -> tuple[Any, ...]:
+        valid = f"a list, each {_PLAIN.get(part, 'of its type')}"
+        if not isinstance(value, Sequence) or isinstance(value, str):
+            raise _InvalidError(value, valid)
+        try:
+            return tuple(converter.structure(each, part) for each in value)
+        except _InvalidError as error:
+            raise _InvalidError(value, valid) from error
+
+    return hook
+
+
+def _is_mapping(kind: Any) -> bool:
+    return get_origin(kind) is Mapping
+
+
+def _mapping_hook(kind: Any, converter: "Converter") -> Any:
+    """Of a mapping from names to values of one type."""
+    from cattrs import AttributeValidationNote, BaseValidationError
+
+    part = get_args(kind)[1]
+
+    def hook(value: object, _: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise _InvalidError(value, "a group of named values")
+        found = {}
+        for name, each in value.items():
+            try:
+                found[name] = converter.structure(each, part)
+            except (BaseValidationError, ValueError) as error:
+                error.add_note(AttributeValidationNote(f"in {name}", name, part))
+                raise
+        return found
+
+    return hook
+
+
+def _dataclass_hook(kind: Any, converter: "Converter") -> Any:
+    """Cattrs's own, of what is a mapping; an instance stays as it is."""
+    from cattrs.gen import make_dict_structure_fn
+
+    structure = make_dict_structure_fn(
+        kind, converter, _cattrs_forbid_extra_keys=converter.forbid_extra_keys, _cattrs_detailed_validation=True
+    )
+
+    def hook(value: object, _: Any) -> Any:
+        if isinstance(value, kind):
+            return value
+        if not isinstance(value, Mapping):
+            raise _InvalidError(value, "a group of options of its own")
+        return structure(value, kind)
+
+    return hook
+
+
+def _first(error: BaseException, path: tuple[str, ...]) -> str:
+    """What is wrong with the first value that is, and where among nested groups it stands."""
+    from cattrs import AttributeValidationNote, BaseValidationError, ForbiddenExtraKeysError
+
+    notes = [note for note in getattr(error, "__notes__", ()) if isinstance(note, AttributeValidationNote)]
+    path = (*path, *(note.name for note in reversed(notes)))
+    name = ".".join(path)
+    if isinstance(error, ForbiddenExtraKeysError):
+        known = ", ".join(field.name for field in fields(cast(Any, error.cl)))
+        return f"{f'{name}: ' if name else ''}'{min(error.extra_fields)}' is no option; there are {known}"
+    if isinstance(error, BaseValidationError):
+        unknown = [each for each in error.exceptions if isinstance(each, ForbiddenExtraKeysError)]
+        return _first((unknown or error.exceptions)[0], path)
+    if isinstance(error, _InvalidError):
+        return f"{error.value!r} is no value of option '{name}'; give {error.valid}"
+    if isinstance(error, KeyError):
+        return f"option '{name}' is missing; give it"
+    return str(error)  # a dataclass's own refusal
