@@ -3,18 +3,20 @@
 import shlex
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from lab.campaign.options import Options
 from lab.commands.run_folder import config
 from lab.render.html import Html, command, element, paragraph, section, table, together
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",), "payload": ("file",)}
 _SHOWN = ("robot", "instrument", "seed")  # also where they are as usual
 _AGAIN = ("calibrate", "identify", "design")  # that take --config
 
 
-def command_line(name: str, options: Options) -> str:
+def command_line(name: str, options: "DataclassInstance") -> str:
     """What to type for these options: those that differ from the usual ones."""
     given = dict(_asked(options))
     files = [shlex.quote(given.pop(each)) for each in _POSITIONAL.get(name, ())]
@@ -43,7 +45,7 @@ def _written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def how_it_was_made(name: str, options: Options, model_sha256: str, again: str = "") -> Html:
+def how_it_was_made(name: str, options: "DataclassInstance", model_sha256: str, again: str = "") -> Html:
     """The section on what was done: enough to do it again.
 
     Args:

@@ -15,7 +15,7 @@ from lab.calibration.gauss_newton import whitening
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
 from lab.core import se3
@@ -67,7 +67,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
     if cell.criterion == RANDOM:
         return random_poses(robot.model, cell.poses, rng_for(study.seed, "poses"))
-    asked = PlannedCampaign(
+    asked = DesignOptions(
         robot=study.robot,
         poses=cell.poses,
         criterion=cell.criterion,
@@ -82,7 +82,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _designed(asked: PlannedCampaign) -> Array:
+def _designed(asked: DesignOptions) -> Array:
     """Kept, because cells that differ in the arm alone have the same."""
     assert asked.poses is not None
     return best_design(asked, pose_problem(asked), asked.poses).joints

@@ -7,7 +7,7 @@ from helpers.recordings import column, home, rrd, statics  # noqa: F401
 from rerun.chunk import RrdReader
 
 from lab.campaign import virtual_robot as virtual_arm
-from lab.campaign.options import PlannedCampaign
+from lab.campaign.options import DesignOptions
 from lab.commands.calibrate.recording import record
 from lab.commands.calibrate.recording_text import wording
 from lab.commands.calibrate.run import VirtualCampaign, run_virtual
@@ -117,7 +117,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
 
 
 def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):
-    plan = plan_campaign(PlannedCampaign(robot="delta", poses=9, candidates=60, starts=1))
+    plan = plan_campaign(DesignOptions(robot="delta", poses=9, candidates=60, starts=1))
     path = tmp_path / "plan.rrd"
     record_plan(path, plan)
     assert rrd(home, "verify", path).returncode == 0
