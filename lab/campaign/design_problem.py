@@ -117,7 +117,7 @@ def pose_problem(options: DesignOptions) -> PoseProblem:
 
     seen = whitened if scaling.kind == "whitened" else unweighted
     pool = seen(candidates.joints)
-    factors = scaling.columns([arm.names[i] for i in kept], pool)
+    factors = scaling.columns([arm.parameters[i] for i in kept], pool)
     fresh = random_poses(model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
     test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
