@@ -15,9 +15,10 @@ from lab.campaign.virtual_robot import asked_conditions, fresh_poses
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import rigid
 from lab.commands.calibrate.run import CalibrationResult
-from lab.commands.calibrate.scene import moved, world_of
+from lab.commands.calibrate.scene import world_of
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, transform
+from lab.render.scene import moved
 from lab.render.skeleton import joint_places, strips
 
 MOST_POINTS = 400  # drawn in a picture

@@ -17,6 +17,7 @@ from lab.render.html import (
     badge,
     capital,
     figure,
+    panel,
     paragraph,
     section,
     short,
@@ -25,7 +26,6 @@ from lab.render.html import (
     warnings_box,
     write_page,
 )
-from lab.render.svg import panel
 
 MOST_DRAWN = 600  # rows
 _SEEN, _FITTED = "#9ca3af", "#0b5fa5"

@@ -27,7 +27,8 @@ from lab.commands.compensate.options import CompensateOptions
 from lab.commands.provenance import command_line
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.html import Html, page, short, table
+from lab.render.format import short
+from lab.render.html import Html, page, table
 
 VOID = {"meta", "br", "link", "img", "hr", "input"}
 SECTIONS = ["Before and after", "Where in the workspace the errors are", "How far to trust it", "Parameters",
