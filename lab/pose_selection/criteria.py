@@ -16,7 +16,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.parameter import Parameter
+from lab.kinematics.model import is_angle
 
 ScalingKind = Literal["raw", "unit", "length", "whitened"]
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
@@ -40,14 +40,14 @@ class Scaling:
     tolerance_m: float = 0.5e-3
     tolerance_rad: float = 1.5e-3
 
-    def columns(self, parameters: Sequence[Parameter], candidates: Array) -> Array:
+    def columns(self, names: Sequence[str], candidates: Array) -> Array:
         """Factors ``(p,)`` for the columns of a Jacobian in m, m and rad.
 
         Args:
-            parameters: what the columns are of.
+            names: of the parameters.
             candidates: ``(m, r, p)``, over which ``unit`` columns have unit norm.
         """
-        angular = np.array([parameter.is_angle for parameter in parameters])
+        angular = np.array([is_angle(name) for name in names])
         if self.kind == "raw":
             return np.where(angular, 1e3, 1.0)
         if self.kind == "length":

@@ -4,7 +4,6 @@ An effect is a plain function of readings, conditions and its own parameters, wi
 all its parameters are zero on the drawing. To add one, write such a function and an ``Effect``.
 """
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -17,14 +16,11 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.parameter import Kind, Parameter, joint_parameter, placed_parameters
 
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
 NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
 HOUR_S = 3600.0
 TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
-TYPICAL_BACKLASH = 1e-3  # rad, m of a slide
-MASS_SCALE_KG = 10.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,7 @@ class Effect:
 
     Attributes:
         name: of the group, e.g. ``compliance``.
-        parameters: what they are, e.g. ``joint2.compliance``.
+        parameters: their names, e.g. ``joint2.compliance``; joints count from 1.
         offsets: readings ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
             joints stand from their readings ``(n, joints)`` (rad, m of a slide), and the derivatives
             ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
@@ -52,7 +48,7 @@ class Effect:
     """
 
     name: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[str, ...]
     offsets: Offsets
     conditions: tuple[str, ...] = ()
     moves: Literal["joints", "frame"] = "joints"
@@ -61,30 +57,29 @@ class Effect:
 
 def gear(chain: JointSpec) -> Effect:
     """Gear ratios that are off: joint i stands at (1 + e_i) q_i."""
-    parameters = tuple(joint_parameter("gear", i, "gear", "ratio") for i in range(chain.size))
+    names = tuple(f"joint{i + 1}.gear" for i in range(chain.size))
 
     def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*joints.shape, chain.size))
         derivative[:, range(chain.size), range(chain.size)] = joints
         return joints * values, derivative
 
-    return Effect("gear", parameters, offsets)
+    return Effect("gear", names, offsets)
 
 
 def harmonics(chain: JointSpec, order: int = 1) -> Effect:
     """Runout of gear or encoder: joint i stands at q_i + s_i sin(k q_i) + c_i cos(k q_i), k the order."""
     turning = _turning(chain)
-    group = "harmonics" if order == 1 else f"harmonics{order}"
-    parameters = tuple(joint_parameter(group, i, f"{wave}{order}") for i in turning for wave in ("sin", "cos"))
+    names = tuple(f"joint{i + 1}.{wave}{order}" for i in turning for wave in ("sin", "cos"))
 
     def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, len(parameters)))
+        derivative = np.zeros((*joints.shape, len(names)))
         for k, i in enumerate(turning):
             derivative[:, i, 2 * k] = np.sin(order * joints[:, i])
             derivative[:, i, 2 * k + 1] = np.cos(order * joints[:, i])
         return derivative @ values, derivative
 
-    return Effect(group, parameters, offsets)
+    return Effect("harmonics" if order == 1 else f"harmonics{order}", names, offsets)
 
 
 def coupling(chain: JointSpec) -> Effect:
@@ -92,7 +87,7 @@ def coupling(chain: JointSpec) -> Effect:
     last, turning = chain.size - 1, _turning(chain)
     pairs = [*((i, i - 1) for i in range(1, chain.size)), *([(last, last - 2)] if last >= 2 else [])]
     pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
-    parameters = tuple(joint_parameter("coupling", i, f"coupling{j + 1}", "ratio") for i, j in pairs)
+    names = tuple(f"joint{i + 1}.coupling{j + 1}" for i, j in pairs)
 
     def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*joints.shape, len(pairs)))
@@ -100,22 +95,19 @@ def coupling(chain: JointSpec) -> Effect:
             derivative[:, i, k] = joints[:, j]
         return derivative @ values, derivative
 
-    return Effect("coupling", parameters, offsets)
+    return Effect("coupling", names, offsets)
 
 
 def backlash(chain: JointSpec) -> Effect:
     """Play of full width b_i: joint i stands at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
-    kinds: list[Kind] = ["length" if slides else "angle" for slides in chain.prismatic]
-    parameters = tuple(
-        joint_parameter("backlash", i, "backlash", kind, scale=TYPICAL_BACKLASH) for i, kind in enumerate(kinds)
-    )
+    names = tuple(f"joint{i + 1}.backlash" for i in range(chain.size))
 
     def offsets(joints: Array, approach: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*joints.shape, chain.size))
         derivative[:, range(chain.size), range(chain.size)] = approach / 2
         return approach * values / 2, derivative
 
-    return Effect("backlash", parameters, offsets, tuple(f"approach_{name}" for name in chain.joint_names))
+    return Effect("backlash", names, offsets, tuple(f"approach_{name}" for name in chain.joint_names))
 
 
 def compliance(loads: Loads, payload: bool = False) -> Effect:
@@ -126,13 +118,7 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
     last frame's origin is fitted too, beside the rows' own ``payload_kg``.
     """
     bearing = loads.bearing(rng_for(0, "structure"))
-    group, slides = "payload" if payload else "compliance", loads.chain.prismatic
-    units = ["m/N" if slides[i] else "rad/Nm" for i in bearing]
-    parameters = tuple(
-        joint_parameter(group, i, "compliance", "compliance", unit=unit) for i, unit in zip(bearing, units, strict=True)
-    )
-    if payload:
-        parameters += (Parameter("payload", "mass", group, "mass", "kg", MASS_SCALE_KG),)
+    names = tuple(f"joint{i + 1}.compliance" for i in bearing) + (("payload.mass",) if payload else ())
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
         soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
@@ -144,7 +130,7 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
             equations: Array = np.eye(len(soft)) - soft[:, None] * rate
             step: Array = np.asarray(np.linalg.solve(equations, (soft * force - offset)[..., None]), dtype=soft.dtype)
             offset = offset + step[..., 0]
-        pushed = np.zeros((*joints.shape, len(parameters)), dtype=soft.dtype)
+        pushed = np.zeros((*joints.shape, len(names)), dtype=soft.dtype)
         for k, i in enumerate(bearing):
             pushed[:, i, k] = force[:, i]
         if payload:
@@ -153,27 +139,24 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
         return offset, rate_of
 
     if payload:
-        return Effect(group, parameters, offsets, ("payload_kg",), typical=(*[TYPICAL_COMPLIANCE] * len(bearing), 0.0))
-    return Effect(group, parameters, offsets, ("payload_kg",))
+        return Effect("payload", names, offsets, ("payload_kg",), typical=(*[TYPICAL_COMPLIANCE] * len(bearing), 0.0))
+    return Effect("compliance", names, offsets, ("payload_kg",))
 
 
 def drift(start_s: float = 0.0) -> Effect:
     """A tracker that creeps, or a frame that grows: what is measured moves in proportion to the time from a start."""
-    axes = ("x", "y", "z", "rx", "ry", "rz", "scale")
-    parameters = placed_parameters("drift", "drift", axes, rate=True, scaled=True)
+    names = tuple(f"drift.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz", "scale"))
 
     def offsets(_: Array, time_s: Array, values: Array) -> tuple[Array, Array]:
         hours = (time_s - start_s) / HOUR_S  # (n, 1)
         return hours * values, hours[:, :, None] * np.eye(7)
 
-    return Effect("drift", parameters, offsets, ("time_s",), "frame")
+    return Effect("drift", names, offsets, ("time_s",), "frame")
 
 
 def sessions(names: Sequence[str]) -> Effect:
     """A tracker, or a foot, that was bumped: every session after the first has a frame moved by a little."""
-    axes = ("x", "y", "z", "rx", "ry", "rz")
-    moved = [placed_parameters(f"session.{name}", "sessions", axes, scaled=True) for name in names[1:]]
-    parameters = tuple(itertools.chain.from_iterable(moved))
+    parameters = tuple(f"session.{name}.{axis}" for name in names[1:] for axis in ("x", "y", "z", "rx", "ry", "rz"))
 
     def offsets(_: Array, within: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((len(within), 7, len(parameters)))

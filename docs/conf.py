@@ -1,0 +1,36 @@
+"""How the pages are built: `sphinx-build -W docs build/docs`."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE / "_extensions"), str(HERE.parent)]
+
+import lab  # noqa: E402  (the path has to be set first)
+
+project = "Virtual calibration lab"
+author = "The virtual calibration lab developers"
+copyright = f"2026, {author}"
+release = version = lab.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "lab_help", "mathml"]
+exclude_patterns = ["_extensions"]
+suppress_warnings: list[str] = []
+
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+default_role = "code"  # docstrings write `name` for code
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_class_signature = "mixed"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+
+html_theme = "furo"
+html_title = project
+html_theme_options = {"navigation_with_keys": True}
+html_static_path: list[str] = []
+html_math_renderer = "mathml"
+html_show_sphinx = False

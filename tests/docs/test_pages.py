@@ -1,0 +1,170 @@
+"""Everything that the README and the pages of docs/ show is executed or compared."""
+
+import importlib
+import json
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.no_rendering import nothing_drawn  # noqa: F401
+from helpers.pages import PAGES, README, Page
+from helpers.robots import ROOT
+
+from lab.campaign.robot import load_virtual
+from lab.cli import main
+from lab.core.load_samples import Mounting
+from lab.formats.dh_table_toml import read_table
+from lab.formats.load_csv import read_mounting, write_loads
+from lab.formats.mechanism_toml import read_mechanism
+from lab.simulation.collisions import random_poses
+from lab.simulation.payload import RigidLoad
+from lab.simulation.payload_bench import LoadBench, RunErrors
+from lab.studies.grid import read_study
+
+SCRIPTS = {path.read_text(encoding="utf-8"): path.stem for path in (ROOT / "scripts").glob("*.py")}
+LANGUAGES = {"sh", "text", "python", "toml"}
+named = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+def write_load(path: Path, mounting: Mounting) -> None:
+    """What a wrist sensor measures at twenty poses with a payload and without it."""
+    robot, noise = load_virtual("tx40"), RunErrors(force_noise_n=0.05, moment_noise_nm=0.002)
+    load = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
+    poses = random_poses(robot.model, 20, np.random.default_rng(0))
+    records = LoadBench(robot.model, load, mounting, noise).resting(poses, np.random.default_rng(1))
+    write_loads(path, records, robot.chain.joint_names, robot.chain.prismatic)
+
+
+def write_files(page: Page, folder: Path) -> None:
+    """The files that a page shows, under the names by which its commands read them."""
+    for block in page.of("text"):
+        if block.startswith("id,x_mm"):
+            (folder / "targets.csv").write_text(block)
+    for block in page.of("toml"):
+        if "[factors]" in block:
+            (folder / "grid.toml").write_text(block)
+        if "[sensor]" in block:
+            (folder / "sensor.toml").write_text(block)
+            write_load(folder / "load.csv", read_mounting(folder / "sensor.toml"))
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.commands], ids=lambda page: page.name)
+def test_every_command_of_a_page_runs(page: Page, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_files(page, tmp_path)
+    for command in page.commands:
+        _, *arguments = shlex.split(command)
+        assert main(arguments) == 0, command
+        assert capsys.readouterr().out
+
+
+@named
+def test_blocks_are_of_a_kind_that_is_tested(page: Page) -> None:
+    directives = {language for language, _ in page.blocks if language.startswith("{")}
+    assert {language for language, _ in page.blocks} - directives <= LANGUAGES
+    others = set("".join(page.of("sh")).splitlines()) - set(page.commands)
+    assert page is README or not others  # what else a person types is `text`
+
+
+def program_of(language: str, body: str) -> str:
+    """The script of which a block is a copy, or which it includes; empty for other blocks."""
+    if language.startswith("{literalinclude}"):
+        return Path(language).stem
+    return SCRIPTS.get(body, "no script") if language == "python" else ""
+
+
+PROGRAMS = {
+    (script, page): i for page in PAGES for i, block in enumerate(page.blocks) if (script := program_of(*block))
+}
+
+
+@pytest.mark.parametrize("script", sorted({script for script, _ in PROGRAMS}))
+def test_a_program_is_a_script_and_prints_what_is_shown_below_it(script: str, tmp_path) -> None:
+    command = [sys.executable, str(ROOT / "scripts" / f"{script}.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    pages = {page: page.blocks[at + 1] for (own, page), at in PROGRAMS.items() if own == script}
+    assert pages == dict.fromkeys(pages, ("text", done.stdout))
+
+
+TOML = [(page, block) for page in PAGES for block in page.of("toml")]
+
+
+@pytest.mark.parametrize(("page", "block"), TOML, ids=[page.name for page, _ in TOML])
+def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> None:
+    path, content = tmp_path / "file.toml", tomllib.loads(block)
+    path.write_text(block)
+    if "factors" in content:
+        assert read_study(path).robots == 10
+    elif "sensor" in content:
+        read_mounting(path)
+    elif "frame" in content:
+        assert main(["inspect", str(path), "--json"]) == 0
+        names = read_mechanism(path).mechanism.names
+        assert names[6:] == ("A1.x", "A1.y", "A2.x", "A2.y", "leg1.length", "leg2.length")
+    else:
+        robot = read_table(path)
+        assert robot.chain.prismatic == (False, True) and not robot.warnings
+
+
+@named
+def test_every_link_leads_somewhere(page: Page) -> None:
+    for link in page.links:
+        target = (page.path.parent / link.partition("#")[0]).resolve()
+        assert link.startswith(("https://", "#")) or target.exists(), link
+
+
+@named
+def test_every_name_of_the_code_exists(page: Page) -> None:
+    for name in page.names:
+        if re.fullmatch(r"lab(\.\w+)+", name):
+            assert resolved(name), name
+        elif re.fullmatch(r"(lab|tests|scripts|models|docs|\.ci)/[\w./]*", name):
+            assert (ROOT / name).exists(), name
+
+
+def resolved(name: str) -> bool:
+    """Whether a dotted name is a module, or an attribute of one."""
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError:
+        module, _, attribute = name.rpartition(".")
+        return hasattr(importlib.import_module(module), attribute)
+    return True
+
+
+COMMANDS = ("calibrate", "identify", "inspect", "design", "compensate", "verify", "payload", "study")
+
+
+def test_every_flag_exists(capsys) -> None:
+    exist = set()
+    for command in ([], *([name] for name in COMMANDS)):
+        with pytest.raises(SystemExit):
+            main([*command, "--help"])
+        exist |= set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
+    for page in PAGES:
+        for name in page.names:
+            if name.startswith(("--", "lab ")):
+                assert set(re.findall(r"--[a-z][a-z-]*", name)) <= exist, (page.name, name)
+
+
+def test_the_first_two_commands_are_what_ci_runs() -> None:
+    """They install, so .ci/run executes them: it takes them from here, the first block of the README."""
+    first, second = README.of("sh")[0].strip().splitlines()
+    assert first == "python3 -m venv .venv && .venv/bin/pip install -e '.[dev]' && .venv/bin/lab calibrate"
+    assert second == ".venv/bin/pytest"
+
+
+def test_the_readme_is_two_screens() -> None:
+    assert len(README.text.splitlines()) <= 200
+
+
+def test_the_numbers_beside_the_picture_are_those_of_the_command(tmp_path, capsys) -> None:
+    assert main(["calibrate", "--out", str(tmp_path / "run"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    before, after = (result[name]["mean"] for name in ("before_mm", "after_mm"))
+    assert f"the mean error falls from {before:.2f} mm to {after:.4f} mm" in README.text
