@@ -14,14 +14,11 @@ import tyro
 
 from lab.campaign.config_file import read_options
 from lab.campaign.option_groups import Fitting, Flag, Names, Numbers
-from lab.campaign.options import (
-    Correction,
-    MeasuredCampaign,
-    PayloadTask,
-    PlannedCampaign,
-    Verification,
-    VirtualCampaign,
-)
+from lab.campaign.options import DesignOptions, VirtualCampaign
+from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.compensate.options import CompensateOptions
+from lab.commands.payload.options import PayloadOptions
+from lab.commands.verify.options import VerifyOptions
 from lab.core.errors import LabError
 
 
@@ -71,7 +68,7 @@ class Inspect:
 class Design:
     """Choose the poses to measure, their order and their number, and say how good the choice is."""
 
-    campaign: tyro.conf.OmitArgPrefixes[PlannedCampaign] = field(default_factory=PlannedCampaign)
+    campaign: tyro.conf.OmitArgPrefixes[DesignOptions] = field(default_factory=DesignOptions)
     out: Path | None = None
     """The plan's folder: runs/design-ROBOT-seedN by default, numbered if taken; an earlier run here is replaced."""
     json: Flag = False
@@ -82,7 +79,7 @@ class Design:
 class Verify:
     """Test a few new measurements against a calibrated arm; where it is no longer good, say what has moved."""
 
-    verification: tyro.conf.OmitArgPrefixes[Verification]
+    verification: tyro.conf.OmitArgPrefixes[VerifyOptions]
     out: Path | None = None
     """The verification's folder: runs/verify-FILE by default, numbered if taken; an earlier run here is replaced."""
     json: Flag = False
@@ -93,7 +90,7 @@ class Verify:
 class Compensate:
     """Correct targets for a calibrated arm: joint values, corrected targets for its controller, and the arm itself."""
 
-    correction: tyro.conf.OmitArgPrefixes[Correction]
+    correction: tyro.conf.OmitArgPrefixes[CompensateOptions]
     out: Path | None = None
     """The folder for all files: runs/compensate-TARGETS by default, numbered if taken; an earlier run is replaced."""
     json: Flag = False
@@ -104,7 +101,7 @@ class Compensate:
 class Payload:
     """Identify the load at the hand: its mass, centre of mass and inertia, each with its interval."""
 
-    task: tyro.conf.OmitArgPrefixes[PayloadTask]
+    task: tyro.conf.OmitArgPrefixes[PayloadOptions]
     out: Path | None = None
     """The folder for all files: runs/payload-FILE by default, numbered if taken; an earlier run here is replaced."""
     json: Flag = False
@@ -140,7 +137,7 @@ _COMMANDS: dict[str, type[Command]] = {
     "payload": Payload,
     "study": Study,
 }
-_CONFIGURED = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign, "design": PlannedCampaign}
+_CONFIGURED = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign, "design": DesignOptions}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

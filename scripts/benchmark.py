@@ -27,7 +27,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.calibrate.fit import Fitter
@@ -145,7 +145,7 @@ def mechanisms() -> dict[str, float]:
 
 def planning() -> dict[str, float]:
     """Milliseconds of the parts of a plan."""
-    options = PlannedCampaign(poses=30, candidates=10_000)
+    options = DesignOptions(poses=30, candidates=10_000)
     problem, tracker = pose_problem(options), instrument(options.instrument)
     model = problem.robot.model
 

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.commands.calibrate.run import CalibrationResult, run_virtual
 from lab.compensation.iso9283 import accuracy, repeatability
@@ -75,7 +75,7 @@ def study(given: argparse.Namespace) -> dict[str, Any]:
     loops: dict[str, list[ClosedLoop]] = {}
     with tempfile.TemporaryDirectory() as folder:
         plan = Path(folder) / "plan.csv"
-        asked = PlannedCampaign(poses=POSES, instrument=given.instrument)
+        asked = DesignOptions(poses=POSES, instrument=given.instrument)
         joints = best_design(asked, pose_problem(asked), POSES).joints
         nothing = np.full((POSES, 1, 3), np.nan)
         write_measurements(plan, measured(robot.chain.joint_names, joints, ("p1",), nothing), robot.chain.prismatic)

@@ -30,7 +30,6 @@ from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.kinematics.model import is_angle
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.studies.bootstrap import resampled
@@ -119,7 +118,7 @@ def campaigns(options: Options) -> Campaigns:
     arm = load_robot("rx130").arm(("p1",))
     real, drawing = StackedPoses(arm), StackedPoses(SerialArm(with_y3(arm.chain)))
     size, seed = options.robots, options.seed
-    off = np.where([is_angle(name) for name in real.names], OFF_RAD, OFF_M)
+    off = np.where([each.is_angle for each in real.parameters], OFF_RAD, OFF_M)
     truth = real.nominal() + off * rng_for(seed, "arm").standard_normal((size, len(off)))
     joints, fresh = (
         arm.chain.random_joints(size * count, rng_for(seed, purpose)).reshape(size, count, -1)

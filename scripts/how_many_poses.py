@@ -11,7 +11,7 @@ from pathlib import Path
 import tyro
 from threadpoolctl import threadpool_limits
 
-from lab.campaign.options import Flag, PlannedCampaign
+from lab.campaign.options import DesignOptions, Flag
 from lab.commands.design.figures import curve_figure, save
 from lab.commands.design.result import plan_summary
 from lab.commands.design.run import plan_campaign
@@ -23,9 +23,7 @@ PLATEAU = 0.98  # of O1 at the last point of the curve
 class Options:
     """Predicted RMS, worst and 95 % error against the number of poses, and O1."""
 
-    options: tyro.conf.OmitArgPrefixes[PlannedCampaign] = field(
-        default_factory=lambda: PlannedCampaign(poses=50, starts=1)
-    )
+    options: tyro.conf.OmitArgPrefixes[DesignOptions] = field(default_factory=lambda: DesignOptions(poses=50, starts=1))
     out: Path = Path("runs/how-many-poses")
     """The pictures' folder."""
     json: Flag = False

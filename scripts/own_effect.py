@@ -10,6 +10,7 @@ from lab.core.measurements import measured
 from lab.core.random import rng_for
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import Effect
+from lab.kinematics.parameter import joint_parameter
 
 
 def third_harmonics(joints, conditions, values):
@@ -21,9 +22,9 @@ def third_harmonics(joints, conditions, values):
     return derivative @ values, derivative
 
 
-names = ("joint2.sin3", "joint2.cos3", "joint3.sin3", "joint3.cos3")  # zero on the drawing
+parameters = tuple(joint_parameter("harmonics3", axis, wave) for axis in (1, 2) for wave in ("sin3", "cos3"))
 robot, tracker = load_robot("irb120"), instrument("uniform-8um")
-arm = ArmWithEffects(robot.arm(("p1",)), (Effect("harmonics3", names, third_harmonics),))
+arm = ArmWithEffects(robot.arm(("p1",)), (Effect("harmonics3", parameters, third_harmonics),))
 
 truth = arm.nominal(robot.tool)
 truth[-4:] = 0.1e-3, -0.05e-3, 0.0, 0.08e-3  # rad
@@ -33,5 +34,5 @@ data = measured(robot.chain.joint_names, joints, ("p1",), points)
 
 found = identify(arm, data, arm.nominal(robot.tool), Noise(tracker))
 print(f"{found.fit.rank} of {len(arm.names)} parameters: {found.status}")
-for name, true, value, std in zip(names, truth[-4:], found.values[-4:], found.std[-4:], strict=True):
+for name, true, value, std in zip(arm.names[-4:], truth[-4:], found.values[-4:], found.std[-4:], strict=True):
     print(f"{name}: {1e3 * value:+.4f} ± {1e3 * std:.4f} mrad, truly {1e3 * true:+.4f}")

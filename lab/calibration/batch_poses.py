@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.observations.full_pose import ROTATION_NAMES
+from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.arm import Motion, SerialArm
 from lab.kinematics.serial.batch import StackedArm
 
@@ -58,7 +59,7 @@ class StackedPoses:
 
     def __post_init__(self) -> None:
         assert len(self.arm.targets) == 1
-        object.__setattr__(self, "names", (*self.arm.names, *ROTATION_NAMES))
+        object.__setattr__(self, "names", (*self.arm.names, *names_of(ROTATION_PARAMETERS)))
 
     def nominal(self) -> Array:
         """The drawing's parameters ``(p,)`` with the default tool, the target's frame along the last one."""

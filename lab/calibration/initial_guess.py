@@ -15,13 +15,14 @@ from lab.core import se3
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import indices_of_groups
 
 Mask = NDArray[np.bool_]
 
 
 def columns_of(model: Model, groups: Sequence[str]) -> tuple[int, ...]:
-    """Indices of the parameters of these groups, e.g. ``("base", "tool")``: what stands before the first dot."""
-    return tuple(i for i, name in enumerate(model.names) if name.split(".")[0] in groups)
+    """Indices of the parameters of these groups, e.g. ``("base", "tool")``."""
+    return indices_of_groups(model.parameters, groups)
 
 
 def initial_guess(model: Model, seen: Observations, values: Array, groups: Sequence[str] = ("base", "tool")) -> Array:

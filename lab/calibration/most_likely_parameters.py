@@ -12,7 +12,7 @@ from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES
-from lab.kinematics.model import is_link
+from lab.kinematics.parameter import indices_of_groups
 
 STEPS = 8
 SETTLED = 1e-13  # m or rad
@@ -33,7 +33,7 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
         nominal: the drawing's parameters ``(p,)``.
     """
     model, structure = identification.model, identification.base_set
-    links = [i for i, name in enumerate(model.names) if is_link(name)]
+    links = list(indices_of_groups(model.parameters, ["link"]))
     if set(structure.held) & set(links):
         return identification.values
     inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))

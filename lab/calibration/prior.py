@@ -13,27 +13,16 @@ import numpy as np
 from lab.calibration.gauss_newton import ExtraResiduals
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet
-from lab.kinematics.model import Model, is_link, unit_of
-
-EFFECT_GROUPS = ("drift", "session", "payload", "cable")  # of parameters that belong to no joint
-EFFECTS = {  # one standard deviation of what is not geometry, by the unit: large, so that it only keeps it in bounds
-    "rad": 1e-3,
-    "m": 1e-2,
-    "rad/Nm": 1e-4,
-    "": 1e-3,
-    "kg": 10.0,
-    "m/h": 1e-2,
-    "rad/h": 1e-2,
-    "1/h": 1e-3,
-}
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 
 
 @dataclass(frozen=True)
 class Tolerance:
     """One standard deviation of manufacture, of lengths and of angles of the links."""
 
-    length_m: float = 0.5e-3
-    angle_rad: float = 1.5e-3
+    length_m: float = TOLERANCE_M
+    angle_rad: float = TOLERANCE_RAD
 
 
 @dataclass(frozen=True)
@@ -65,14 +54,8 @@ class Prior:
 
 def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
     """One standard deviation ``(p,)`` of each parameter: tolerances of links, sizes of effects, else infinite."""
-    sigma = np.full(len(model.names), np.inf)
-    for i, name in enumerate(model.names):
-        unit = unit_of(name)
-        if is_link(name):
-            sigma[i] = tolerance.angle_rad if unit == "rad" else tolerance.length_m
-        elif name.split(".")[0] in EFFECT_GROUPS or name.startswith("joint"):
-            sigma[i] = EFFECTS[unit]
-    return sigma
+    links = {True: tolerance.angle_rad, False: tolerance.length_m}
+    return np.array([links[each.is_angle] if each.is_link else each.scale for each in model.parameters])
 
 
 def prior_of(model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance) -> Prior:

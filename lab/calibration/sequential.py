@@ -19,7 +19,6 @@ from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.gauge import independent_columns
-from lab.kinematics.model import is_angle
 
 MOST_ROUNDS = 100
 SETTLED = 1e-13  # m or rad: a round that changes less has come to rest
@@ -47,7 +46,7 @@ def split_of(observation: Poses, seen: Observations, free: Sequence[int], values
     """
     _, jacobian = observation.observe(seen.inputs, observation.rank_point(values))
     rows = jacobian[:, -1][seen_mask(seen.points)[:, -1]].reshape(-1, len(observation.names))
-    turning = [i for i in free if is_angle(observation.names[i])]
+    turning = [i for i in free if observation.parameters[i].is_angle]
     order = [i for i in observation.column_priority() if i in turning]
     angles = tuple(order[i] for i in independent_columns(rows[:, order], range(len(order))))
     lost = [i for i in order if i not in angles]

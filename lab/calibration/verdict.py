@@ -8,7 +8,6 @@ import numpy as np
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.validation import Validation
-from lab.kinematics.model import is_link, unit_of
 
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the drawing's: below, it does not change from pose to pose
 LARGEST_CHANGE_M = 20e-3  # of a link where only places hold the arm: no drawing is that wrong, but arm and place shrink
@@ -65,7 +64,7 @@ def _implausible(identification: Identification) -> str:
         off = float(np.sqrt(np.nanmean(turned**2))) if np.isfinite(turned).any() else 0.0
         words = f"measured orientations do not fit ({1e3 * off:.3g} mrad): wrong --orientation or columns?"
         return words if off > LARGEST_ROTATION_RAD else ""
-    lengths = [i for i, name in enumerate(model.names) if is_link(name) and unit_of(name) == "m"]
+    lengths = [i for i, each in enumerate(model.parameters) if each.is_link and each.kind == "length"]
     off = float(np.abs(identification.values - identification.nominal_aligned)[lengths].max())
     words = f"the links came out {1e3 * off:.3g} mm from the drawing: these places do not hold the arm"
     return f"{words}; wrong columns or rows, or is --prior needed?" if off > LARGEST_CHANGE_M else ""

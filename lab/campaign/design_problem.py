@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import whitening
-from lab.campaign.options import PlannedCampaign
+from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
@@ -83,7 +83,7 @@ class PoseProblem:
         return information(self.before) if len(self.before) else None
 
 
-def pose_problem(options: PlannedCampaign) -> PoseProblem:
+def pose_problem(options: DesignOptions) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
 
     Raises:
@@ -117,7 +117,7 @@ def pose_problem(options: PlannedCampaign) -> PoseProblem:
 
     seen = whitened if scaling.kind == "whitened" else unweighted
     pool = seen(candidates.joints)
-    factors = scaling.columns([arm.names[i] for i in kept], pool)
+    factors = scaling.columns([arm.parameters[i] for i in kept], pool)
     fresh = random_poses(model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
     test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
@@ -153,7 +153,7 @@ def _noisy(name: str) -> Instrument:
 
 
 def _home(
-    options: PlannedCampaign, chain: JointSpec, model: RobotModel, candidates: Array
+    options: DesignOptions, chain: JointSpec, model: RobotModel, candidates: Array
 ) -> tuple[Array, tuple[str, ...]]:
     """What is asked for; else the robot's home, or a pose near it if the arm touches itself there."""
     if options.home:
@@ -208,7 +208,7 @@ def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible
     return ReachabilityGraph(np.array(found), free, reachable, feasible)
 
 
-def _measured_before(options: PlannedCampaign, robot: Robot) -> Array:
+def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     """Poses ``(n0, joints)`` of the file to extend: those fully measured, or all of a plan not yet measured."""
     chain = robot.chain
     if options.extend is None:

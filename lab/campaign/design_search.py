@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from lab.campaign.design_problem import PoseProblem
-from lab.campaign.options import PlannedCampaign
+from lab.campaign.options import DesignOptions
 from lab.core.random import rng_for
 from lab.pose_selection.exchange import Design, ascend, exchange
 from lab.simulation.candidate_poses import MARGIN
@@ -17,7 +17,7 @@ def silent(_: str) -> None:
     """No progress."""
 
 
-def best_design(options: PlannedCampaign, problem: PoseProblem, count: int, progress: Progress = silent) -> Design:
+def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Progress = silent) -> Design:
     """The best of several starts, each exchanged among the candidates and then moved uphill."""
     rng, chain, measured = rng_for(options.seed, "design"), problem.robot.chain, problem.measured
     keep_off = MARGIN * (chain.upper - chain.lower)

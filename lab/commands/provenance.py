@@ -3,18 +3,21 @@
 import shlex
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from lab.campaign.options import Options
 from lab.commands.run_folder import config
+from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
 from lab.render.html import Html, command, element, paragraph, section, table, together
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",), "payload": ("file",)}
 _SHOWN = ("robot", "instrument", "seed")  # also where they are as usual
 _AGAIN = ("calibrate", "identify", "design")  # that take --config
 
 
-def command_line(name: str, options: Options) -> str:
+def command_line(name: str, options: "DataclassInstance") -> str:
     """What to type for these options: those that differ from the usual ones."""
     given = dict(_asked(options))
     files = [shlex.quote(given.pop(each)) for each in _POSITIONAL.get(name, ())]
@@ -43,7 +46,7 @@ def _written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def how_it_was_made(name: str, options: Options, model_sha256: str, again: str = "") -> Html:
+def how_it_was_made(name: str, options: "DataclassInstance", model_sha256: str, again: str = "") -> Html:
     """The section on what was done: enough to do it again.
 
     Args:
@@ -66,4 +69,24 @@ def how_it_was_made(name: str, options: Options, model_sha256: str, again: str =
             paragraph(f"{usual}{'; ' + again if again else ''}."),
             together([table(["", ""], rows)]),
         ],
+    )
+
+
+def provenance_section(name: str, options: Options, model_sha256: str, again: str = "") -> Section:
+    """The section on what was done: enough to do it again.
+
+    Args:
+        again: how to, in words, for a command that does not take a ``config.json``.
+    """
+    made = config(name, options, model_sha256)
+    versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
+    rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
+    rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
+    if name in _AGAIN:
+        again = f"lab {name} --config config.json gives the same numbers again"
+    words = f"All other options were at their defaults; config.json holds every one{'; ' + again if again else ''}."
+    return Section(
+        "What was done",
+        (Command(command_line(name, options)), Paragraph(words), Table(("", ""), tuple(rows))),
+        shown_in=PAGE,
     )

@@ -11,7 +11,7 @@ from lab.core.errors import LabError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from lab.render.document import Document  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    from lab.render.document import Document
 
 __all__ = ["Result"]
 
@@ -63,7 +63,7 @@ class Result(ABC):
 
     def summary(self) -> str:
         """What the command prints, as plain text."""
-        from lab.render.terminal import to_text  # type: ignore[import-not-found,import-untyped,unused-ignore]
+        from lab.render.terminal import to_text
 
         text: str = to_text(self.document())
         return text
@@ -117,7 +117,7 @@ class Result(ABC):
         return f'<iframe srcdoc="{escape(self._page())}" style="border:0;width:100%;height:40em"></iframe>'
 
     def _page(self) -> str:
-        from lab.render.page import to_html  # type: ignore[import-not-found,import-untyped,unused-ignore]
+        from lab.render.page import to_html
 
         page: str = to_html(self.document())
         return page

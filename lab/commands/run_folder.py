@@ -10,11 +10,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import lab
 from lab.calibration.identify import Identification
-from lab.campaign.options import MeasuredCampaign, Options, VirtualCampaign
+from lab.campaign.options import VirtualCampaign
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import likely, parameters, rigid, summary
 from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrated_files import MJCF, TABLE, arm_files
@@ -22,6 +23,9 @@ from lab.commands.payload.known_payload import LOAD_FILE, read_hand_load
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import write_measurements
 from lab.formats.programs.registry import program_file_names
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _FILES = {
     "config.json",
@@ -145,7 +149,7 @@ def write_covariance(path: Path, identification: Identification) -> None:
 
 def config(
     command: str,
-    options: Options,
+    options: "DataclassInstance",
     model_sha256: str,
 ) -> dict[str, Any]:
     """Every option, and what else the numbers depend on."""

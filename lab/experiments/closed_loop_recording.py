@@ -10,18 +10,19 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lab.commands.calibrate.recording_layout import AFTER, BEFORE, SUMMARY, backdrop, layout, main_view
-from lab.commands.calibrate.recording_text import format_magnification
 from lab.commands.calibrate.run import CalibrationResult
 from lab.compensation.iso9283 import accuracy, repeatability
 from lab.experiments.closed_loop import ClosedLoop
 from lab.experiments.closed_loop_scene import HOLD, LoopScene, ShownCourse, loop_scene
+from lab.render.format import format_magnification
+from lab.render.recording_layout import SUMMARY, backdrop, layout, main_view
 from lab.render.rerun_primitives import Times, draw_instrument, draw_shells, markdown, recording_to
+from lab.render.style import RGB_AFTER, RGB_ARROW, RGB_BEFORE, RGB_PATH
 
 TIMELINE = "step"
 WORLD, CLOSE = "world", "close"  # what is left after correction is also shown by itself, at a scale of its own
-_EDGE, _WANTED = (110, 118, 135), (245, 245, 250)
-_COLOURS = {"before": BEFORE, "after": AFTER}
+_EDGE, _WANTED = RGB_PATH, RGB_ARROW
+_COLOURS = {"before": RGB_BEFORE, "after": RGB_AFTER}
 _BEADS = 2  # every how many points of a path one is drawn
 
 
@@ -96,9 +97,11 @@ def _left(recording: rr.RecordingStream, shown: LoopScene) -> None:
     """What is left after, at its own scale: each place attained as a point, joined to the commanded one."""
     for name, course in shown.courses.items():
         places, entity = course.drawn("after", shown.factor_close), f"{CLOSE}/attained/after/{name}"
-        points = rr.Points3D(places, colors=AFTER, radii=0.008 * shown.side_m)
+        points = rr.Points3D(places, colors=RGB_AFTER, radii=0.008 * shown.side_m)
         recording.log(entity, points, static=True)
-        spokes = rr.LineStrips3D(np.stack([course.wanted, places], axis=1), colors=AFTER, radii=0.0015 * shown.side_m)
+        spokes = rr.LineStrips3D(
+            np.stack([course.wanted, places], axis=1), colors=RGB_AFTER, radii=0.0015 * shown.side_m
+        )
         recording.log(f"{entity}/from_commanded", spokes, static=True)
 
 
@@ -111,8 +114,8 @@ def _here(recording: rr.RecordingStream, shown: LoopScene) -> None:
     down = whole.before[:, 2:] < whole.wanted[:, 2:]
     aside = np.where(down, -1.0, 1.0) * np.array([0.0, 0.0, 0.12 * shown.side_m])  # (n, 3)
     for when, errors, colour, beside in (
-        ("before", whole.error_before, BEFORE, aside),
-        ("after", whole.error_after, AFTER, -aside),
+        ("before", whole.error_before, RGB_BEFORE, aside),
+        ("after", whole.error_after, RGB_AFTER, -aside),
     ):
         entity, places = f"{WORLD}/here/{when}", whole.drawn(when, shown.factor)
         arrows = rr.Arrows3D.columns(origins=whole.wanted, vectors=places - whole.wanted)
@@ -127,7 +130,10 @@ def _here(recording: rr.RecordingStream, shown: LoopScene) -> None:
 def _errors(recording: rr.RecordingStream, shown: LoopScene) -> None:
     """Errors step by step: a line each for circle and line, marks for the poses."""
     for name, course in shown.courses.items():
-        for when, errors, colour in (("before", course.error_before, BEFORE), ("after", course.error_after, AFTER)):
+        for when, errors, colour in (
+            ("before", course.error_before, RGB_BEFORE),
+            ("after", course.error_after, RGB_AFTER),
+        ):
             entity, label = f"error_mm/{when}/{name}", f"{name} {when}, mm"
             recording.send_columns(entity, _at(course), rr.Scalars.columns(scalars=1e3 * errors))
             if name == "poses":

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from lab.commands.calibrate.result import rigid
 from lab.commands.calibrate.run import CalibrationResult
-from lab.commands.calibrate.scene import LARGEST_FACTOR, magnification, moved, world_of
+from lab.commands.calibrate.scene import world_of
 from lab.compensation.iso9283 import cube_positions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.experiments.closed_loop import ClosedLoop, Cube, VisitedPath, compensator_of
+from lab.render.scene import LARGEST_FACTOR, magnification, moved
 from lab.render.skeleton import frame_origins
 from lab.simulation.meshes import Shell, body_poses, shells
 

@@ -17,7 +17,7 @@ from lab.core.instruments import instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set_of
-from lab.kinematics.model import is_angle
+from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
 from lab.pose_selection.criteria import Scaling, criterion
@@ -67,11 +67,15 @@ class Case:
     free: tuple[int, ...]
     mm: Array
 
+    def parameter(self, name: str) -> Parameter:
+        """What is known of a parameter of this name."""
+        return self.arm.parameters[self.arm.names.index(name)]
+
     def truth(self, hidden: Mapping[str, float] = HIDDEN) -> Array:
         """Parameters ``(p,)``, SI, of the arm that is measured."""
         values = self.nominal.copy()
         for name, off in (*OFF.items(), *hidden.items()):
-            values[self.arm.names.index(name)] += off if is_angle(name) else off / 1e3
+            values[self.arm.names.index(name)] += off if self.parameter(name).is_angle else off / 1e3
         return values
 
 
@@ -81,7 +85,7 @@ def thesis_case() -> Case:
     arm = load_robot("irb120").serial_arm(("p1",))
     nominal = arm.nominal({"p1": np.zeros(3)})
     free = tuple(arm.names.index(name) for name in OFF)
-    return Case(arm, nominal, free, np.array([1.0 if is_angle(name) else 1e3 for name in OFF]))
+    return Case(arm, nominal, free, np.array([1.0 if arm.parameters[i].is_angle else 1e3 for i in free]))
 
 
 def designed(name: str, seed: int = 0) -> Array:
@@ -96,7 +100,7 @@ def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = Fa
         limits: whether the joints keep to theirs; else they turn freely.
     """
     case = thesis_case()
-    scale = Scaling("raw").columns(tuple(OFF), np.empty((0, 3, len(OFF))))
+    scale = Scaling("raw").columns([case.parameter(name) for name in OFF], np.empty((0, 3, len(OFF))))
 
     def sensitivity(joints: Array) -> Array:
         rates: Array = case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] * scale
@@ -128,7 +132,7 @@ def aliasing() -> dict[str, dict[str, float]]:
     columns = [case.arm.names.index(name) for name in names]
     found = base_set_of(case.arm.observe(joints, case.nominal)[1][..., columns].reshape(-1, len(names)), range(24))
     assert found.kept == tuple(range(len(OFF)))
-    mm = np.array([1.0 if is_angle(name) else 1e3 for name in names])
+    mm = np.array([1.0 if case.parameter(name).is_angle else 1e3 for name in names])
     alias = found.alias * mm[: len(OFF), None] / mm[None, len(OFF) :]
     return {
         dropped: {kept: float(value) for kept, value in zip(OFF, column, strict=True) if abs(value) > 1e-9}

@@ -15,9 +15,9 @@ from lab.experiments.thesis_mahdadi_2020 import (
     Reproduced,
     aliasing,
     rows_of_table,
+    thesis_case,
     without,
 )
-from lab.kinematics.model import is_angle
 
 NAMES = {name: "cond." if name == "condition" else name for name in CRITERIA}
 
@@ -64,10 +64,11 @@ def _estimates(found: Reproduced) -> Table:
     for heading in ("parameter", "true", *NAMES.values()):
         table.add_column(heading, justify="left" if heading == "parameter" else "right")
     for i, (name, true) in enumerate(OFF.items()):
-        form = ".5f" if is_angle(name) else ".4f"
+        form = ".5f" if thesis_case().parameter(name).is_angle else ".4f"
         cells = [f"{true + off[0, i]:{form}}" for off in found.off.values()]
         marked = [f"[bold]{cell}[/bold]" for cell in cells] if name in INTO.values() else cells
-        table.add_row(f"{name} ({'rad' if is_angle(name) else 'mm'})", f"{true:{form}}", *marked)
+        unit = "rad" if thesis_case().parameter(name).is_angle else "mm"
+        table.add_row(f"{name} ({unit})", f"{true:{form}}", *marked)
     return table
 
 
@@ -99,8 +100,8 @@ def _aliases(found: Reproduced) -> Table:
             table.add_row(name, "any", "nothing: it moves nothing", "", "", "")
         for into, share in columns.items():
             seen = np.mean([off[:, list(OFF).index(into)].mean() for off in found.off.values()])
-            unit, form = ("rad", "+.5f") if is_angle(into) else ("mm", "+.4f")
-            one = f"{share:+.6f} rad" if is_angle(into) else f"{share:+.3f} mm"
+            unit, form = ("rad", "+.5f") if thesis_case().parameter(into).is_angle else ("mm", "+.4f")
+            one = f"{share:+.6f} rad" if thesis_case().parameter(into).is_angle else f"{share:+.3f} mm"
             table.add_row(
                 name,
                 f"{HIDDEN[name]:.2f} mm",

@@ -27,7 +27,7 @@ from lab.formats.robot_toml import (
 from lab.formats.toml import read_toml
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Frame, Kind, Pin, Rod, Step, Tree
-from lab.kinematics.model import is_link
+from lab.kinematics.parameter import is_reserved_owner
 
 _TOP_KEYS = ("name", "height_mm", "joint", "frame", "rod", "pin", "platform", "tool", "base")
 _OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration"
@@ -195,7 +195,7 @@ class _Tree:
         name = section.take("name")
         if not isinstance(name, str) or not name.strip() or "." in name or "," in name:
             raise LabError(f"{section.where}: name is {name!r}; give it a name, without a dot or a comma")
-        if name in taken or name in RESERVED or not is_link(name):
+        if name in taken or name in RESERVED or is_reserved_owner(name):
             raise LabError(f"{section.where}: the name {name} is taken; give it another")
         return name
 

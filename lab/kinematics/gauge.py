@@ -15,6 +15,7 @@ from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.chain import Chain
 
 INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
@@ -151,7 +152,7 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
     return tuple(sorted(kept))
 
 
-def preferred_columns(chain: Chain, names: Sequence[str]) -> tuple[int, ...]:
+def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[int, ...]:
     """All columns of a serial arm in the order of preference that gives the canonical gauge.
 
     First the base, which carries the first link; then each link outward without what its
@@ -159,11 +160,10 @@ def preferred_columns(chain: Chain, names: Sequence[str]) -> tuple[int, ...]:
     Craig table, a of a slide); then the tool, which carries the last link; then all the rest.
     """
     rule = _preferred_distal if chain.convention == "distal" else _preferred_craig
-    links = [f"link{i + 1}.{column}" for i in range(chain.size) for column in rule(chain, i)]
-    first = [name for name in names if name.startswith("base.")]
-    tools = [name for name in names if name.startswith("tool.")]
-    order = [names.index(name) for name in [*first, *links, *tools]]
-    return (*order, *(i for i in range(len(names)) if i not in order))
+    at = {parameter.name: i for i, parameter in enumerate(parameters)}
+    links = [at[f"link{i + 1}.{column}"] for i in range(chain.size) for column in rule(chain, i)]
+    order = [*indices_of_groups(parameters, ["base"]), *links, *indices_of_groups(parameters, ["tool"])]
+    return (*order, *(i for i in range(len(parameters)) if i not in order))
 
 
 def _preferred_distal(chain: Chain, i: int) -> list[str]:

@@ -7,37 +7,7 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
-
-_UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset", "length"), "m")
-_UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta"), "rad")
-
-
-OTHERS = ("base", "tool", "drift", "session", "payload", "anchor", "socket", "plane", "cable")  # than links, by group
-
-
-def unit_of(parameter: str, slide: bool = False) -> str:
-    """The SI unit of a parameter, by its name: m, rad, or that of an effect's parameter (of a slide's)."""
-    group, _, last = parameter.rpartition(".")
-    unit = _UNITS.get(last)
-    if group == "drift":
-        return f"{unit}/h" if unit else "1/h"
-    if unit is not None:
-        return unit
-    kind = last.rstrip("0123456789")
-    if slide and kind in ("compliance", "backlash"):
-        return {"compliance": "m/N", "backlash": "m"}[kind]
-    return {"compliance": "rad/Nm", "sin": "rad", "cos": "rad", "backlash": "rad", "mass": "kg"}.get(kind, "")
-
-
-def is_link(parameter: str) -> bool:
-    """Whether a parameter is one of those that a drawing dimensions, by its name: a link's, a rod's."""
-    group = parameter.split(".")[0]
-    return group not in OTHERS and not group.removeprefix("joint").isdigit()
-
-
-def is_angle(parameter: str) -> bool:
-    """Whether a parameter is in rad, by its name."""
-    return unit_of(parameter) == "rad"
+from lab.kinematics.parameter import Parameter
 
 
 class Model(Protocol):
@@ -45,15 +15,18 @@ class Model(Protocol):
 
     A chain is one (``serial.SerialArm``), a mechanism with loops another (``closed.ClosedArm``), either with joint
     effects a third (``effects.arm.ArmWithEffects``), and nothing above asks which. Where the joint positions cannot be
-    met (loops that
-    do not close) its answers are NaN. Parameters named ``base.*`` (place and rotation
-    vector in the tracker's frame) and ``tool.*`` (a target's place in the last frame) are
-    located with no initial guess; all others start at the drawing's values.
+    met (loops that do not close) its answers are NaN. Parameters of the groups ``base`` (position and rotation vector
+    in the tracker's frame) and ``tool`` (a target's position in the last frame) are located with no initial guess; all
+    others start at their nominal values.
     """
 
     @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What is known of each of the parameters, in the order of every ``values``."""
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """The parameters, in the order of every ``values`` (m, rad)."""
+        """Their names."""
 
     @property
     def targets(self) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.model import is_angle
+from lab.kinematics.parameter import Parameter
 
 ScalingKind = Literal["raw", "unit", "length", "whitened"]
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
@@ -40,14 +40,14 @@ class Scaling:
     tolerance_m: float = 0.5e-3
     tolerance_rad: float = 1.5e-3
 
-    def columns(self, names: Sequence[str], candidates: Array) -> Array:
+    def columns(self, parameters: Sequence[Parameter], candidates: Array) -> Array:
         """Factors ``(p,)`` for the columns of a Jacobian in m, m and rad.
 
         Args:
-            names: of the parameters.
+            parameters: what the columns are of.
             candidates: ``(m, r, p)``, over which ``unit`` columns have unit norm.
         """
-        angular = np.array([is_angle(name) for name in names])
+        angular = np.array([parameter.is_angle for parameter in parameters])
         if self.kind == "raw":
             return np.where(angular, 1e3, 1.0)
         if self.kind == "length":

@@ -3,10 +3,21 @@
 Whatever is not ``Html`` already is escaped: names of robots, targets, files and poses are a user's.
 """
 
+import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from lab.render.format import capital, fixed, short
+from lab.render.style import FIGURE_STYLE
+
+__all__ = ["capital", "fixed", "short"]
+INK, QUIET = "#1f2937", "#6b7280"
 
 BEFORE, AFTER, MEASURED, OFF = "#c0392b", "#1e8449", "#b7791f", "#c2185b"  # the same meaning as in recordings
 _NUMBER = re.compile(r"[+−±<>≈]? ?(\d[\d.,]*)(e[+−-]?\d+)?( (%|σ|mm|mrad|°))?|∞|")
@@ -163,24 +174,47 @@ def write_page(path: Path, title: str, parts: Iterable[str]) -> None:
     path.write_text(page(title, parts), encoding="utf-8")
 
 
-def short(value: float | None, unit: str = "") -> str:
-    """Three digits that count, with a unit where given; a dash for nothing."""
-    if value is None:
-        return "–"
-    if value == 0:
-        text = "0"
-    elif abs(value) < 1e-4:
-        text = f"{value:.1e}"
-    else:
-        text = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")
-    return text.replace("-", "−") + (f" {unit}" if unit else "")
+_PROLOGUE = re.compile(r"^.*?(?=<svg\b)|<metadata>.*?</metadata>", re.DOTALL)
+_NAMESPACES = re.compile(r' (xmlns(:xlink)?|version|width|height)="[^"]*"')
+_NAMES = re.compile(r'(\bid="|url\(#|href="#)')
+_POINTS_PER_INCH, _PX_PER_INCH = 72, 96
+_HALF_PX = 480  # a picture no wider than this has room for another beside it
 
 
-def fixed(value: float, digits: int, *, signed: bool = False) -> str:
-    """So many digits after the point."""
-    return f"{value:{'+' if signed else ''}.{digits}f}".replace("-", "−")
+def panel(
+    name: str,
+    label: str,
+    size: tuple[float, float],
+    draw: Callable[[Axes], None],
+    margins: tuple[float, float, float, float] = (0.7, 0.5, 0.15, 0.3),
+) -> Html:
+    """One set of axes as inline SVG.
+
+    Args:
+        name: of the picture in its page; no other may have it.
+        label: what it shows, for those who do not see it.
+        size: width and height, inches.
+        margins: left, bottom, right and top of the axes, inches.
+    """
+    (width, height), (left, bottom, right, top) = size, margins
+    with matplotlib.rc_context(FIGURE_STYLE):
+        figure = Figure(figsize=size)
+        place = (left / width, bottom / height, 1 - (left + right) / width, 1 - (bottom + top) / height)
+        draw(figure.add_axes(place))
+        text = io.StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    return inline(text.getvalue(), name, label)
 
 
-def capital(text: str) -> str:
-    """The text with a capital first letter."""
-    return text[:1].upper() + text[1:]
+def inline(svg: str, name: str, label: str) -> Html:
+    """An SVG file as a part of a page: without prologue and metadata, its names its own, with a title."""
+    svg = _NAMES.sub(rf"\g<1>{name}-", _PROLOGUE.sub("", svg))
+    opening, rest = svg.split(">", 1)
+    width = re.search(r'width="([\d.]+)pt"', opening)
+    assert width is not None
+    pixels = round(float(width[1]) * _PX_PER_INCH / _POINTS_PER_INCH)
+    opening = _NAMESPACES.sub("", opening)
+    words = escape(label, quote=True)
+    kind = "half" if pixels <= _HALF_PX else "wide"
+    told = f'class="{kind}" role="img" aria-label="{words}" style="max-width: {pixels}px"'
+    return Html(f"{opening} {told}><title>{words}</title>{rest}")

@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from lab.commands.calibrate.recording_text import format_magnification
-from lab.commands.calibrate.scene import Drawn
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.render.format import format_magnification
+from lab.render.scene import MagnifiedEllipsoids
 from lab.render.skeleton import Legs
+from lab.render.style import RGB_ARROW, RGB_AXES, RGB_BEAM, RGB_LEG, RGB_ROD
 from lab.simulation.meshes import Shell
 
 Colour = tuple[int, int, int]
 Times = list[rr.TimeColumn]
-BEAM: Colour = (235, 60, 60)
 LEGS = "world/arm/rods_and_legs"
-_ROD: tuple[Colour, float] = (170, 175, 185), 0.004  # and its radius, of the reach
-_LEG: tuple[Colour, float] = (242, 97, 15), 0.01  # the same of a leg whose length is a reading
-_AXES = np.array([[230, 70, 70], [90, 190, 90], [80, 130, 240]], dtype=np.uint8)  # x, y, z
+_ROD: tuple[Colour, float] = RGB_ROD, 0.004  # and its radius, of the reach
+_LEG: tuple[Colour, float] = RGB_LEG, 0.01
+_AXES = np.array(RGB_AXES, dtype=np.uint8)
 
 
 @contextmanager
@@ -110,10 +110,12 @@ def draw_beams(recording: rr.RecordingStream, at: Times, head: Array, points: Ar
     strips = [np.stack([head, point]) for point in points[seen]]
     beams = rr.LineStrips3D.columns(strips=strips).partition(seen.sum(axis=1))
     recording.send_columns("world/instrument/beam", at, beams)
-    recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=BEAM, radii=0.0015), static=True)
+    recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=RGB_BEAM, radii=0.0015), static=True)
 
 
-def draw_ellipsoid(recording: rr.RecordingStream, name: str, at: Times, drawn: Drawn, colour: Colour) -> None:
+def draw_ellipsoid(
+    recording: rr.RecordingStream, name: str, at: Times, drawn: MagnifiedEllipsoids, colour: Colour
+) -> None:
     """One ellipsoid a row, with its half-axes and its magnification."""
     shape = rr.Ellipsoids3D.columns(half_sizes=drawn.half_sizes, centers=drawn.centers, quaternions=_xyzw(drawn.axes))
     recording.send_columns(f"world/ellipsoid/{name}/shape", at, shape)
@@ -123,9 +125,7 @@ def draw_ellipsoid(recording: rr.RecordingStream, name: str, at: Times, drawn: D
     origins = np.repeat(drawn.centers, 3, axis=0)
     axes = rr.Arrows3D.columns(origins=origins, vectors=vectors).partition([3] * len(drawn.centers))
     recording.send_columns(f"world/ellipsoid/{name}/axes", at, axes)
-    recording.log(
-        f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=(245, 245, 250), radii=0.002), static=True
-    )
+    recording.log(f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=RGB_ARROW, radii=0.002), static=True)
     above = drawn.centers + np.array([0.0, 0.0, 1.1]) * drawn.half_sizes[:, :1]
     draw_tag(recording, f"world/ellipsoid/{name}/factor", at, above, format_magnification(drawn.factor), colour)
 

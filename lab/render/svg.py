@@ -1,42 +1,26 @@
-"""Pictures for pages: drawn with matplotlib, and put into HTML as SVG that refers to nothing outside.
+"""Pictures of pages: drawn with matplotlib, and put into a page as SVG that refers to nothing outside.
 
-matplotlib is slow to import: import this module, and what uses it, where a page is written.
+matplotlib is slow to import, so it is imported where something is drawn, and not before.
 """
 
 import io
 import re
 from collections.abc import Callable, Sequence
-from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Literal
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from markupsafe import Markup
 
 from lab.core.se3 import Array
-from lab.render.html import Html
+from lab.render.document import Picture
+from lab.render.style import FIGURE_STYLE
 
-INK, QUIET, GRID = "#1f2937", "#6b7280", "#e5e7eb"
-_STYLE: Any = {
-    "font.size": 9,
-    "font.sans-serif": ["DejaVu Sans", "Arial"],
-    "axes.titlesize": 10,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": "#9ca3af",
-    "axes.grid": True,
-    "grid.color": GRID,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.color": "#374151",
-    "ytick.color": "#374151",
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "text.parse_math": False,  # names are a user's: a dollar sign is one
-    "svg.hashsalt": "lab",  # the same picture, the same bytes
-    "svg.fonttype": "none",
-}
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["axes_picture", "cube", "inline_svg", "log_ticks", "view"]
+
 _PROLOGUE = re.compile(r"^.*?(?=<svg\b)|<metadata>.*?</metadata>", re.DOTALL)
 _NAMESPACES = re.compile(r' (xmlns(:xlink)?|version|width|height)="[^"]*"')
 _NAMES = re.compile(r'(\bid="|url\(#|href="#)')
@@ -44,47 +28,57 @@ _POINTS_PER_INCH, _PX_PER_INCH = 72, 96
 _HALF_PX = 480  # a picture no wider than this has room for another beside it
 
 
-def panel(
+def axes_picture(
     name: str,
     label: str,
     size: tuple[float, float],
-    draw: Callable[[Axes], None],
+    draw: "Callable[[Axes], None]",
     margins: tuple[float, float, float, float] = (0.7, 0.5, 0.15, 0.3),
-) -> Html:
-    """One set of axes as inline SVG.
+) -> Picture:
+    """A picture of one set of axes.
 
     Args:
-        name: of the picture in its page; no other may have it.
+        name: of the picture in its document; no other may have it.
         label: what it shows, for those who do not see it.
         size: width and height, inches.
+        draw: draws into the axes.
         margins: left, bottom, right and top of the axes, inches.
     """
-    (width, height), (left, bottom, right, top) = size, margins
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=size)
-        place = (left / width, bottom / height, 1 - (left + right) / width, 1 - (bottom + top) / height)
-        draw(figure.add_axes(place))
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    return inline(text.getvalue(), name, label)
+
+    def figure() -> "Figure":
+        import matplotlib
+        from matplotlib.figure import Figure
+
+        (width, height), (left, bottom, right, top) = size, margins
+        with matplotlib.rc_context(FIGURE_STYLE):
+            made = Figure(figsize=size)
+            area = (left / width, bottom / height, 1 - (left + right) / width, 1 - (bottom + top) / height)
+            draw(made.add_axes(area))
+        return made
+
+    return Picture(name, label, figure)
 
 
-def inline(svg: str, name: str, label: str) -> Html:
-    """An SVG file as a part of a page: without prologue and metadata, its names its own, with a title."""
-    svg = _NAMES.sub(rf"\g<1>{name}-", _PROLOGUE.sub("", svg))
+def inline_svg(picture: Picture) -> Markup:
+    """A picture as a part of a page: without prologue and metadata, its ids its own, with a title."""
+    import matplotlib
+
+    text = io.StringIO()
+    with matplotlib.rc_context(FIGURE_STYLE):
+        picture.draw().savefig(text, format="svg", metadata={"Date": None})
+    svg = _NAMES.sub(rf"\g<1>{picture.name}-", _PROLOGUE.sub("", text.getvalue()))
     opening, rest = svg.split(">", 1)
     width = re.search(r'width="([\d.]+)pt"', opening)
     assert width is not None
     pixels = round(float(width[1]) * _PX_PER_INCH / _POINTS_PER_INCH)
-    opening = _NAMESPACES.sub("", opening)
-    words = escape(label, quote=True)
+    form = Markup('{} class="{}" role="img" aria-label="{}" style="max-width: {}px"><title>{}</title>{}')
     kind = "half" if pixels <= _HALF_PX else "wide"
-    told = f'class="{kind}" role="img" aria-label="{words}" style="max-width: {pixels}px"'
-    return Html(f"{opening} {told}><title>{words}</title>{rest}")
+    markup = Markup(_NAMESPACES.sub("", opening)), Markup(rest)  # matplotlib escapes what it is given
+    return form.format(markup[0], kind, picture.label, pixels, picture.label, markup[1])
 
 
-def log_ticks(axes: Axes, which: str, low: float, high: float) -> None:
-    """A logarithmic axis (``x`` or ``y``) from ``low`` to ``high``, with plain numbers at up to nine powers of ten."""
+def log_ticks(axes: "Axes", which: Literal["x", "y"], low: float, high: float) -> None:
+    """A logarithmic axis from ``low`` to ``high``, with plain numbers at up to nine powers of ten."""
     axes.set(**{f"{which}scale": "log", f"{which}lim": (low, high)})
     first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
     step = max(1, -(-(last - first) // 8))
@@ -104,7 +98,7 @@ def cube(points: Sequence[Array], share: float = 0.06) -> tuple[Array, float]:
     return (low + high) / 2, max(float((high - low).max()) * (0.5 + share), 1e-6)
 
 
-def view(axes: Axes, plane: tuple[int, int], middle: Array, half: float, frame: str) -> None:
+def view(axes: "Axes", plane: tuple[int, int], middle: Array, half: float, frame: str) -> None:
     """Equal axes in mm for a view on a plane of the frame (0 is x, 2 is z)."""
     i, j = plane
     title = "from above" if plane == (0, 1) else "from the side"

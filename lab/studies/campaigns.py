@@ -15,7 +15,7 @@ from lab.calibration.gauss_newton import whitening
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
 from lab.core import se3
@@ -24,7 +24,7 @@ from lab.core.instruments import Instrument, instrument
 from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.model import is_angle, is_link
+from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.batch import Stacked, stacked
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import TrueRobot, track
@@ -67,7 +67,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
     if cell.criterion == RANDOM:
         return random_poses(robot.model, cell.poses, rng_for(study.seed, "poses"))
-    asked = PlannedCampaign(
+    asked = DesignOptions(
         robot=study.robot,
         poses=cell.poses,
         criterion=cell.criterion,
@@ -82,7 +82,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _designed(asked: PlannedCampaign) -> Array:
+def _designed(asked: DesignOptions) -> Array:
     """Kept, because cells that differ in the arm alone have the same."""
     assert asked.poses is not None
     return best_design(asked, pose_problem(asked), asked.poses).joints
@@ -223,9 +223,9 @@ def _judged(fitted: _Fitted, real: TrueRobot, found: Fits, campaigns: Campaigns,
     """
     Ts = campaigns.Ts_instrument_drawing
     errors = _errors(fitted, fresh, found.values, in_drawing(exact, Ts))
-    free, names = list(fitted.free), fitted.stacked.arm.names
+    free, parameters = list(fitted.free), fitted.stacked.arm.parameters
     off = (found.values - _true_values(fitted, real, Ts))[:, free]
-    angular = np.array([is_angle(names[i]) for i in free])
+    angular = np.array([parameters[i].is_angle for i in free])
     device = fitted.device
     weight = 1.0 if campaigns.whiten is not None else 1 / device.radial_m**2 if device.radial_m else np.nan
     lengths, angles = 1e3 * off[:, ~angular], off[:, angular]
@@ -246,7 +246,7 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
     """Mean error (mm) at the fresh poses of nominal links with base and tool fitted, without noise."""
     campaigns = aligned(fitted.stacked, joints, exact[None], fitted.nominal)
     placing = base_set(
-        fitted.stacked.arm, fitted.nominal, fix=tuple(name for name in fitted.stacked.arm.names if is_link(name))
+        fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
     ).kept
     found = fit_many(fitted.stacked, campaigns, fitted.nominal, placing, block=1)
     return float(_errors(fitted, fresh, found.values, in_drawing(there, campaigns.Ts_instrument_drawing)).mean())

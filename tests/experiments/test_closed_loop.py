@@ -11,7 +11,7 @@ from helpers.robots import IRB120, ROOT
 from helpers.run_script import answer_of, script
 
 from lab.campaign.option_groups import ArmEffects
-from lab.campaign.options import PlannedCampaign, VirtualCampaign
+from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.commands.calibrate.run import run_virtual
 from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
 from lab.core.instruments import instrument
@@ -76,7 +76,7 @@ def loops(*flags: object) -> dict:
 
 def test_a_compensated_arm_that_bends_hits() -> None:
     closed_loop = script("closed_loop.py")
-    closed_loop.PlannedCampaign = partial(PlannedCampaign, candidates=300, starts=1)  # poses chosen with less effort
+    closed_loop.DesignOptions = partial(DesignOptions, candidates=300, starts=1)  # poses chosen with less effort
     bent = answer_of(closed_loop, "--arms", 1, "--targets", 50, "--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
     assert 1 <= bent["ap_before_mm"] <= 4 and 0.002 < bent["rp_mm"] < 0.02
     assert bent["model"] == "compliance" and bent["ap_after_mm"] <= 0.015 and bent["targets_after_mm"] <= 0.015

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.recordings import FLOAT32, column, home, in_world, needs_vulkan, rrd, statics, strict, views_of  # noqa: F401
 
-from lab.commands.calibrate.recording_text import format_magnification
 from lab.commands.calibrate.run import VirtualCampaign, run_virtual
 from lab.compensation.iso9283 import CYCLES, accuracy, cube_positions, repeatability
 from lab.core import se3
@@ -15,6 +14,7 @@ from lab.core.instruments import instrument
 from lab.experiments.closed_loop import PATH_POINTS, close_loop, reachable_cube
 from lab.experiments.closed_loop_recording import record_loop
 from lab.experiments.closed_loop_scene import HOLD, loop_scene
+from lab.render.format import format_magnification
 from lab.simulation.meshes import body_poses
 from lab.simulation.model import FLANGE
 

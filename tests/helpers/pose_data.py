@@ -9,7 +9,6 @@ from lab.core import se3
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.model import is_angle
 from lab.kinematics.serial.arm import SerialArm
 
 
@@ -17,7 +16,7 @@ def off_by(
     observation, values: Array, rng: np.random.Generator, metres: float = 0.5e-3, radians: float = 1e-3
 ) -> Array:
     """The identifiable parameters of the links and the tool off by normal draws; a true arm in its gauge."""
-    angular = np.array([is_angle(name) for name in observation.names])
+    angular = np.array([each.is_angle for each in observation.parameters])
     draws = np.where(angular, radians, metres) * rng.normal(size=len(values))
     links = [i for i in base_set(observation, values).kept if observation.names[i].startswith(("link", "tool"))]
     true = values.copy()

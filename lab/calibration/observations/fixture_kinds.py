@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from lab.calibration.observations.fixtures import PLACE, Fixtures
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian
+from lab.kinematics.parameter import Parameter, placed_parameters
 
 DISTANCE_WEIGHT = 30.0  # a distance between sockets is known that much better (0.01 mm) than a ball sits (0.3 mm)
 WHOLE_LOCATIONS = 3  # from this many on, a location is fitted or held out as one
@@ -24,7 +25,7 @@ class Cable(Fixtures):
     group: ClassVar[str] = "anchor"
     least_rows: ClassVar[int] = 4
     touched: ClassVar[bool] = False
-    offset: ClassVar[tuple[str, ...]] = ("cable.offset",)
+    offset: ClassVar[tuple[Parameter, ...]] = placed_parameters("cable", "cable", ("offset",), scaled=True)
 
     def seen(self, points: Array, places: Array) -> tuple[Array, Array, Array]:
         """Lengths ``(n, 1)``; they grow along the wire."""

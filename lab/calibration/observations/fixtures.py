@@ -19,7 +19,8 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.model import Model, is_link, unit_of
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 
 PLACE = "place"  # the condition that numbers a row's place
 TOUCHES = 1e-11  # m
@@ -45,18 +46,20 @@ class Fixtures(ABC):
     drawing: Array
     numbers: tuple[int, ...]
     labels: tuple[str, ...]
+    parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
     group: ClassVar[str]  # what a place is called
     axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")
     least_rows: ClassVar[int]  # that say anything of the arm beyond the place
     touched: ClassVar[bool]  # whether the residual is zero at the place
-    offset: ClassVar[tuple[str, ...]] = ()  # a parameter that adds to all that is observed, if there is one
+    offset: ClassVar[tuple[Parameter, ...]] = ()  # a parameter that adds to all that is observed, if there is one
 
     def __post_init__(self) -> None:
         assert len(self.arm.targets) == 1 and len(self.drawing) == len(self.arm.names)
-        stems = [f"{self.group}.{label}" if label else self.group for label in self.labels]
-        added = [f"{stem}.{axis}" for stem in stems for axis in self.axes]
-        object.__setattr__(self, "names", (*self.arm.names, *self.offset, *added))
+        owners = [f"{self.group}.{label}" if label else self.group for label in self.labels]
+        added = [parameter for owner in owners for parameter in placed_parameters(owner, self.group, self.axes)]
+        object.__setattr__(self, "parameters", (*self.arm.parameters, *self.offset, *added))
+        object.__setattr__(self, "names", names_of(self.parameters))
 
     @abstractmethod
     def seen(self, points: Array, places: Array) -> tuple[Array, Array, Array]:
@@ -93,7 +96,7 @@ class Fixtures(ABC):
     @property
     def placed(self) -> tuple[str, ...]:
         """The places, the target, and the offset."""
-        return (self.group, "tool", *(name.split(".")[0] for name in self.offset))
+        return (self.group, "tool", *(parameter.group for parameter in self.offset))
 
     @property
     def units(self) -> Array:
@@ -140,15 +143,15 @@ class Fixtures(ABC):
 
     def column_priority(self) -> tuple[int, ...]:
         """The places; then the arm's order, the longest link after the target if it is the scale; the base last."""
-        names = self.arm.names
-        order = [i for i in self.arm.column_priority() if not names[i].startswith("base.")]
-        base = [i for i, name in enumerate(names) if name.startswith("base.")]
+        parameters = self.arm.parameters
+        base = indices_of_groups(parameters, ["base"])
+        order = [i for i in self.arm.column_priority() if i not in base]
         if self.touched:
-            after_tool = 1 + max(order.index(i) for i, name in enumerate(names) if name.startswith("tool."))
-            links = [i for i in order[:after_tool] if is_link(names[i]) and unit_of(names[i]) == "m"]
+            after_tool = 1 + max(order.index(i) for i in indices_of_groups(parameters, ["tool"]))
+            links = [i for i in order[:after_tool] if parameters[i].is_link and parameters[i].kind == "length"]
             longest = max(links, key=lambda i: abs(self.drawing[i]))
             order.insert(after_tool - 1, order.pop(order.index(longest)))
-        return (*range(self.first, len(self.names)), *range(len(names), self.first), *order, *base)
+        return (*range(self.first, len(self.names)), *range(len(parameters), self.first), *order, *base)
 
     def rank_point(self, values: Array) -> Array:
         """The arm's at ``values``, or on the drawing with the places that ``structure_joints`` touches."""

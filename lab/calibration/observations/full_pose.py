@@ -20,8 +20,9 @@ from lab.core import se3
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 
-ROTATION_NAMES = ("tool.rx", "tool.ry", "tool.rz")
+ROTATION_PARAMETERS = placed_parameters("tool", "tool", ("rx", "ry", "rz"))
 QUATERNION = ("qw", "qx", "qy", "qz")
 START_RATIO = 1.0  # rad per m: 1 mrad beside 1 mm, until the residuals say better
 ROUNDS = 4  # of the ratio's iteration
@@ -45,12 +46,15 @@ class Poses:
     arm: Model
     oriented: str
     ratio: float = START_RATIO
+    parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
     placed: tuple[str, ...] = ("base", "tool")
 
     def __post_init__(self) -> None:
         assert self.ratio > 0 and self.oriented in self.arm.targets
-        object.__setattr__(self, "names", (*self.arm.names, *ROTATION_NAMES))
+        parameters = (*self.arm.parameters, *ROTATION_PARAMETERS)
+        object.__setattr__(self, "parameters", parameters)
+        object.__setattr__(self, "names", names_of(parameters))
 
     @property
     def model(self) -> Self:
@@ -88,7 +92,7 @@ class Poses:
     def column_priority(self) -> tuple[int, ...]:
         """The arm's order; the tool's rotation after its places."""
         order = list(self.arm.column_priority())
-        after = 1 + max(order.index(i) for i, name in enumerate(self.arm.names) if name.startswith("tool."))
+        after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
         return (*order[:after], *range(len(self.names) - 3, len(self.names)), *order[after:])
 
     def rank_point(self, values: Array) -> Array:
@@ -155,7 +159,7 @@ def flange_rotations(arm: Model, inputs: Array, values: Array, jacobian: Array) 
     Args:
         jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
     """
-    tool = [i for i, name in enumerate(arm.names) if name.startswith("tool.")][:3]
+    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
     stretched = jacobian[:, 0][..., tool]
     size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
     rotation = stretched / size

@@ -18,10 +18,11 @@ from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
-from lab.kinematics.model import Model, unit_of
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import Kind
 
 FLOOR_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
-USEFUL = {"rad/Nm": 1e-4, "kg": 1.0}  # the largest standard deviations that tell anything; of other units WEAK
+USEFUL: dict[Kind, float] = {"compliance": 1e-4, "mass": 1.0}  # largest standard deviations that tell; else WEAK
 
 ModelWith = Callable[[Sequence[str]], Model]
 Drawn = Callable[[Model], Array]
@@ -158,7 +159,7 @@ class FullModel:
         fitted = self.fitted(found)
         new = self._new(self.structure, self._indices(found, found.base_set.kept), self.groups[group])
         shown = list(self._new(self.measured, fitted, new))
-        useful = {i: USEFUL.get(unit_of(self.observation.model.names[i]), WEAK) for i in shown}
+        useful = {i: USEFUL.get(self.observation.model.parameters[i].kind, WEAK) for i in shown}
         while shown:
             unsure = table.std([*fitted, *shown])[len(fitted) :] / [useful[i] for i in shown]
             if unsure.max() <= 1:

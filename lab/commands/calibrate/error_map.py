@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.validation import errors_of
-from lab.campaign.options import MeasuredCampaign, VirtualCampaign
+from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import asked_conditions, fresh_poses
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import rigid
 from lab.commands.calibrate.run import CalibrationResult
-from lab.commands.calibrate.scene import moved, world_of
+from lab.commands.calibrate.scene import world_of
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, transform
+from lab.render.scene import moved
 from lab.render.skeleton import joint_places, strips
 
 MOST_POINTS = 400  # drawn in a picture

@@ -13,8 +13,8 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 
 from lab.commands.calibrate.error_map import ArmPlaces, ErrorMap
 from lab.core.se3 import Array
-from lab.render.html import AFTER, MEASURED, OFF, Html, short
-from lab.render.svg import INK, QUIET, cube, log_ticks, panel, view
+from lab.render.html import AFTER, INK, MEASURED, OFF, QUIET, Html, panel, short
+from lab.render.svg import cube, log_ticks, view
 
 VIEWS = {"above": (0, 1), "side": (0, 2)}
 WORDS = {"above": "from above", "side": "from the side"}

@@ -12,23 +12,13 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.recording_layout import (
-    AFTER,
-    BEFORE,
-    CONVERGENCE,
-    MAPPING,
-    MEASURED,
-    OFF,
-    PARAMETERS,
-    SINGULAR_VALUES,
-    SUMMARY,
-    UNCERTAINTY,
-    blueprint,
-)  # fmt: skip
-from lab.commands.calibrate.recording_text import format_magnification, parameter_table, wording
+from lab.commands.calibrate.recording_layout import CONVERGENCE, PARAMETERS, SINGULAR_VALUES, blueprint
+from lab.commands.calibrate.recording_text import parameter_table, wording
 from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import Scene, scene
 from lab.core.se3 import Array
+from lab.render.format import format_magnification
+from lab.render.recording_layout import SUMMARY
 from lab.render.rerun_primitives import (
     Times,
     draw_beams,
@@ -40,6 +30,7 @@ from lab.render.rerun_primitives import (
     markdown,
     recording_to,
 )
+from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
 
 
 def record(path: Path, outcome: CalibrationResult) -> None:
@@ -82,12 +73,12 @@ def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown
 def _points(recording: rr.RecordingStream, shown: Scene) -> None:
     """Measured and predicted points: these in points on the screen, so that they part when one comes close."""
     radius = 0.007 * shown.reach_m * min(1.0, (100 / len(shown.all_measured)) ** (1 / 3))
-    cloud = rr.Points3D(shown.all_measured, colors=MEASURED, radii=radius)
+    cloud = rr.Points3D(shown.all_measured, colors=RGB_MEASURED, radii=radius)
     recording.log("world/targets/all_measured", cloud, static=True)
     for name, points, colour, size in (
-        ("measured", shown.measured, MEASURED, 5.0),
-        ("predicted_before", shown.before, BEFORE, 4.0),
-        ("predicted_after", shown.after, AFTER, 3.0),
+        ("measured", shown.measured, RGB_MEASURED, 5.0),
+        ("predicted_before", shown.before, RGB_BEFORE, 4.0),
+        ("predicted_after", shown.after, RGB_AFTER, 3.0),
     ):
         seen = np.isfinite(points).all(axis=2)
         columns = rr.Points3D.columns(positions=points[seen]).partition(seen.sum(axis=1))
@@ -103,12 +94,12 @@ def _off_poses(recording: rr.RecordingStream, shown: Scene) -> None:
     strips = [np.stack([pose.measured, pose.expected]) for pose in shown.off]
     marks = rr.Points3D(
         [pose.measured for pose in shown.off],
-        colors=OFF,
+        colors=RGB_OUTLIER,
         radii=0.018 * shown.reach_m,
         labels=[pose.words for pose in shown.off],
     )
     recording.log("world/targets/off", marks, static=True)
-    lines = rr.LineStrips3D(strips, colors=OFF, radii=0.005 * shown.reach_m)
+    lines = rr.LineStrips3D(strips, colors=RGB_OUTLIER, radii=0.005 * shown.reach_m)
     recording.log("world/targets/off/to_expected", lines, static=True)
 
 
@@ -122,8 +113,8 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
     height = shown.factor_before * (shown.measured - shown.before) - shown.factor_after * (shown.measured - shown.after)
     above = np.where(height[:, 0, 2] < 0, -1.0, 1.0)[:, None] * np.array([0.0, 0.0, 0.2 * shown.reach_m])  # (m, 3)
     for name, points, factor, colour, offset in (
-        ("before", shown.before, shown.factor_before, BEFORE, above),
-        ("after", shown.after, shown.factor_after, AFTER, -above),
+        ("before", shown.before, shown.factor_before, RGB_BEFORE, above),
+        ("after", shown.after, shown.factor_after, RGB_AFTER, -above),
     ):
         vectors = factor * (shown.measured - points)[seen]
         columns = rr.Arrows3D.columns(origins=points[seen], vectors=vectors).partition(lengths)
@@ -145,14 +136,14 @@ def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
     recording.send_columns("world/focus", _poses(shown.at), focus)
-    draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, MAPPING)
+    draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, RGB_MAPPING)
     if shown.uncertainty is not None:
-        draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, UNCERTAINTY)
+        draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
 
 
 def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
     """Errors of every fitted pose, singular values, and how the fit converged."""
-    for name, errors, colour in (("before", shown.error_before, BEFORE), ("after", shown.error_after, AFTER)):
+    for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
         recording.send_columns(
             f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=1e3 * errors[used])
@@ -161,13 +152,13 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
         recording.log(f"error_mm/{name}", line, static=True)
     values = outcome.identification.fit.singular_values
     recording.log(
-        SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=MAPPING), static=True
+        SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=RGB_MAPPING), static=True
     )
     rms = convergence(outcome)
     steps = np.arange(len(rms))
     iterations = [rr.TimeColumn("iteration", sequence=steps)]
     recording.send_columns(f"{CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
-    recording.log(f"{CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=AFTER), static=True)
+    recording.log(f"{CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=RGB_AFTER), static=True)
 
 
 def convergence(outcome: CalibrationResult) -> Array:

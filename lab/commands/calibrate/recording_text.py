@@ -8,7 +8,9 @@ from lab.commands.calibrate.run import CalibrationResult
 from lab.commands.calibrate.scene import Scene
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.render.skeleton import Legs
+from lab.render.format import format_magnification
+from lab.render.markdown import to_inline
+from lab.render.scene import legs_legend
 
 MOST_NAMED = 5  # outliers in the summary
 _JUDGED = {
@@ -17,17 +19,6 @@ _JUDGED = {
     "file": "on {count} points of another file",
     "cross-validation": "by cross-validation, {count} points",
 }
-
-
-def format_magnification(factor: float) -> str:
-    """A magnification, as ``x 10,000``."""
-    return f"× {factor:,.0f}" if factor >= 1 else f"× {factor:g}"
-
-
-def legs_words(legs: Legs) -> str:
-    """What the lines of a mechanism are, as a line of a legend."""
-    kinds = {True: "**orange**: legs whose length is a reading", False: "**grey**: rods"}
-    return "- lines of the robot, " + "; ".join(words for kind, words in kinds.items() if kind in legs.measured)
 
 
 def wording(outcome: CalibrationResult, shown: Scene) -> str:
@@ -140,7 +131,7 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> str:
     if shown.uncertainty is not None:
         factor = format_magnification(shown.uncertainty.factor)
         lines.append(f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, {factor}")
-    lines += [legs_words(shown.legs)] if shown.legs.measured else []
+    lines += ["- " + to_inline(legs_legend(shown.legs))] if shown.legs.measured else []
     if shown.off:
         lines.append("- **magenta**: poses that are off, joined to where they should be")
     if len(shown.rows) < len(outcome.fitted):

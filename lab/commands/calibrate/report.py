@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.options import MeasuredCampaign, VirtualCampaign
+from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.error_map import MOST_POINTS, arm_places, error_places
 from lab.commands.calibrate.figures import Spread, arm_views, changes, histograms, singular_values, size_maps
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.report_parameters import changes_of, offsets, parameters_table
 from lab.commands.calibrate.report_text import (
     OBSERVED,

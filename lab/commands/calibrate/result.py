@@ -13,7 +13,8 @@ from lab.calibration.verdict import rotation_noise_rad
 from lab.commands.calibrate.run import CalibrationResult
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.model import Model, RigidArm, unit_of
+from lab.kinematics.model import Model, RigidArm
+from lab.kinematics.parameter import targets_of
 
 CORRELATED = 0.95  # where two parameters' errors go together
 _HUMAN_UNITS = {
@@ -87,13 +88,14 @@ def parameters(outcome: CalibrationResult) -> list[dict[str, Any]]:
     scale = column_scale(model, identification.nominal_aligned)
     hidden = {alias.name: dict(alias.into) for alias in aliases(model, identification.base_set, scale)}
     rows = []
-    for i, name in enumerate(model.names):
+    for i, parameter in enumerate(model.parameters):
+        name = parameter.name
         estimate, half = float(identification.values[i]), reach.get(i, np.nan)
         interval = [number(estimate - half), number(estimate + half)]
         rows.append(
             {
                 "name": name,
-                "unit": unit_of(name, _is_slide(outcome, name)),
+                "unit": parameter.unit,
                 "nominal": float(identification.nominal_aligned[i]),
                 "estimate": estimate,
                 "exported": float(exported[i]),
@@ -108,7 +110,7 @@ def parameters(outcome: CalibrationResult) -> list[dict[str, Any]]:
 
 def human_unit(name: str, unit: str | None = None) -> tuple[float, str, int]:
     """In what a person reads a parameter: the factor from SI, the unit, and how many digits after the point."""
-    unit = unit or unit_of(name)
+    unit = unit or _unit_of(name)
     if unit == "rad":
         return (1e3, "mrad", 4) if _joint_of(name) else (180 / np.pi, "°", 5)
     return _HUMAN_UNITS[unit]
@@ -122,10 +124,16 @@ def column_scale(model: Model, values: Array) -> Array:
     return scale
 
 
-def _is_slide(outcome: CalibrationResult, name: str) -> bool:
-    """Whether a parameter is of a joint that slides."""
-    joint = _joint_of(name)
-    return bool(joint) and outcome.robot.chain.prismatic[int(joint) - 1]
+_UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset", "length"), "m")
+_UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta", "sin", "cos", "backlash"), "rad")
+_UNITS |= {"compliance": "rad/Nm", "mass": "kg"}
+
+
+def _unit_of(name: str) -> str:
+    """The SI unit of a parameter that a document has by name alone."""
+    group, _, last = name.rpartition(".")
+    unit = _UNITS.get(last.rstrip("0123456789"), "")
+    return (f"{unit}/h" if unit else "1/h") if group == "drift" else unit
 
 
 def _joint_of(name: str) -> str:
@@ -150,9 +158,7 @@ def likely(outcome: CalibrationResult) -> Array:
 
 def rigid(outcome: CalibrationResult, values: Array) -> tuple[RigidArm, Array]:
     """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
-    names = outcome.identification.model.names
-    targets = [name.split(".")[1] for name in names if name.startswith("tool.") and name.endswith(".x")]
-    arm = outcome.robot.arm(tuple(targets))
+    arm = outcome.robot.arm(targets_of(outcome.identification.model.parameters))
     return arm, values[: len(arm.names)]
 
 
@@ -180,13 +186,12 @@ def stiffness(outcome: CalibrationResult) -> dict[str, dict[str, float]]:
     identification, chain = outcome.identification, outcome.robot.chain
     found = {}
     for i, std in zip(identification.fit.free, identification.std, strict=True):
-        joint, _, kind = identification.model.names[i].partition(".")
-        if kind != "compliance" or identification.values[i] <= 0:
+        parameter = identification.model.parameters[i]
+        if parameter.kind != "compliance" or parameter.joint is None or identification.values[i] <= 0:
             continue
-        number_of = int(joint.removeprefix("joint")) - 1
-        if not chain.prismatic[number_of]:
+        if not chain.prismatic[parameter.joint]:
             compliance = float(identification.values[i])
-            found[chain.joint_names[number_of]] = {"stiffness": 1 / compliance, "std": float(std) / compliance**2}
+            found[chain.joint_names[parameter.joint]] = {"stiffness": 1 / compliance, "std": float(std) / compliance**2}
     return found
 
 

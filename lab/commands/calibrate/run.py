@@ -25,7 +25,7 @@ from lab.calibration.validation import (
 from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
-from lab.campaign.options import MeasuredCampaign, VirtualCampaign
+from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.virtual_robot import (
     asked_conditions,
@@ -37,6 +37,7 @@ from lab.campaign.virtual_robot import (
 )
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.fit_result import FitReport
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.payload.known_payload import HandLoad, read_hand_load
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import instrument

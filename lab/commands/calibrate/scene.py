@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
-from lab.calibration.uncertainty import Ellipsoids, ellipsoids, mapping_ellipsoids, position_covariance
+from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.commands.calibrate.result import rigid
 from lab.commands.calibrate.run import CalibrationResult
 from lab.core import se3
@@ -17,31 +17,22 @@ from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
-from lab.render.skeleton import Legs, frame_origins, legs
+from lab.render.scene import (
+    LARGEST_FACTOR,
+    MagnifiedEllipsoids,
+    drawn_rows,
+    magnification,
+    magnified,
+    moved,
+    reach_of,
+    world_legs,
+)
+from lab.render.skeleton import Legs, frame_origins
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells
 
 MOST_OFF = 30  # poses that are off, marked
-MOST_POSES = 300  # whose bodies, points and ellipsoids are drawn
 ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
-HALF_AXIS = 0.11  # the same for the longest half-axis of an ellipsoid, in the median over the poses
-LARGEST_FACTOR = 1e6  # of error arrows: what is still too short to be seen is nothing
 ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """Ellipsoids in the world, one a drawn pose, magnified.
-
-    Attributes:
-        centers: ``(m, 3)`` m.
-        axes: ``(m, 3, 3)``, columns unit and right-handed.
-        half_sizes: ``(m, 3)``, descending, times ``factor``.
-    """
-
-    centers: Array
-    axes: Array
-    half_sizes: Array
-    factor: float
 
 
 @dataclass(frozen=True)
@@ -87,8 +78,8 @@ class Scene:
     error_after: Array
     factor_before: float
     factor_after: float
-    mapping: Drawn
-    uncertainty: Drawn | None
+    mapping: MagnifiedEllipsoids
+    uncertainty: MagnifiedEllipsoids | None
     shells: tuple[Shell, ...]
     bodies: dict[str, Array]
     origins: Array
@@ -133,7 +124,7 @@ def scene(outcome: CalibrationResult) -> Scene:
         errors[1],
         _error_factor(errors[0], ARROW * reach),
         _error_factor(errors[1], ARROW * reach),
-        drawn(mapping_ellipsoids(identification, inputs[rows]), after[rows, 0], T_world_instrument, reach),
+        magnified(mapping_ellipsoids(identification, inputs[rows]), after[rows, 0], T_world_instrument, reach),
         _uncertainty(identification, inputs[rows], after[rows, 0], T_world_instrument, reach),
         visible,
         bodies,
@@ -158,23 +149,6 @@ def _off(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[OffPose
     )
 
 
-def drawn_rows(count: int) -> NDArray[np.int_]:
-    """All rows, or ``MOST_POSES`` of them evenly spaced from the first to the last."""
-    if count <= MOST_POSES:
-        return np.arange(count)
-    return np.round(np.linspace(0, count - 1, MOST_POSES)).astype(np.int_)
-
-
-def magnification(length: float, shown: float) -> float:
-    """The factor out of 1, 2, 5 times a power of ten that draws ``length`` nearest to ``shown``; 1 for nothing."""
-    if not (np.isfinite(length) and length > 0):
-        return 1.0
-    wanted = np.log10(shown / length)
-    steps = [(float(mantissa), int(np.floor(wanted)) + ten) for ten in (0, 1) for mantissa in (1, 2, 5)]
-    mantissa, ten = min(steps, key=lambda step: abs(np.log10(step[0]) + step[1] - wanted))
-    return float(f"{mantissa}e{ten}")
-
-
 def _error_factor(errors: Array, shown: float) -> float:
     return min(max(magnification(float(np.nanmean(errors)), shown), 1.0), LARGEST_FACTOR)
 
@@ -197,23 +171,6 @@ def _world_frame0(outcome: CalibrationResult) -> Array:
     return outcome.robot.model.T_world_frame0
 
 
-def moved(T_a_b: Array, points: Array) -> Array:
-    """Points ``(…, 3)`` given in b, in a."""
-    return se3.transform(T_a_b, points.reshape(-1, 3)).reshape(points.shape)
-
-
-def world_legs(T_world_frame0: Array, arm: RigidArm, values: Array, joints: Array) -> Legs:
-    """The legs of an arm, in the world."""
-    found = legs(arm, values, joints)
-    return Legs(moved(T_world_frame0, found.ends), found.measured)
-
-
-def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:
-    """How far (m) points ``(…, 3)`` and legs' ends, in the world, get from frame 0."""
-    every = np.concatenate([points.reshape(-1, 3), between.ends.reshape(-1, 3)])
-    return float(np.linalg.norm(every - T_world_frame0[:3, 3], axis=1).max())
-
-
 def _bodies(
     outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
@@ -227,16 +184,10 @@ def _bodies(
 
 def _uncertainty(
     identification: Identification, inputs: Array, centers: Array, T_world_instrument: Array, reach_m: float
-) -> Drawn | None:
+) -> MagnifiedEllipsoids | None:
     """What the covariance leaves in position; None where it is unknown, or nothing but rounding."""
     covariance = position_covariance(identification, inputs)
     if not np.isfinite(covariance).all():
         return None
     shapes = ellipsoids(covariance)
-    return drawn(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > ROUNDING_M else None
-
-
-def drawn(shapes: Ellipsoids, centers: Array, T_world_instrument: Array, reach_m: float) -> Drawn:
-    """Ellipsoids of the instrument's frame in the world, magnified by a round factor."""
-    factor = magnification(float(np.median(shapes.half_lengths[:, 0])), HALF_AXIS * reach_m)
-    return Drawn(centers, T_world_instrument[:3, :3] @ shapes.axes, factor * shapes.half_lengths, factor)
+    return magnified(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > ROUNDING_M else None

@@ -15,7 +15,7 @@ from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
-from lab.kinematics.model import is_link, unit_of
+from lab.kinematics.parameter import targets_of
 
 WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 STRANGE = 0.05  # m or rad from the drawing
@@ -65,15 +65,15 @@ def of_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> lis
 
 def of_drawing(found: Identification, nominal: Array) -> list[str]:
     """That the robot came out far from its drawing, and surely so: it may be another one's."""
-    names, free = found.model.names, list(found.fit.free)
+    parameters, free = found.model.parameters, list(found.fit.free)
     off = np.abs(found.values - nominal)[free]
-    sure = np.array([is_link(names[i]) for i in free]) & (off > STRANGE) & (off > SURPRISING * found.std)
+    sure = np.array([parameters[i].is_link for i in free]) & (off > STRANGE) & (off > SURPRISING * found.std)
     if not sure.any():
         return []
-    name = names[free[int(np.argmax(np.where(sure, off, 0.0)))]]
+    worst = parameters[free[int(np.argmax(np.where(sure, off, 0.0)))]]
     size = float(np.max(off[sure]))
-    far = f"{np.rad2deg(size):.3g}°" if unit_of(name) == "rad" else f"{1e3 * size:.3g} mm"
-    return [f"{name} came out {far} from the drawing: is the drawing that of this robot?"]
+    far = f"{np.rad2deg(size):.3g}°" if worst.is_angle else f"{1e3 * size:.3g} mm"
+    return [f"{worst.name} came out {far} from the drawing: is the drawing that of this robot?"]
 
 
 def of_joints(found: Identification, seen: Observations, rows: Measurements, moves: Array) -> list[str]:
@@ -128,7 +128,7 @@ def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], inpu
     positions = observation_of(found.model).positions
     if not groups or not positions:
         return []
-    targets = tuple(name.split(".")[1] for name in found.model.names if name.startswith("tool.") and name[-2:] == ".x")
+    targets = targets_of(found.model.parameters)
     rigid = robot.arm(targets)
     whole = found.model.points(inputs, found.values)[:, :positions]
     alone = rigid.points(inputs[:, : robot.chain.size], found.values[: len(rigid.names)])

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.options import Correction
 from lab.commands.calibrate.error_map import ErrorMap, thinned
 from lab.commands.calibrate.figures import PROMISED, Spread, histograms, size_maps
+from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import correction_summary
 from lab.commands.compensate.run import CompensationResult
 from lab.commands.provenance import how_it_was_made
@@ -35,7 +35,7 @@ _NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is 
 MOST_LISTED = 100  # targets, in each table
 
 
-def write_correction_report(path: Path, done: CompensationResult, options: Correction) -> None:
+def write_correction_report(path: Path, done: CompensationResult, options: CompensateOptions) -> None:
     """Write the report of ``lab compensate``."""
     result = correction_summary(done)
     title = f"{result['robot']}: {result['converged']} of {result['targets']} targets corrected"

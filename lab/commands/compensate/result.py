@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from lab.campaign.options import Correction
 from lab.commands.calibrate.result import number
 from lab.commands.calibrated_files import arm_files, table_text
+from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.run import CompensationResult
 from lab.commands.run_folder import config, write_json
 from lab.compensation.ik_results import NEAR_RAD
@@ -77,7 +77,7 @@ def _mean_and_max(values: Array) -> dict[str, float | None]:
     return {"mean": float(seen.mean()) if len(seen) else None, "max": float(seen.max()) if len(seen) else None}
 
 
-def write_correction(folder: Path, done: CompensationResult, options: Correction) -> None:
+def write_correction(folder: Path, done: CompensationResult, options: CompensateOptions) -> None:
     """The corrected targets and the arm, in every format."""
     run, rows = done.run, np.flatnonzero(done.found.converged)
     write_json(folder / "config.json", config("compensate", options, run.robot.sha256))

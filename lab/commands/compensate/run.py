@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.campaign.options import Correction
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.compensate.options import CompensateOptions
 from lab.compensation.compensator import Compensation, Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import asked
@@ -81,7 +81,7 @@ class CompensationResult:
         return np.asarray(self.found.rotations @ self.run.R_last_tool)
 
 
-def run_correction(options: Correction) -> CompensationResult:
+def run_correction(options: CompensateOptions) -> CompensationResult:
     """Correct the targets of a file for the arm of a run."""
     run = read_calibrated(options.run, options.load)
     if not options.force:

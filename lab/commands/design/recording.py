@@ -12,23 +12,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.recording_layout import (
-    MAPPING,
-    MEASURED,
-    SUMMARY,
-    UNCERTAINTY,
-    bars,
-    close_view,
-    eye,
-    layout,
-    main_view,
-)
-from lab.commands.calibrate.recording_text import format_magnification, legs_words
 from lab.commands.design import console as said
 from lab.commands.design.result import plan_summary
 from lab.commands.design.run import Plan
 from lab.commands.design.scene import PlanScene, plan_scene
 from lab.core.se3 import Array
+from lab.render.format import format_magnification
+from lab.render.markdown import to_inline
+from lab.render.recording_layout import SUMMARY, bars, close_view, eye, layout, main_view
 from lab.render.rerun_primitives import (
     Times,
     draw_beams,
@@ -42,12 +33,14 @@ from lab.render.rerun_primitives import (
     markdown,
     recording_to,
 )
+from lab.render.scene import legs_legend
+from lab.render.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_MUTED, RGB_PATH, RGB_UNCERTAINTY
 
 TIMELINE, POSES = "stop", "poses"
 PROMISE, O1 = "curve/promise_um", "curve/o1"
-_WAY, _HERE, _PASSED = (110, 118, 135), (255, 255, 255), (150, 155, 165)
+_WAY, _HERE, _PASSED = RGB_PATH, RGB_CURRENT, RGB_MUTED
 _TALLEST = 8.0  # bars of the curve, in times the last one
-_FIRST, _LAST = np.array([70, 110, 255]), np.array(MEASURED)  # colours of the targets, by the order of the tour
+_FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the targets, by the order of the tour
 
 
 def record_plan(path: Path, plan: Plan) -> None:
@@ -66,8 +59,8 @@ def record_plan(path: Path, plan: Plan) -> None:
         recording.send_columns("world/instrument/beam", [_seconds(shown.departures)], gone)
         _targets(recording, at, shown)
         recording.send_columns("world/focus", at, rr.Transform3D.columns(translation=shown.points[:, 0]))
-        draw_ellipsoid(recording, "mapping", at, shown.mapping, MAPPING)
-        draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, UNCERTAINTY)
+        draw_ellipsoid(recording, "mapping", at, shown.mapping, RGB_MAPPING)
+        draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
         _curve(recording, plan)
         recording.log(SUMMARY, markdown(_summary(plan, shown)), static=True)
         recording.log(POSES, markdown(_pose_table(plan, shown)), static=True)
@@ -124,8 +117,8 @@ def _curve(recording: rr.RecordingStream, plan: Plan) -> None:
     poses = np.array([step.poses for step in plan.curve])
     promise = np.array([1e6 * step.prediction.coverage_radius for step in plan.curve])
     near = promise <= _TALLEST * promise[-1]  # a set that just shows the parameters would hide all others
-    recording.log(PROMISE, rr.BarChart(promise[near], abscissa=poses[near], color=UNCERTAINTY), static=True)
-    recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=MAPPING), static=True)
+    recording.log(PROMISE, rr.BarChart(promise[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
+    recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True)
 
 
 def _summary(plan: Plan, shown: PlanScene) -> str:
@@ -140,7 +133,7 @@ def _summary(plan: Plan, shown: PlanScene) -> str:
         f"{format_magnification(shown.mapping.factor)}",
         f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, "
         f"{format_magnification(shown.uncertainty.factor)}",
-        *([legs_words(shown.legs)] if shown.legs.measured else []),
+        *(["- " + to_inline(legs_legend(shown.legs))] if shown.legs.measured else []),
     ]
     lines = (said.promise, said.certificate, said.tour_line, said.candidates_line, said.indices_line)
     parts = [f"# {seen['robot']}: {len(plan.joints)} poses, {seen['promise_mm']:.3g} mm promised"]

@@ -16,6 +16,7 @@ from lab.render.html import (
     capital,
     figure,
     fixed,
+    inline,
     paragraph,
     section,
     short,
@@ -24,7 +25,6 @@ from lab.render.html import (
     warnings_box,
     write_page,
 )
-from lab.render.svg import inline
 
 _INDICES = {
     "o1": "O1, information per pose",

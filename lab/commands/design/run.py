@@ -9,7 +9,7 @@ import numpy as np
 from lab.calibration.identifiability import enough_poses
 from lab.campaign.design_problem import PoseProblem, pose_problem
 from lab.campaign.design_search import Progress, best_design, exchanged, silent
-from lab.campaign.options import PlannedCampaign
+from lab.campaign.options import DesignOptions
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -46,7 +46,7 @@ class Plan:
         curve: against the number of poses.
     """
 
-    options: PlannedCampaign
+    options: DesignOptions
     problem: PoseProblem
     joints: Array
     design: Design
@@ -61,7 +61,7 @@ class Plan:
     warnings: tuple[str, ...]
 
 
-def plan_campaign(options: PlannedCampaign, progress: Progress = silent) -> Plan:
+def plan_campaign(options: DesignOptions, progress: Progress = silent) -> Plan:
     """Choose poses among feasible candidates, improve them, certify them, order them.
 
     Args:
@@ -124,7 +124,7 @@ def _least(problem: PoseProblem) -> int:
     return enough_poses(problem.pool, problem.before)
 
 
-def _of_any_size(options: PlannedCampaign, problem: PoseProblem) -> Callable[[int], Design]:
+def _of_any_size(options: DesignOptions, problem: PoseProblem) -> Callable[[int], Design]:
     """Designs by exchange alone, each made once."""
     made: dict[int, Design] = {}
 
@@ -137,7 +137,7 @@ def _of_any_size(options: PlannedCampaign, problem: PoseProblem) -> Callable[[in
 
 
 def _accurate_design(
-    options: PlannedCampaign, problem: PoseProblem, least: int, quick: Callable[[int], Design], progress: Progress
+    options: DesignOptions, problem: PoseProblem, least: int, quick: Callable[[int], Design], progress: Progress
 ) -> Design:
     """The smallest design that promises the accuracy asked for.
 
@@ -166,7 +166,7 @@ def _accurate_design(
 
 
 def _curve(
-    options: PlannedCampaign,
+    options: DesignOptions,
     problem: PoseProblem,
     least: int,
     count: int,

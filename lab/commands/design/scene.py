@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.uncertainty import ellipsoids
-from lab.commands.calibrate.scene import Drawn, drawn, moved, reach_of, world_legs
 from lab.commands.design.result import pose_ids
 from lab.commands.design.run import Plan
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import PAUSE_S
 from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
+from lab.render.scene import MagnifiedEllipsoids, magnified, moved, reach_of, world_legs
 from lab.render.skeleton import Legs, frame_lines, frame_origins
 from lab.simulation.meshes import Shell, body_poses, shells
 
@@ -53,8 +53,8 @@ class PlanScene:
     origins: Array
     home: tuple[Array, ...]
     legs: Legs
-    mapping: Drawn
-    uncertainty: Drawn
+    mapping: MagnifiedEllipsoids
+    uncertainty: MagnifiedEllipsoids
     arrivals: Array
     departures: Array
     times: Array
@@ -100,8 +100,8 @@ def plan_scene(plan: Plan) -> PlanScene:
         moved(frame0, frame_origins(arm, values, stops)),
         tuple(moved(frame0, line[0]) for line in frame_lines(arm, values, stops[:1])),
         legs,
-        drawn(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
-        drawn(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
+        magnified(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
+        magnified(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
         arrivals,
         arrivals + waiting,
         times,

@@ -10,13 +10,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lab.commands.calibrate.recording_layout import FAR, SUMMARY, eye, layout, main_view
-from lab.commands.calibrate.scene import moved
 from lab.commands.payload.result import channels, cost_words, rows_of
 from lab.commands.payload.run import PayloadResult
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.render.recording_layout import FAR, SUMMARY, eye, layout, main_view
 from lab.render.rerun_primitives import Times, draw_shells, markdown, recording_to
+from lab.render.scene import moved
 from lab.render.skeleton import frame_origins
 from lab.simulation.meshes import body_poses, shells
 

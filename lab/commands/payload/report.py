@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from lab.campaign.options import PayloadTask
+from lab.commands.payload.options import PayloadOptions
 from lab.commands.payload.result import channels, cost_words, display_unit, rows_of
 from lab.commands.payload.run import PayloadResult
 from lab.commands.provenance import how_it_was_made
@@ -17,6 +17,7 @@ from lab.render.html import (
     badge,
     capital,
     figure,
+    panel,
     paragraph,
     section,
     short,
@@ -25,13 +26,12 @@ from lab.render.html import (
     warnings_box,
     write_page,
 )
-from lab.render.svg import panel
 
 MOST_DRAWN = 600  # rows
 _SEEN, _FITTED = "#9ca3af", "#0b5fa5"
 
 
-def write_payload_report(path: Path, run: PayloadResult, options: PayloadTask) -> None:
+def write_payload_report(path: Path, run: PayloadResult, options: PayloadOptions) -> None:
     """Write the report of ``lab payload``."""
     found = run.estimate
     mass = f"{found.mass_kg:.4g} kg at the hand" if np.isfinite(found.mass_kg) else "a load that is not told"

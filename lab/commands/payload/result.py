@@ -7,8 +7,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.campaign.options import PayloadTask
 from lab.commands.calibrate.result import number
+from lab.commands.payload.options import PayloadOptions
 from lab.commands.payload.run import PayloadResult
 from lab.commands.run_folder import config, write_json
 from lab.core.se3 import Array
@@ -69,7 +69,7 @@ def _of_nuisance(each: Nuisance) -> dict[str, Any]:
     }
 
 
-def write_payload(folder: Path, run: PayloadResult, options: PayloadTask) -> None:
+def write_payload(folder: Path, run: PayloadResult, options: PayloadOptions) -> None:
     """What was asked, what came out, and the load itself for ``--load``."""
     write_json(folder / "config.json", config("payload", options, run.robot.sha256))
     write_json(folder / "result.json", payload_summary(run))

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.campaign.options import PayloadTask
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.payload.known_payload import HandLoad
+from lab.commands.payload.options import PayloadOptions
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements
@@ -65,7 +65,7 @@ class PayloadResult:
         return HandLoad.of(self.estimate)
 
 
-def run_payload(options: PayloadTask) -> PayloadResult:
+def run_payload(options: PayloadOptions) -> PayloadResult:
     """Identify the load of a file.
 
     Raises:
@@ -94,7 +94,7 @@ def run_payload(options: PayloadTask) -> PayloadResult:
 
 
 def _fitted(
-    options: PayloadTask, robot: Robot, records: PayloadSamples, mounting: Mounting, method: str
+    options: PayloadOptions, robot: Robot, records: PayloadSamples, mounting: Mounting, method: str
 ) -> LoadEstimate:
     arm = robot.serial_arm(("p1",))
     values = arm.nominal(robot.tool)
@@ -124,12 +124,12 @@ def _sensible(found: LoadEstimate) -> LoadEstimate:
     return found
 
 
-def _refuse(options: PayloadTask, name: str, given: bool, method: str) -> None:
+def _refuse(options: PayloadOptions, name: str, given: bool, method: str) -> None:
     if given:
         raise LabError(f"--{name} is for --method {method}: leave it out")
 
 
-def _by_sag(options: PayloadTask) -> PayloadResult:
+def _by_sag(options: PayloadOptions) -> PayloadResult:
     """From tracker positions with and without the load, and the compliances of a calibrated arm."""
     assert options.run is not None
     run = read_calibrated(options.run)
@@ -154,7 +154,7 @@ def _by_sag(options: PayloadTask) -> PayloadResult:
     return PayloadResult(robot, None, mounting, fitted, estimate, compliance, cost, said, data.targets)
 
 
-def _paired(options: PayloadTask, data: Measurements) -> tuple[Array, Array, Array]:
+def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array]:
     """Readings ``(n, joints)``, and points without and with the load ``(n, k, 3)``, at the same poses in one order."""
     column = data.other.get("run")
     if column is None or set(column) - {"loaded", "unloaded"}:

@@ -20,8 +20,7 @@ from lab.commands.study.text import (
     sentences,
     varying,
 )
-from lab.render.html import Html, capital, element, figure, paragraph, section, table, together, write_page
-from lab.render.svg import inline
+from lab.render.html import Html, capital, element, figure, inline, paragraph, section, table, together, write_page
 from lab.studies.analysis import Analysis, Comparison, analysed
 from lab.studies.grid import Study
 from lab.studies.provenance import origin_of

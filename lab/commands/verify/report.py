@@ -6,9 +6,9 @@ It draws with matplotlib, which is slow to import: import this module where a re
 from pathlib import Path
 from typing import Any
 
-from lab.campaign.options import Verification
 from lab.commands.calibrate.figures import PROMISED, Spread, histograms
 from lab.commands.provenance import how_it_was_made
+from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import verification_summary
 from lab.commands.verify.run import VerifiedRun
 from lab.render.html import (
@@ -30,7 +30,7 @@ from lab.render.html import (
 MOST_LISTED = 20  # hypotheses
 
 
-def write_verification_report(path: Path, run: VerifiedRun, options: Verification) -> None:
+def write_verification_report(path: Path, run: VerifiedRun, options: VerifyOptions) -> None:
     """Write the report of ``lab verify``."""
     result = verification_summary(run)
     title = f"{result['robot']}: {'still good' if result['good'] else 'no longer good'}"

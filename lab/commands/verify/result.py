@@ -7,9 +7,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.campaign.options import Verification
 from lab.commands.calibrate.result import number, statistics
 from lab.commands.run_folder import config, write_json
+from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.run import VerifiedRun
 from lab.core.significance import VERIFICATION
 from lab.verification.hypotheses import Displacement
@@ -80,7 +80,7 @@ def _unit(run: VerifiedRun, what: str) -> str:
     return "mrad" if turns else "mm"
 
 
-def write_verification(folder: Path, run: VerifiedRun, options: Verification) -> None:
+def write_verification(folder: Path, run: VerifiedRun, options: VerifyOptions) -> None:
     """What was asked, and what came out."""
     write_json(folder / "config.json", config("verify", options, run.calibrated.robot.sha256))
     write_json(folder / "result.json", verification_summary(run))

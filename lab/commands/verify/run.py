@@ -11,8 +11,8 @@ from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
-from lab.campaign.options import Verification
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.verify.options import VerifyOptions
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
@@ -38,7 +38,7 @@ class VerifiedRun:
     warnings: tuple[str, ...]
 
 
-def run_verification(options: Verification) -> VerifiedRun:
+def run_verification(options: VerifyOptions) -> VerifiedRun:
     """Test a file of new measurements against a run.
 
     Raises:
@@ -65,7 +65,7 @@ def run_verification(options: Verification) -> VerifiedRun:
     return VerifiedRun(calibrated, rows, verified, tuple(_warnings(calibrated, read, rows, verified)))
 
 
-def _refuse_unseen_base(calibrated: Calibrated, options: Verification) -> None:
+def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
     observed = calibrated.options.get("observe", "points")
     if observed in ("points", "pose"):
         return
@@ -82,7 +82,7 @@ def _refuse_unseen_base(calibrated: Calibrated, options: Verification) -> None:
 
 
 def _against(
-    calibrated: Calibrated, rows: Measurements, options: Verification
+    calibrated: Calibrated, rows: Measurements, options: VerifyOptions
 ) -> tuple[Observations, CalibrationPrediction]:
     """The measurements weighed, and what the run says of them.
 
@@ -122,7 +122,7 @@ def _refuse_implausible(prediction: CalibrationPrediction, seen: Observations) -
         )
 
 
-def _noise(calibrated: Calibrated, options: Verification) -> Noise:
+def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
     """Of the new measurements: as given, else as the run took it, else as it found it."""
     if options.noise_mm is not None:
         return Noise(sigma_m=options.noise_mm / 1e3)
@@ -167,7 +167,7 @@ def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, ve
 
 
 @contextmanager
-def _naming(options: Verification) -> Iterator[None]:
+def _naming(options: VerifyOptions) -> Iterator[None]:
     """Say of an error in the measurements which file it is of."""
     try:
         yield

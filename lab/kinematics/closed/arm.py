@@ -7,6 +7,7 @@ column by column.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,8 @@ from lab.core.se3 import Array, exp, left_jacobian, pose
 from lab.kinematics.closed.configuration import Configuration, crossed
 from lab.kinematics.closed.loop_closure import Closed
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.serial.arm import DEFAULT_TOOL, chunks, padded
+from lab.kinematics.parameter import Parameter, names_of, tool_parameters
+from lab.kinematics.serial.arm import chunks, padded, target_positions
 
 STEP = 1e-5  # rad or m, of differences
 Place = tuple[int, int]  # a frame, and a step of its path
@@ -33,19 +35,25 @@ class ClosedArm:
 
     chain: Mechanism
     targets: tuple[str, ...] = ("p1",)
-    names: tuple[str, ...] = field(init=False)
     conditions: tuple[str, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
         if not self.targets or len(set(self.targets)) < len(self.targets):
             raise LabError(f"targets {', '.join(self.targets) or '(none)'}: name at least one, and each once")
-        tools = [f"tool.{target}.{axis}" for target in self.targets for axis in "xyz"]
-        object.__setattr__(self, "names", (*self.chain.names, *tools))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The mechanism's, then the targets'."""
+        return (*self.chain.parameters, *tool_parameters(target_positions(self.targets)))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return names_of(self.parameters)
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
         """The drawing's parameters, as of ``SerialArm.nominal``."""
-        places = {**DEFAULT_TOOL, **(tool or {})}
-        points = [np.asarray(places.get(target, (0.0, 0.0, 0.0))) for target in self.targets]
+        points = np.array(list(target_positions(self.targets, tool).values()))
         return np.concatenate([self.chain.drawn, np.ravel(points)])
 
     def places(self, values: Array) -> dict[str, Array]:

@@ -16,7 +16,7 @@ from lab.kinematics.closed.loop_closure import CLOSED_M, LEAST_STEP, SINGULAR, A
 from lab.kinematics.closed.structure import Tree
 from lab.kinematics.closed.validation import refuse_unsound
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.serial.arm import BASE_NAMES
+from lab.kinematics.parameter import BASE_PARAMETERS, Parameter, link_parameter, names_of
 
 SAMPLED = 1.5  # times the closures' condition in the drawn position, up to which poses are drawn at random
 STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
@@ -40,14 +40,24 @@ class Mechanism(JointSpec):
         refuse_unsound(self, self.tree)
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
+    def parameters(self) -> tuple[Parameter, ...]:
         """The parameters, without targets': the base's, ``<frame>.<step>``, ``<rod>.length``.
 
         The constant of a step or a rod that a joint moves is that joint's offset.
         """
-        steps = [self.tree.name_of(f, s) for f, s in self.tree.constants]
-        rods = [f"{self.tree.rods[i].name}.length" for i in self.tree.lengths]
-        return (*BASE_NAMES, *steps, *rods)
+        tree, found = self.tree, list(BASE_PARAMETERS)
+        for f, s in tree.constants:
+            step = tree.step(f, s)
+            found.append(
+                link_parameter(tree.frames[f].name, step.kind, "angle" if step.is_turn else "length", step.value)
+            )
+        found += [link_parameter(tree.rods[i].name, "length", "length", tree.rods[i].length_m) for i in tree.lengths]
+        return tuple(found)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return names_of(self.parameters)
 
     @cached_property
     def drawn(self) -> Array:
@@ -83,7 +93,7 @@ class Mechanism(JointSpec):
             quickly: take few steps on the way, and leave open what takes more, nearly singular or none of this mode.
         """
         nearest, assembly = self._nearest(joints), self._assembly(values)
-        own = slice(len(BASE_NAMES), len(self.names))
+        own = slice(len(BASE_PARAMETERS), len(self.names))
         quickly |= bool(np.abs(values[own] - self.drawn[own]).max(initial=0.0) > UNLIKE)
         found = assembly.from_known(joints, nearest, QUICK_STEP if quickly else LEAST_STEP)
         lost = np.flatnonzero(~np.isfinite(found.posture.passive).all(axis=0))

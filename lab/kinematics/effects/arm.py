@@ -1,5 +1,6 @@
 """An arm with joint effects: the same seam as the rigid arm's, with the effects' parameters after its own."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -11,6 +12,7 @@ from lab.core.measurements import SESSION
 from lab.core.se3 import Array
 from lab.kinematics.effects.groups import HOUR_S, Effect
 from lab.kinematics.model import RigidArm
+from lab.kinematics.parameter import Parameter, names_of
 
 LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
 
@@ -25,17 +27,20 @@ class ArmWithEffects:
 
     arm: RigidArm
     effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
     targets: tuple[str, ...] = field(init=False)
     conditions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        names = [*self.arm.names, *(name for effect in self.effects for name in effect.parameters)]
+        parameters = (*self.arm.parameters, *itertools.chain.from_iterable(each.parameters for each in self.effects))
+        names = names_of(parameters)
         if twice := [name for name in names if names.count(name) > 1]:
-            groups = [effect.name for effect in self.effects if twice[0] in effect.parameters]
+            groups = [effect.name for effect in self.effects if twice[0] in names_of(effect.parameters)]
             raise LabError(f"--model {'+'.join(groups)}: both have {twice[0]}; choose one of them")
         conditions = dict.fromkeys(name for effect in self.effects for name in effect.conditions)
-        object.__setattr__(self, "names", tuple(names))
+        object.__setattr__(self, "parameters", parameters)
+        object.__setattr__(self, "names", names)
         object.__setattr__(self, "targets", self.arm.targets)
         object.__setattr__(self, "conditions", tuple(conditions))
 

@@ -4,6 +4,7 @@ An effect is a plain function of readings, conditions and its own parameters, wi
 all its parameters are zero on the drawing. To add one, write such a function and an ``Effect``.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -16,11 +17,14 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.joints import JointSpec
+from lab.kinematics.parameter import Kind, Parameter, joint_parameter, placed_parameters
 
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
 NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
 HOUR_S = 3600.0
 TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
+TYPICAL_BACKLASH = 1e-3  # rad, m of a slide
+MASS_SCALE_KG = 10.0
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class Effect:
 
     Attributes:
         name: of the group, e.g. ``compliance``.
-        parameters: their names, e.g. ``joint2.compliance``; joints count from 1.
+        parameters: what they are, e.g. ``joint2.compliance``.
         offsets: readings ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
             joints stand from their readings ``(n, joints)`` (rad, m of a slide), and the derivatives
             ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
@@ -48,7 +52,7 @@ class Effect:
     """
 
     name: str
-    parameters: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
     offsets: Offsets
     conditions: tuple[str, ...] = ()
     moves: Literal["joints", "frame"] = "joints"
@@ -57,29 +61,30 @@ class Effect:
 
 def gear(chain: JointSpec) -> Effect:
     """Gear ratios that are off: joint i stands at (1 + e_i) q_i."""
-    names = tuple(f"joint{i + 1}.gear" for i in range(chain.size))
+    parameters = tuple(joint_parameter("gear", i, "gear", "ratio") for i in range(chain.size))
 
     def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*joints.shape, chain.size))
         derivative[:, range(chain.size), range(chain.size)] = joints
         return joints * values, derivative
 
-    return Effect("gear", names, offsets)
+    return Effect("gear", parameters, offsets)
 
 
 def harmonics(chain: JointSpec, order: int = 1) -> Effect:
     """Runout of gear or encoder: joint i stands at q_i + s_i sin(k q_i) + c_i cos(k q_i), k the order."""
     turning = _turning(chain)
-    names = tuple(f"joint{i + 1}.{wave}{order}" for i in turning for wave in ("sin", "cos"))
+    group = "harmonics" if order == 1 else f"harmonics{order}"
+    parameters = tuple(joint_parameter(group, i, f"{wave}{order}") for i in turning for wave in ("sin", "cos"))
 
     def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, len(names)))
+        derivative = np.zeros((*joints.shape, len(parameters)))
         for k, i in enumerate(turning):
             derivative[:, i, 2 * k] = np.sin(order * joints[:, i])
             derivative[:, i, 2 * k + 1] = np.cos(order * joints[:, i])
         return derivative @ values, derivative
 
-    return Effect("harmonics" if order == 1 else f"harmonics{order}", names, offsets)
+    return Effect(group, parameters, offsets)
 
 
 def coupling(chain: JointSpec) -> Effect:
@@ -87,7 +92,7 @@ def coupling(chain: JointSpec) -> Effect:
     last, turning = chain.size - 1, _turning(chain)
     pairs = [*((i, i - 1) for i in range(1, chain.size)), *([(last, last - 2)] if last >= 2 else [])]
     pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
-    names = tuple(f"joint{i + 1}.coupling{j + 1}" for i, j in pairs)
+    parameters = tuple(joint_parameter("coupling", i, f"coupling{j + 1}", "ratio") for i, j in pairs)
 
     def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*joints.shape, len(pairs)))
@@ -95,19 +100,22 @@ def coupling(chain: JointSpec) -> Effect:
             derivative[:, i, k] = joints[:, j]
         return derivative @ values, derivative
 
-    return Effect("coupling", names, offsets)
+    return Effect("coupling", parameters, offsets)
 
 
 def backlash(chain: JointSpec) -> Effect:
     """Play of full width b_i: joint i stands at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
-    names = tuple(f"joint{i + 1}.backlash" for i in range(chain.size))
+    kinds: list[Kind] = ["length" if slides else "angle" for slides in chain.prismatic]
+    parameters = tuple(
+        joint_parameter("backlash", i, "backlash", kind, scale=TYPICAL_BACKLASH) for i, kind in enumerate(kinds)
+    )
 
     def offsets(joints: Array, approach: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*joints.shape, chain.size))
         derivative[:, range(chain.size), range(chain.size)] = approach / 2
         return approach * values / 2, derivative
 
-    return Effect("backlash", names, offsets, tuple(f"approach_{name}" for name in chain.joint_names))
+    return Effect("backlash", parameters, offsets, tuple(f"approach_{name}" for name in chain.joint_names))
 
 
 def compliance(loads: Loads, payload: bool = False) -> Effect:
@@ -118,7 +126,13 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
     last frame's origin is fitted too, beside the rows' own ``payload_kg``.
     """
     bearing = loads.bearing(rng_for(0, "structure"))
-    names = tuple(f"joint{i + 1}.compliance" for i in bearing) + (("payload.mass",) if payload else ())
+    group, slides = "payload" if payload else "compliance", loads.chain.prismatic
+    units = ["m/N" if slides[i] else "rad/Nm" for i in bearing]
+    parameters = tuple(
+        joint_parameter(group, i, "compliance", "compliance", unit=unit) for i, unit in zip(bearing, units, strict=True)
+    )
+    if payload:
+        parameters += (Parameter("payload", "mass", group, "mass", "kg", MASS_SCALE_KG),)
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
         soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
@@ -130,7 +144,7 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
             equations: Array = np.eye(len(soft)) - soft[:, None] * rate
             step: Array = np.asarray(np.linalg.solve(equations, (soft * force - offset)[..., None]), dtype=soft.dtype)
             offset = offset + step[..., 0]
-        pushed = np.zeros((*joints.shape, len(names)), dtype=soft.dtype)
+        pushed = np.zeros((*joints.shape, len(parameters)), dtype=soft.dtype)
         for k, i in enumerate(bearing):
             pushed[:, i, k] = force[:, i]
         if payload:
@@ -139,24 +153,27 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
         return offset, rate_of
 
     if payload:
-        return Effect("payload", names, offsets, ("payload_kg",), typical=(*[TYPICAL_COMPLIANCE] * len(bearing), 0.0))
-    return Effect("compliance", names, offsets, ("payload_kg",))
+        return Effect(group, parameters, offsets, ("payload_kg",), typical=(*[TYPICAL_COMPLIANCE] * len(bearing), 0.0))
+    return Effect(group, parameters, offsets, ("payload_kg",))
 
 
 def drift(start_s: float = 0.0) -> Effect:
     """A tracker that creeps, or a frame that grows: what is measured moves in proportion to the time from a start."""
-    names = tuple(f"drift.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz", "scale"))
+    axes = ("x", "y", "z", "rx", "ry", "rz", "scale")
+    parameters = placed_parameters("drift", "drift", axes, rate=True, scaled=True)
 
     def offsets(_: Array, time_s: Array, values: Array) -> tuple[Array, Array]:
         hours = (time_s - start_s) / HOUR_S  # (n, 1)
         return hours * values, hours[:, :, None] * np.eye(7)
 
-    return Effect("drift", names, offsets, ("time_s",), "frame")
+    return Effect("drift", parameters, offsets, ("time_s",), "frame")
 
 
 def sessions(names: Sequence[str]) -> Effect:
     """A tracker, or a foot, that was bumped: every session after the first has a frame moved by a little."""
-    parameters = tuple(f"session.{name}.{axis}" for name in names[1:] for axis in ("x", "y", "z", "rx", "ry", "rz"))
+    axes = ("x", "y", "z", "rx", "ry", "rz")
+    moved = [placed_parameters(f"session.{name}", "sessions", axes, scaled=True) for name in names[1:]]
+    parameters = tuple(itertools.chain.from_iterable(moved))
 
     def offsets(_: Array, within: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((len(within), 7, len(parameters)))

@@ -6,8 +6,9 @@ a joint's derivative is that of its theta or d. Each vector is kept as rows x y 
 n: a cross product is then three calls on views, without copies, whatever the number of poses.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,13 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array, exp, left_jacobian, pose
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
+from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
 from lab.kinematics.serial.chain import COLUMNS, Chain
 
 CHUNK = 2048  # poses at a time: what fits the processor's cache
-BASE_NAMES = tuple(f"base.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 DEFAULT_TOOL = {"p1": (0.030, 0.020, 0.100), "p2": (-0.025, 0.030, 0.080), "p3": (0.0, -0.040, 0.090)}
+
+_KINDS: tuple[Kind, ...] = ("angle", "length", "length", "angle", "angle")  # of the table's columns
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,6 @@ class SerialArm:
 
     chain: Chain
     targets: tuple[str, ...] = ("p1",)
-    names: tuple[str, ...] = field(init=False)
     table_rows: NDArray[np.int_] = field(init=False, repr=False)  # the parameters' cells in the table
     table_columns: NDArray[np.int_] = field(init=False, repr=False)
     conditions: tuple[str, ...] = field(init=False, default=())
@@ -58,12 +60,23 @@ class SerialArm:
         cells = [
             (i, j) for i in range(self.chain.size) for j in range(5) if COLUMNS[j] != "beta" or self.chain.parallel[i]
         ]
-        links = [f"link{i + 1}.{COLUMNS[j]}" for i, j in cells]
-        tools = [f"tool.{target}.{axis}" for target in self.targets for axis in "xyz"]
         rows, columns = np.array(cells).T
         object.__setattr__(self, "table_rows", rows)
         object.__setattr__(self, "table_columns", columns)
-        object.__setattr__(self, "names", (*BASE_NAMES, *links, *tools))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The base's, the table's entries row by row, the targets'."""
+        links = [
+            link_parameter(f"link{i + 1}", COLUMNS[j], _KINDS[j], float(self.chain.table[i, j]))
+            for i, j in zip(self.table_rows.tolist(), self.table_columns.tolist(), strict=True)
+        ]
+        return (*BASE_PARAMETERS, *links, *tool_parameters(target_positions(self.targets)))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return names_of(self.parameters)
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
         """The nominal parameters: base at the tracker's origin, targets of ``tool``.
@@ -71,9 +84,8 @@ class SerialArm:
         A target that ``tool`` (m, in the last frame) does not name takes its place on the default
         tool, or the last frame's origin where that has no such target either.
         """
-        positions = {**DEFAULT_TOOL, **(tool or {})}
-        points = [np.asarray(positions.get(target, (0.0, 0.0, 0.0))) for target in self.targets]
-        return self.assemble(np.zeros(6), self.chain.table, np.array(points))
+        points = np.array(list(target_positions(self.targets, tool).values()))
+        return self.assemble(np.zeros(6), self.chain.table, points)
 
     def assemble(self, base: Array, table: Array, tool: Array) -> Array:
         """Parameter vector from base ``(6,)``, table ``(n, 5)`` and target positions ``(k, 3)``."""
@@ -123,9 +135,14 @@ class SerialArm:
 
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Of derivatives ``(..., parameters)`` those with respect to the joint positions, ``(..., joints)``."""
-        moving = [self.names.index(f"link{i + 1}.{'d' if p else 'theta'}") for i, p in enumerate(self.chain.prismatic)]
-        moved: Array = jacobian[..., moving] * self.chain.sign
+        moved: Array = jacobian[..., self._joint_columns] * self.chain.sign
         return moved
+
+    @cached_property
+    def _joint_columns(self) -> list[int]:
+        """The parameter that each joint's position adds to: its theta, of a slide its d."""
+        cells = list(zip(self.table_rows.tolist(), self.table_columns.tolist(), strict=True))
+        return [len(BASE_PARAMETERS) + cells.index((i, 1 if p else 0)) for i, p in enumerate(self.chain.prismatic)]
 
     def flange(self, joints: Array, values: Array) -> Array:
         """Poses of the last frame in the tracker's frame, ``(n, 4, 4)``."""
@@ -172,7 +189,7 @@ class SerialArm:
 
     def column_priority(self) -> tuple[int, ...]:
         """All columns in the order of preference that gives the canonical gauge (``gauge``)."""
-        return preferred_columns(self.chain, self.names)
+        return preferred_columns(self.chain, self.parameters)
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Joint positions at which identifiability is decided: random within the limits."""
@@ -210,6 +227,12 @@ class SerialArm:
         return np.stack([origin + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
 
 
+def target_positions(targets: Sequence[str], tool: Mapping[str, Array] | None = None) -> dict[str, Array]:
+    """Nominal positions ``(3,)`` (m, in the last frame) of targets: by ``tool``, else the default tool, else zero."""
+    known = {**DEFAULT_TOOL, **(tool or {})}
+    return {target: np.asarray(known.get(target, (0.0, 0.0, 0.0))) for target in targets}
+
+
 def along(
     chain: Chain, frame: tuple[Array, Array, Array], origin: Array, table: Array, joints: Array
 ) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
@@ -222,7 +245,7 @@ def along(
     """
     x, y, z = frame
     motions: list[Motion] = []
-    column = len(BASE_NAMES)
+    column = len(BASE_PARAMETERS)
     for i, (theta, d, a, alpha, beta) in enumerate(table):
         slides, parallel = chain.prismatic[i], chain.parallel[i]
         reading = chain.sign[i] * joints[i]

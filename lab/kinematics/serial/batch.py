@@ -9,7 +9,8 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
-from lab.kinematics.serial.arm import BASE_NAMES, Motion, SerialArm, along, fill
+from lab.kinematics.parameter import BASE_PARAMETERS
+from lab.kinematics.serial.arm import Motion, SerialArm, along, fill
 
 
 class Stacked(Protocol):
@@ -91,8 +92,8 @@ class StackedArm:
         arm, columns = self.arm, values.T[:, :, None]  # (p, b, 1)
         first_tool = len(columns) - 3 * len(arm.targets)
         table = np.broadcast_to(arm.chain.table[:, :, None, None], (*arm.chain.table.shape, len(values), 1)).copy()
-        table[arm.table_rows, arm.table_columns] = columns[len(BASE_NAMES) : first_tool]
-        base = values[:, : len(BASE_NAMES)]
+        table[arm.table_rows, arm.table_columns] = columns[len(BASE_PARAMETERS) : first_tool]
+        base = values[:, : len(BASE_PARAMETERS)]
         axes = [stacked(column) for column in np.moveaxis(se3.exp(base[:, 3:]), 2, 0)]
         origin = stacked(base[:, :3])
         motions = [Motion(i, stacked(np.eye(3)[None, i]), None) for i in range(3)]

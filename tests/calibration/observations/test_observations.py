@@ -20,7 +20,7 @@ from lab.calibration.validation import Errors, Validation, configurations, error
 from lab.calibration.verdict import Verdict, rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
-from lab.campaign.options import MeasuredCampaign
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import run_measured
 from lab.core import se3
 from lab.core.errors import LabError

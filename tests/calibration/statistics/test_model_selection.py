@@ -24,6 +24,7 @@ from lab.kinematics.effects.arm import ArmWithEffects, affected
 from lab.kinematics.effects.groups import Effect, SessionInfo
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter
 from lab.simulation.collisions import random_poses
 from lab.simulation.random_effects import EffectSizes, random_effects
 from lab.simulation.true_robot import random_perturbation, random_tracker, track, true_robot
@@ -203,7 +204,7 @@ def one_joint_or_more(weights: dict[int, float]) -> Effect:
             derivative[:, i - 1, 0] = weight * np.sin(3 * joints[:, i - 1])
         return derivative @ values, derivative
 
-    return Effect(name, (f"{name}.size",), offsets)
+    return Effect(name, (Parameter(name, "size", name, "angle", "rad", 1e-3),), offsets)
 
 
 def test_a_group_that_later_ones_replace_is_dropped() -> None:

@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import data_file
 
 from lab.campaign.option_groups import Fitting
-from lab.campaign.options import MeasuredCampaign
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import summary
 from lab.commands.calibrate.run import run_measured
 

@@ -25,11 +25,13 @@ from lab.calibration.identify import identify
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.recording_text import format_magnification, parameter_table, wording
+from lab.commands.calibrate.recording_text import parameter_table, wording
 from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, run_measured, run_virtual
-from lab.commands.calibrate.scene import MOST_POSES, drawn_rows, magnification, scene
+from lab.commands.calibrate.scene import scene
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.format import format_magnification
+from lab.render.scene import MOST_POSES, drawn_rows, magnification
 from lab.render.skeleton import chain_corners
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.meshes import body_poses, shells

@@ -7,7 +7,7 @@ from helpers.recordings import column, home, rrd, statics  # noqa: F401
 from rerun.chunk import RrdReader
 
 from lab.campaign import virtual_robot as virtual_arm
-from lab.campaign.options import PlannedCampaign
+from lab.campaign.options import DesignOptions
 from lab.commands.calibrate.recording import record
 from lab.commands.calibrate.recording_text import wording
 from lab.commands.calibrate.run import VirtualCampaign, run_virtual
@@ -102,7 +102,7 @@ def test_measured_legs_are_told_from_rods(recorded):
     radii = np.array(statics(path, f"/{LEGS}", "LineStrips3D:radii"))
     assert ((radii > 0.002 * shown.reach_m) & (radii < 0.02 * shown.reach_m)).all()
     said = wording(outcome, shown)
-    assert ("legs whose length is a reading" in said, "grey**: rods" in said) == (any(measured), not all(measured))
+    assert ("legs whose length is a joint position" in said, "grey**: rods" in said) == (any(measured), not all(measured))
     assert shown.reach_m >= np.linalg.norm(shown.legs.ends - shown.origins[0, 0], axis=-1).max() - 1e-12
 
 
@@ -117,7 +117,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
 
 
 def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):
-    plan = plan_campaign(PlannedCampaign(robot="delta", poses=9, candidates=60, starts=1))
+    plan = plan_campaign(DesignOptions(robot="delta", poses=9, candidates=60, starts=1))
     path = tmp_path / "plan.rrd"
     record_plan(path, plan)
     assert rrd(home, "verify", path).returncode == 0

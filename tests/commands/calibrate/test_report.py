@@ -14,18 +14,21 @@ import pytest
 from helpers.robots import data_file
 
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.campaign.options import Correction, MeasuredCampaign, VirtualCampaign
+from lab.campaign.options import VirtualCampaign
 from lab.cli import main
 from lab.commands.calibrate.error_map import error_places
 from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.report import write_report
 from lab.commands.calibrate.result import human_unit, parameters, summary
 from lab.commands.calibrate.run import run_measured, run_virtual
 from lab.commands.calibrate.scene import world_of
+from lab.commands.compensate.options import CompensateOptions
 from lab.commands.provenance import command_line
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.html import Html, page, short, table
+from lab.render.format import short
+from lab.render.html import Html, page, table
 
 VOID = {"meta", "br", "link", "img", "hr", "input"}
 SECTIONS = ["Before and after", "Where in the workspace the errors are", "How far to trust it", "Parameters",
@@ -300,7 +303,7 @@ def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:
     assert told == "lab calibrate --seed 3 --robust --fix 'link4.d,tool.*' --payload-kg 0,3 --bad-share 0.05"
     told = command_line("identify", MeasuredCampaign(Path("a b.csv"), holdout=0.3, refit=("base",)))
     assert told == "lab identify 'a b.csv' --holdout 0.3 --refit base"
-    assert command_line("compensate", Correction(Path("t.csv"), Path("run"))) == "lab compensate t.csv --run run"
+    assert command_line("compensate", CompensateOptions(Path("t.csv"), Path("run"))) == "lab compensate t.csv --run run"
 
 
 def test_a_plan_says_what_it_promises(runs: Path) -> None:

@@ -15,7 +15,7 @@ from helpers.recordings import column, home, needs_vulkan, rrd, statics, views_o
 from helpers.robots import IRB120, SCARA
 from helpers.run_script import answer_of, script
 
-from lab.campaign.options import PlannedCampaign
+from lab.campaign.options import DesignOptions
 from lab.cli import main
 from lab.commands.design.figures import plot_plan
 from lab.commands.design.recording import record_plan
@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def plan():
-    return plan_campaign(PlannedCampaign(candidates=300, starts=1, poses=POSES, seed=3))
+    return plan_campaign(DesignOptions(candidates=300, starts=1, poses=POSES, seed=3))
 
 
 def test_the_result_holds_what_was_asked_for(folder: Path) -> None:

@@ -17,6 +17,7 @@ from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import GROUPS, HOUR_S, Effect, SessionInfo, effect
 from lab.kinematics.gauge import base_set
+from lab.kinematics.parameter import joint_parameter
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.link_masses import loads_of
@@ -198,7 +199,9 @@ def third_harmonic(joint: int) -> Effect:
         derivative[:, joint - 1, 1] = np.cos(3 * joints[:, joint - 1])
         return derivative @ values, derivative
 
-    return Effect("harmonics3", (f"joint{joint}.sin3", f"joint{joint}.cos3"), offsets)
+    return Effect(
+        "harmonics3", tuple(joint_parameter("harmonics3", joint - 1, wave) for wave in ("sin3", "cos3")), offsets
+    )
 
 
 def test_an_effect_of_ones_own() -> None:

@@ -1,0 +1,27 @@
+"""What can be asked of ``lab compensate``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from lab.campaign.option_groups import Flag
+
+__all__ = ["CompensateOptions"]
+
+
+@dataclass(frozen=True)
+class CompensateOptions:
+    """Which targets to correct, for which calibrated arm."""
+
+    targets: tyro.conf.Positional[Path]
+    """Where the tool is to be, in the frame in which the arm was measured: CSV."""
+    run: Path
+    """The folder of a run of lab calibrate or lab identify."""
+    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None
+    """What the targets' angles rx, ry, rz mean."""
+    force: Flag = False
+    """Also for a run whose verdict is bad, or that was never judged on poses it had not seen."""
+    load: Path | None = None
+    """The folder of a run of lab payload: what the arm carries at each target (as heavy as payload_kg, where given)."""

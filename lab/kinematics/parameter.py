@@ -1,0 +1,163 @@
+"""One number of a model: what it is called, what it belongs to, its unit, its typical size, and where it starts."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from lab.core.se3 import Array
+
+__all__ = [
+    "BASE_PARAMETERS",
+    "Kind",
+    "Parameter",
+    "indices_of_groups",
+    "is_reserved_owner",
+    "joint_parameter",
+    "link_parameter",
+    "names_of",
+    "placed_parameters",
+    "targets_of",
+    "tool_parameters",
+]
+
+Kind = Literal["length", "angle", "ratio", "compliance", "mass", "length rate", "angle rate", "ratio rate"]
+
+TOLERANCE_M, TOLERANCE_RAD = 0.5e-3, 1.5e-3  # one standard deviation of a link's manufacture, unless said otherwise
+UNITS: Final[Mapping[Kind, str]] = {
+    "length": "m",
+    "angle": "rad",
+    "ratio": "",
+    "compliance": "rad/Nm",
+    "mass": "kg",
+    "length rate": "m/h",
+    "angle rate": "rad/h",
+    "ratio rate": "1/h",
+}
+EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only keeps what is not geometry in bounds
+    "length": 1e-2,
+    "angle": 1e-3,
+    "ratio": 1e-3,
+    "compliance": 1e-4,
+    "mass": 10.0,
+    "length rate": 1e-2,
+    "angle rate": 1e-2,
+    "ratio rate": 1e-3,
+}
+_OWNERS = ("base", "tool", "drift", "session", "payload", "anchor", "socket", "plane", "cable")  # that are no link
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a model.
+
+    Attributes:
+        owner: what has it, the part of its name before the last dot: ``link2``, ``tool.p1``, ``joint3``.
+        symbol: which of the owner's it is: ``alpha``, ``x``, ``compliance``.
+        group: ``base``, ``tool`` or ``link`` (whatever the nominal model dimensions), else the name of the effect or
+            of the kind of fixture (``anchor``, ``socket``, ``plane``) that adds it.
+        kind: the quantity that it is.
+        unit: of that, SI.
+        scale: its typical size, one standard deviation in its unit: of a link the usual tolerance of manufacture, of
+            an effect how large such effects are; infinite where nothing is known beforehand.
+        nominal: its value in the nominal model, in its unit.
+        joint: the joint that it is of, from 0; None where it is of none.
+        target: the target that it locates; empty where it locates none.
+    """
+
+    owner: str
+    symbol: str
+    group: str
+    kind: Kind
+    unit: str
+    scale: float = np.inf
+    nominal: float = 0.0
+    joint: int | None = None
+    target: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its name in files and on the command line."""
+        return f"{self.owner}.{self.symbol}"
+
+    @property
+    def is_link(self) -> bool:
+        """Whether the nominal model dimensions it: a link's, a frame's, a rod's."""
+        return self.group == "link"
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is in rad."""
+        return self.unit == "rad"
+
+
+def names_of(parameters: Iterable[Parameter]) -> tuple[str, ...]:
+    """The names, in the same order."""
+    return tuple(parameter.name for parameter in parameters)
+
+
+def targets_of(parameters: Iterable[Parameter]) -> tuple[str, ...]:
+    """The targets that these parameters locate, in their order."""
+    return tuple(dict.fromkeys(parameter.target for parameter in parameters if parameter.target))
+
+
+def indices_of_groups(parameters: Iterable[Parameter], groups: Sequence[str]) -> tuple[int, ...]:
+    """Where the parameters of some groups stand, ascending."""
+    return tuple(i for i, parameter in enumerate(parameters) if parameter.group in groups)
+
+
+def link_parameter(owner: str, symbol: str, kind: Kind, nominal: float) -> Parameter:
+    """A dimension of the nominal model."""
+    scale = TOLERANCE_RAD if kind == "angle" else TOLERANCE_M
+    return Parameter(owner, symbol, "link", kind, UNITS[kind], scale, nominal)
+
+
+def tool_parameters(positions: Mapping[str, Array]) -> tuple[Parameter, ...]:
+    """The coordinates of targets, whose nominal positions ``(3,)`` (m) are in the last frame."""
+    return tuple(
+        Parameter(f"tool.{target}", axis, "tool", "length", "m", nominal=float(value), target=target)
+        for target, position in positions.items()
+        for axis, value in zip("xyz", position, strict=True)
+    )
+
+
+def placed_parameters(
+    owner: str, group: str, symbols: Sequence[str], *, rate: bool = False, scaled: bool = False
+) -> tuple[Parameter, ...]:
+    """Coordinates of a frame or a fixture: angles ``rx``, ``ry``, ``rz``, a ratio ``scale``, else lengths.
+
+    Args:
+        rate: each is what changes in an hour.
+        scaled: an effect, whose size is known; else nothing is known beforehand.
+    """
+    found = []
+    for symbol in symbols:
+        kind: Kind = "angle" if symbol in ("rx", "ry", "rz") else "ratio" if symbol == "scale" else "length"
+        if rate:
+            rates: Mapping[Kind, Kind] = {"length": "length rate", "angle": "angle rate", "ratio": "ratio rate"}
+            kind = rates[kind]
+        scale = EFFECT_SCALES[kind] if scaled else np.inf
+        found.append(Parameter(owner, symbol, group, kind, UNITS[kind], scale))
+    return tuple(found)
+
+
+def joint_parameter(
+    group: str, joint: int, symbol: str, kind: Kind = "angle", *, unit: str = "", scale: float | None = None
+) -> Parameter:
+    """A parameter of an effect in one joint, which counts from 0 here and from 1 in its name.
+
+    Args:
+        unit: where it is not the kind's own.
+        scale: where it is not usual for the kind.
+    """
+    size = EFFECT_SCALES[kind] if scale is None else scale
+    return Parameter(f"joint{joint + 1}", symbol, group, kind, unit or UNITS[kind], size, joint=joint)
+
+
+def is_reserved_owner(name: str) -> bool:
+    """Whether a person may not call a frame or a rod so, because other parameters are named after it."""
+    return name in _OWNERS or name.removeprefix("joint").isdigit()
+
+
+BASE_PARAMETERS: Final = placed_parameters("base", "base", ("x", "y", "z", "rx", "ry", "rz"))

@@ -1,0 +1,292 @@
+"""What a person reads of a result, as plain data: paragraphs, tables, figures, without any markup.
+
+A command builds one ``Document``; ``terminal``, ``page`` and ``markdown`` render it. A block says in which of these it
+is shown. Blocks that have nothing to show (no text, no rows, no pictures) are left out, as are sections of only such.
+"""
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+__all__ = [
+    "EVERYWHERE",
+    "NARROW",
+    "PAGE",
+    "RECORDING",
+    "TERMINAL",
+    "Badge",
+    "Block",
+    "Bullets",
+    "Code",
+    "Column",
+    "Command",
+    "Document",
+    "Figure",
+    "Inline",
+    "Paragraph",
+    "Picture",
+    "Section",
+    "Strong",
+    "Table",
+    "Text",
+    "Warnings",
+    "inlines",
+    "plain",
+    "shown",
+]
+
+Medium = Literal["terminal", "page", "recording"]
+Media = frozenset[Medium]
+TERMINAL: Final[Media] = frozenset({"terminal"})
+PAGE: Final[Media] = frozenset({"page"})
+RECORDING: Final[Media] = frozenset({"recording"})
+NARROW: Final[Media] = TERMINAL | RECORDING
+EVERYWHERE: Final[Media] = NARROW | PAGE
+_NUMBER = re.compile(r"[+−±<>≈]? ?(\d[\d.,]*)(e[+−-]?\d+)?( (%|σ|mm|mrad|°))?|∞|–|")
+
+
+@dataclass(frozen=True)
+class Code:
+    """A name or a file, letter by letter."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Strong:
+    """Emphasised words."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Badge:
+    """A verdict in a word or two, green where it is good, red where it is bad, grey where it is open."""
+
+    text: str
+    kind: Literal["good", "bad", "open"] = "open"
+
+
+Inline = str | Code | Strong | Badge
+Text = Inline | tuple[Inline, ...]
+
+
+def inlines(text: Text) -> tuple[Inline, ...]:
+    """The parts of a text that are not empty."""
+    return tuple(part for part in (text if isinstance(text, tuple) else (text,)) if plain(part))
+
+
+def plain(text: Text) -> str:
+    """A text without emphasis; its parts are joined as they are."""
+    if isinstance(text, tuple):
+        return "".join(plain(part) for part in text)
+    return text if isinstance(text, str) else text.text
+
+
+@dataclass(frozen=True)
+class Block:
+    """A part of a document.
+
+    Attributes:
+        shown_in: the media that show it.
+    """
+
+    kind: ClassVar[str] = ""
+    shown_in: Media = field(default=EVERYWHERE, kw_only=True)
+
+    def _reduced(self, medium: Medium) -> "Iterable[Block]":
+        """What of the block a medium shows; none where there is nothing to show."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Paragraph(Block):
+    """A text; as a ``lead`` it is larger, as a ``note`` smaller. Spaces between its parts are part of them."""
+
+    kind: ClassVar[str] = "paragraph"
+    text: Text
+    role: Literal["", "lead", "note"] = ""
+
+    def _reduced(self, medium: Medium) -> Iterable[Block]:
+        return (self,) if plain(self.text) else ()
+
+
+@dataclass(frozen=True)
+class Command(Block):
+    """What was typed."""
+
+    kind: ClassVar[str] = "command"
+    text: str
+
+    def _reduced(self, medium: Medium) -> Iterable[Block]:
+        return (self,) if self.text else ()
+
+
+@dataclass(frozen=True)
+class Bullets(Block):
+    """A list; empty items are left out."""
+
+    kind: ClassVar[str] = "bullets"
+    items: tuple[Text, ...]
+
+    def _reduced(self, medium: Medium) -> Iterable[Block]:
+        items = tuple(item for item in self.items if plain(item))
+        return (replace(self, items=items),) if items else ()
+
+
+@dataclass(frozen=True)
+class Warnings(Block):
+    """Warnings, so that they are not overlooked."""
+
+    kind: ClassVar[str] = "warnings"
+    texts: tuple[str, ...]
+
+    @property
+    def title(self) -> str:
+        """How many there are."""
+        return "1 warning" if len(self.texts) == 1 else f"{len(self.texts)} warnings"
+
+    def _reduced(self, medium: Medium) -> Iterable[Block]:
+        return (self,) if self.texts else ()
+
+
+@dataclass(frozen=True)
+class Column:
+    """The heading of a table's column, and the media that show the column."""
+
+    heading: str = ""
+    shown_in: Media = EVERYWHERE
+
+
+Row = tuple[Text, ...]
+
+
+@dataclass(frozen=True)
+class Table(Block):
+    """A table; columns of numbers are aligned at the right.
+
+    Attributes:
+        columns: their headings, or columns; no line of headings where all are empty.
+        rows: a cell for each column.
+        caption: shown above.
+        row_kinds: of each row ``before``, ``after``, ``quiet`` or nothing; empty for none.
+        most_rows: the rows beyond these are only counted, in a note.
+        rest_in: where those are to be found.
+    """
+
+    kind: ClassVar[str] = "table"
+    columns: tuple[str | Column, ...]
+    rows: tuple[Row, ...]
+    caption: str = ""
+    row_kinds: tuple[str, ...] = ()
+    most_rows: int | None = None
+    rest_in: str = "result.json"
+
+    def __post_init__(self) -> None:
+        if wrong := [row for row in self.rows if len(row) != len(self.columns)]:
+            raise ValueError(f"a row has {len(wrong[0])} cells, the table {len(self.columns)} columns: {wrong[0]}")
+        if self.row_kinds and len(self.row_kinds) != len(self.rows):
+            raise ValueError(f"{len(self.row_kinds)} kinds of rows for {len(self.rows)} rows")
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Of the columns."""
+        return tuple(each if isinstance(each, str) else each.heading for each in self.columns)
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """Of each column, whether it holds numbers and nothing else."""
+        cells = [[plain(row[i]) for row in self.rows] for i in range(len(self.columns))]
+        return tuple(any(column) and all(map(_NUMBER.fullmatch, column)) for column in cells)
+
+    @property
+    def lines(self) -> tuple[tuple[str, Row], ...]:
+        """The rows, each after its kind."""
+        return tuple(zip(self.row_kinds or ("",) * len(self.rows), self.rows, strict=True))
+
+    def _reduced(self, medium: Medium) -> Iterable[Block]:
+        if not self.rows:
+            return ()
+        kept = [i for i, each in enumerate(self.columns) if isinstance(each, str) or medium in each.shown_in]
+        count = len(self.rows) if self.most_rows is None else self.most_rows
+        part = replace(
+            self,
+            columns=tuple(self.columns[i] for i in kept),
+            rows=tuple(tuple(row[i] for i in kept) for row in self.rows[:count]),
+            row_kinds=self.row_kinds[:count],
+        )
+        more = len(self.rows) - count
+        return (part, Paragraph(f"and {more:,} more, in {self.rest_in}", "note")) if more > 0 else (part,)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that is drawn when it is shown.
+
+    Attributes:
+        name: letters, digits and hyphens; no other picture of the document may have it.
+        label: what it shows, for those who do not see it.
+        draw: makes the matplotlib figure.
+    """
+
+    name: str
+    label: str
+    draw: "Callable[[], matplotlib.figure.Figure]"
+
+
+@dataclass(frozen=True)
+class Figure(Block):
+    """Pictures side by side, with what they show; a page alone shows them. ``name`` is its place there."""
+
+    kind: ClassVar[str] = "figure"
+    name: str
+    pictures: tuple[Picture, ...]
+    caption: str
+
+    def _reduced(self, medium: Medium) -> Iterable[Block]:
+        return (self,) if self.pictures and medium == "page" else ()
+
+
+@dataclass(frozen=True)
+class Section(Block):
+    """Blocks under a heading."""
+
+    kind: ClassVar[str] = "section"
+    title: str
+    blocks: tuple[Block, ...]
+
+    def _reduced(self, medium: Medium) -> Iterable[Block]:
+        blocks = tuple(shown(self.blocks, medium))
+        return (replace(self, blocks=blocks),) if blocks else ()
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a person reads of a result: a title in one line, and the blocks under it."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+    @property
+    def pictures(self) -> tuple[Picture, ...]:
+        """All of them, in order."""
+        return tuple(_pictures(self.blocks))
+
+
+def _pictures(blocks: Iterable[Block]) -> Iterable[Picture]:
+    for block in blocks:
+        if isinstance(block, Figure):
+            yield from block.pictures
+        elif isinstance(block, Section):
+            yield from _pictures(block.blocks)
+
+
+def shown(blocks: Iterable[Block], medium: Medium) -> Iterable[Block]:
+    """The blocks that a medium shows, without what it does not show of them."""
+    for block in blocks:
+        if medium in block.shown_in:
+            yield from block._reduced(medium)

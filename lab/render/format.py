@@ -1,0 +1,36 @@
+"""Numbers and words as a person reads them: significant digits, a true minus sign, a capital letter."""
+
+__all__ = ["capital", "fixed", "format_magnification", "sentence", "short"]
+
+
+def short(value: float | None, unit: str = "") -> str:
+    """Three significant digits, with a unit where one is given; a dash for None."""
+    if value is None:
+        return "–"
+    if value == 0:
+        text = "0"
+    elif abs(value) < 1e-4:
+        text = f"{value:.1e}"
+    else:
+        text = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")
+    return text.replace("-", "−") + (f" {unit}" if unit else "")
+
+
+def fixed(value: float, digits: int, *, signed: bool = False) -> str:
+    """A number with ``digits`` digits after the point."""
+    return f"{value:{'+' if signed else ''}.{digits}f}".replace("-", "−")
+
+
+def format_magnification(factor: float) -> str:
+    """A magnification, as ``× 10,000``."""
+    return f"× {factor:,.0f}" if factor >= 1 else f"× {factor:g}"
+
+
+def capital(text: str) -> str:
+    """The text with a capital first letter."""
+    return text[:1].upper() + text[1:]
+
+
+def sentence(text: str) -> str:
+    """The text with a capital first letter and a full stop."""
+    return f"{capital(text)}."

@@ -1,0 +1,67 @@
+"""A document as Markdown: the text panel of a recording."""
+
+import re
+from collections.abc import Iterable
+
+from lab.render.document import (
+    Badge,
+    Block,
+    Bullets,
+    Command,
+    Document,
+    Paragraph,
+    Section,
+    Strong,
+    Table,
+    Text,
+    Warnings,
+    inlines,
+    plain,
+    shown,
+)
+
+__all__ = ["to_inline", "to_markdown"]
+
+_SPECIAL = re.compile(r"[\\`*<>|\[\]]|(?<!\w)_|_(?!\w)")  # an underscore within a word emphasises nothing
+
+
+def to_markdown(document: Document) -> str:
+    """The document; what a user named is escaped."""
+    return "\n\n".join([f"# {_escaped(document.title)}", *_blocks(shown(document.blocks, "recording"), 2)]) + "\n"
+
+
+def _blocks(blocks: Iterable[Block], level: int) -> Iterable[str]:
+    for block in blocks:
+        match block:
+            case Section():
+                yield f"{'#' * level} {_escaped(block.title)}"
+                yield from _blocks(block.blocks, level + 1)
+            case Paragraph():
+                yield to_inline(block.text)
+            case Command():
+                yield f"    {block.text}"
+            case Bullets():
+                yield "\n".join(f"- {to_inline(item)}" for item in block.items)
+            case Warnings():
+                yield "\n".join([f"**{block.title}**", "", *(f"- {_escaped(text)}" for text in block.texts)])
+            case Table():
+                yield from _table(block)
+
+
+def _table(block: Table) -> Iterable[str]:
+    if block.caption:
+        yield _escaped(block.caption)
+    lines = [map(_escaped, block.headings), ("--:" if number else ":--" for number in block.numeric)]
+    lines += [map(to_inline, cells) for _, cells in block.lines]
+    yield "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def to_inline(text: Text) -> str:
+    """A text in one line."""
+    parts = ((isinstance(part, Strong | Badge), _escaped(plain(part))) for part in inlines(text))
+    return "".join(f"**{words}**" if strong else words for strong, words in parts)
+
+
+def _escaped(text: str) -> str:
+    """Text in one line, that Markdown shows as it is."""
+    return _SPECIAL.sub(r"\\\g<0>", " ".join(text.splitlines()))

@@ -1,0 +1,53 @@
+"""A document as one HTML file that needs nothing but itself: no script, no network, the same bytes each time.
+
+It is made for wide screens, phones, dark screens and paper. The template escapes whatever is not markup already:
+names of robots, targets, files and poses are a user's.
+"""
+
+from functools import cache
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from lab.render import style
+from lab.render.document import Badge, Code, Document, Picture, inlines, shown
+
+__all__ = ["to_html", "write_page"]
+
+
+def to_html(document: Document) -> str:
+    """The whole page; its heading is the document's title."""
+    blocks = list(shown(document.blocks, "page"))
+    return _environment().get_template("page.html.jinja").render(title=document.title, blocks=blocks)
+
+
+def write_page(path: Path, document: Document) -> None:
+    """Write the page of a document."""
+    path.write_text(to_html(document), encoding="utf-8")
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"inlines": inlines, "svg": _svg}
+    environment.tests |= {"badge": lambda part: isinstance(part, Badge), "code": lambda part: isinstance(part, Code)}
+    environment.globals |= {
+        "light": style.PAGE_LIGHT,
+        "dark": style.PAGE_DARK,
+        "sans": Markup(style.FONT_SANS),
+        "mono": Markup(style.FONT_MONO),
+    }
+    return environment
+
+
+def _svg(picture: Picture) -> Markup:
+    from lab.render.svg import inline_svg  # slow to import, as all that draws
+
+    return inline_svg(picture)

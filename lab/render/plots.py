@@ -1,0 +1,153 @@
+"""Pictures that several commands show: lengths as histograms, and lengths where they are in space."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.render.document import Picture
+from lab.render.format import short
+from lab.render.style import COLOUR_SCALE, MARK_EDGE, OUTLIER
+from lab.render.svg import axes_picture, cube, log_ticks, view
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap, Normalize
+
+__all__ = ["MOST_POINTS", "SQUARE", "VIEWS", "SizeMap", "Spread", "histograms", "size_maps", "spread_by_size"]
+
+MOST_POINTS = 400  # drawn in a picture
+SQUARE = (4.5, 4.5)  # inches
+VIEWS = {"above": (0, 1), "side": (0, 2)}  # by name the plane of each, as ``svg.view`` has it
+_SEEN_FROM = {"above": "from above", "side": "from the side"}
+_LEAST_MM = 1e-12  # of a logarithmic axis
+_LINE = 0.01  # of their width: points that rise less make a line of a view
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Lengths to be shown as a histogram, and what is marked in it.
+
+    Attributes:
+        lengths: ``(n,)`` m, NaN where there is none.
+        mark: words and a length (m).
+    """
+
+    lengths: Array
+    colour: str
+    mark: tuple[str, float]
+
+
+@dataclass(frozen=True)
+class SizeMap:
+    """Lengths (errors, corrections) where they are.
+
+    Attributes:
+        points: ``(m, 3)`` m.
+        sizes: ``(m,)`` m.
+        crosses: ``(o, 3)`` m, marked beside them.
+        size_means, cross_means: what the lengths and the crosses are.
+        frame: whose frame the points are in.
+    """
+
+    points: Array
+    sizes: Array
+    size_means: str
+    crosses: Array = field(default_factory=lambda: np.empty((0, 3)))
+    cross_means: str = "outlier"
+    frame: str = "base"
+
+
+def spread_by_size(sizes: Array) -> NDArray[np.int_]:
+    """Up to ``MOST_POINTS`` rows of sizes ``(n,)``, evenly spaced through the sizes by rank, the largest last."""
+    order = np.argsort(sizes, kind="stable")
+    if len(order) <= MOST_POINTS:
+        return order
+    return order[np.round(np.linspace(0, len(order) - 1, MOST_POINTS)).astype(np.int_)]
+
+
+def histograms(name: str, spreads: Sequence[Spread], axis: str) -> Picture:
+    """Histograms in one picture, mm on a logarithmic axis.
+
+    Args:
+        axis: what the lengths are.
+    """
+    sizes = [np.maximum(1e3 * spread.lengths[np.isfinite(spread.lengths)], _LEAST_MM) for spread in spreads]
+    marks = [max(1e3 * spread.mark[1], _LEAST_MM) for spread in spreads]
+    everything = np.concatenate([*sizes, marks])
+    low, high = float(everything.min()), float(everything.max())
+    fewest = min(len(each) for each in sizes if len(each))
+    edges = np.geomspace(low / 1.25, high * 1.25, int(np.clip(3 * np.sqrt(fewest), 12, 60)) + 1)
+
+    def draw(axes: "Axes") -> None:
+        log_ticks(axes, "x", edges[0], edges[-1])
+        for k, (spread, each, mark) in enumerate(zip(spreads, sizes, marks, strict=True)):
+            counts = 100 * np.histogram(each, edges)[0] / max(len(each), 1)
+            axes.stairs(counts, edges, fill=True, color=spread.colour, alpha=0.45)
+            axes.stairs(counts, edges, color=spread.colour, linewidth=1.1)
+            axes.axvline(mark, color=spread.colour, linewidth=1.2, linestyle="--")
+            right = mark > np.sqrt(edges[0] * edges[-1])
+            axes.annotate(
+                f"{spread.mark[0]} {short(mark)} mm", (mark, 1.02 + 0.08 * k), color=spread.colour,
+                xycoords=("data", "axes fraction"), ha="right" if right else "left", fontweight="bold",
+            )  # fmt: skip
+        axes.set(xlabel=f"{axis}, mm (logarithmic)", ylabel="share of the points, %")
+        axes.grid(visible=False, axis="x")
+
+    return axes_picture(name, f"Histogram: {axis}", (7.5, 3), draw, (0.6, 0.5, 0.2, 0.5))
+
+
+def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
+    """Lengths where they are, from above and from the side, and their scale; no view in which they are a line."""
+    everything = np.concatenate([shown.points, shown.crosses])
+    width = np.ptp(everything, axis=0)
+    views = {which: plane for which, plane in VIEWS.items() if width[plane[1]] > _LINE * width.max()} or VIEWS
+    pictures = [
+        axes_picture(
+            f"where-{which}",
+            f"{shown.size_means}, seen {_SEEN_FROM[which]}",
+            SQUARE,
+            lambda axes, plane=plane: _size_map(axes, shown, plane),  # type: ignore[misc]
+        )
+        for which, plane in views.items()
+    ]
+    return (*pictures, _scale(shown))
+
+
+def _colours(sizes_mm: Array) -> "tuple[Colormap, Normalize]":
+    """The colours, and the range of lengths that they cover: a few are larger."""
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+    largest = float(np.percentile(sizes_mm, 99)) or 1.0
+    return LinearSegmentedColormap.from_list("sizes", COLOUR_SCALE), Normalize(0.0, largest)
+
+
+def _size_map(axes: "Axes", shown: SizeMap, plane: tuple[int, int]) -> None:
+    colours, norm = _colours(1e3 * shown.sizes)
+    middle, half = cube([1e3 * shown.points, 1e3 * shown.crosses])
+    points, crosses = 1e3 * shown.points[:, plane], 1e3 * shown.crosses[:, plane]
+    shades = colours(norm(1e3 * shown.sizes))
+    axes.scatter(points[:, 0], points[:, 1], c=shades, s=14, edgecolors=MARK_EDGE, linewidths=0.25)
+    if len(crosses):
+        axes.scatter(crosses[:, 0], crosses[:, 1], marker="x", c=OUTLIER, s=60, linewidths=2, label=shown.cross_means)
+        axes.legend(loc="upper right", framealpha=0.9, frameon=True)
+    view(axes, plane, middle, half, shown.frame)
+
+
+def _scale(shown: SizeMap) -> Picture:
+    """The colours as a bar, the last one for all that is larger."""
+
+    def draw(axes: "Axes") -> None:
+        colours, norm = _colours(1e3 * shown.sizes)
+        edges = np.linspace(0.0, norm.vmax or 1.0, 65)
+        shades = colours(norm((edges[1:] + edges[:-1]) / 2))
+        steps = list(zip(edges[:-1].tolist(), np.diff(edges).tolist(), strict=True))
+        axes.broken_barh(steps, (0, 1), facecolors=shades, edgecolors=shades, linewidth=0.5)
+        axes.set(xlim=(edges[0], edges[-1]), ylim=(0, 1), yticks=[])
+        axes.set_xlabel(f"{shown.size_means}, mm (largest {short(float(1e3 * shown.sizes.max()))})")
+        axes.grid(visible=False)
+
+    return axes_picture("where-scale", f"Scale: {shown.size_means}, mm", (9.1, 0.75), draw, (0.7, 0.5, 0.3, 0.05))

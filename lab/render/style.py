@@ -1,0 +1,187 @@
+"""Every colour and font of pages, figures and recordings, named by what it means.
+
+A page and its figures stand on white (in a dark page the figures stay on white cards); a recording stands on near
+black, so what is ``BEFORE`` in one is ``RGB_BEFORE``, a brighter shade of the same hue, in the other.
+"""
+
+from typing import Any, Final
+
+__all__ = [
+    "AFTER",
+    "ARM",
+    "AXIS",
+    "BEFORE",
+    "BETTER",
+    "BOUND",
+    "COLOUR_SCALE",
+    "FIGURE_STYLE",
+    "FONT_MONO",
+    "FONT_SANS",
+    "GRID",
+    "HIGHLIGHT",
+    "INDEX",
+    "INK",
+    "INSTRUMENT",
+    "MARK_EDGE",
+    "MEASURED",
+    "MUTED",
+    "ORDER_MAP",
+    "OUTLIER",
+    "PAGE_DARK",
+    "PAGE_LIGHT",
+    "PREDICTED",
+    "REFERENCE",
+    "RGB_AFTER",
+    "RGB_ARROW",
+    "RGB_AXES",
+    "RGB_BACKDROP",
+    "RGB_BEAM",
+    "RGB_BEFORE",
+    "RGB_CURRENT",
+    "RGB_FIRST",
+    "RGB_FLOOR",
+    "RGB_LAST",
+    "RGB_LEG",
+    "RGB_MAPPING",
+    "RGB_MEASURED",
+    "RGB_MUTED",
+    "RGB_OUTLIER",
+    "RGB_PATH",
+    "RGB_PAYLOAD",
+    "RGB_ROD",
+    "RGB_UNCERTAINTY",
+    "RGB_WEIGHT",
+    "RMS",
+    "SCALINGS",
+    "SERIES",
+    "TICK",
+    "WORST",
+]
+
+Rgb = tuple[int, int, int]
+
+# Text and lines.
+INK: Final = "#1f2937"
+REFERENCE: Final = "#111827"  # what others are compared with: the darkest
+MUTED: Final = "#6b7280"
+TICK: Final = "#374151"
+AXIS: Final = "#9ca3af"
+GRID: Final = "#e5e7eb"
+MARK_EDGE: Final = "#57534e"  # round a mark whose fill may be pale
+
+# Errors and predictions.
+BEFORE: Final = "#c0392b"  # calibration
+AFTER: Final = "#1e8449"
+MEASURED: Final = "#b7791f"
+OUTLIER: Final = "#c2185b"
+PREDICTED: Final = "#0b5fa5"  # by a covariance or by a fit
+BOUND: Final = PREDICTED  # a tolerance bound
+WORST: Final = "#c2410c"
+RMS: Final = "#3f8f4f"
+INDEX: Final = "#7c3aed"  # an observability index
+BETTER: Final = "#86c5a4"
+COLOUR_SCALE: Final = ("#fde68a", "#f97316", "#b91c1c", "#4c0519")  # of lengths, from small to large
+ORDER_MAP: Final = "viridis"  # matplotlib's: first to last pose of a tour
+
+# The arm.
+ARM: Final = "#94a3b8"
+HIGHLIGHT: Final = "#1e3a5f"
+INSTRUMENT: Final = "#c2185b"
+
+# Series of one kind: the colours rise in lightness, to differ in grey too; marks and dashes distinguish them as well.
+SERIES: Final[tuple[tuple[str, str, Any], ...]] = (
+    ("#1e1b4b", "o", "-"),
+    ("#9d174d", "s", "--"),
+    ("#0369a1", "^", "-."),
+    ("#059669", "v", ":"),
+    ("#f97316", "D", (0, (5, 1, 1, 1, 1, 1))),
+    ("#d4a106", "P", (0, (3, 3))),
+    ("#7dd3fc", "X", "-"),
+    ("#c7c9cf", "*", "--"),
+)
+SCALINGS: Final = {  # of parameters, with their marks
+    "raw": ("#7f1d1d", "o"),
+    "unit": ("#0369a1", "s"),
+    "length": ("#ea580c", "^"),
+    "whitened": ("#f2b705", "D"),
+}
+
+# Recordings.
+RGB_BACKDROP: Final[Rgb] = (30, 33, 40)
+RGB_FLOOR: Final = (120, 120, 130, 60)
+RGB_AXES: Final[tuple[Rgb, Rgb, Rgb]] = ((230, 70, 70), (90, 190, 90), (80, 130, 240))  # x, y, z
+RGB_MEASURED: Final[Rgb] = (250, 215, 70)
+RGB_BEFORE: Final[Rgb] = (235, 50, 90)
+RGB_AFTER: Final[Rgb] = (60, 205, 130)
+RGB_OUTLIER: Final[Rgb] = (235, 80, 245)
+RGB_MAPPING: Final[Rgb] = (95, 155, 255)
+RGB_UNCERTAINTY: Final[Rgb] = (190, 130, 255)
+RGB_BEAM: Final[Rgb] = (235, 60, 60)
+RGB_ROD: Final[Rgb] = (170, 175, 185)
+RGB_LEG: Final[Rgb] = (242, 97, 15)  # whose length is a joint position
+RGB_ARROW: Final[Rgb] = (245, 245, 250)  # half-axes, wanted edges
+RGB_PATH: Final[Rgb] = (110, 118, 135)
+RGB_CURRENT: Final[Rgb] = (255, 255, 255)  # where the tour is
+RGB_MUTED: Final[Rgb] = (150, 155, 165)
+RGB_FIRST: Final[Rgb] = (70, 110, 255)  # pose of a tour
+RGB_LAST: Final[Rgb] = RGB_MEASURED
+RGB_PAYLOAD: Final[Rgb] = RGB_AFTER
+RGB_WEIGHT: Final[Rgb] = RGB_BEAM
+
+# Pages.
+FONT_SANS: Final = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, "DejaVu Sans", sans-serif'
+FONT_MONO: Final = 'ui-monospace, "SF Mono", Menlo, Consolas, "DejaVu Sans Mono", monospace'
+PAGE_LIGHT: Final = {
+    "paper": "#ffffff",
+    "ink": INK,
+    "note": "#4b5563",
+    "quiet": MUTED,
+    "line": GRID,
+    "rule": "#d1d5db",
+    "head-line": AXIS,
+    "command": "#f3f4f6",
+    "before": BEFORE,
+    "after": AFTER,
+    "open": MUTED,
+    "badge-ink": "#ffffff",
+    "warning": "#fffbeb",
+    "warning-line": "#f0c36d",
+    "warning-bar": "#d97706",
+}
+PAGE_DARK: Final = {
+    "paper": "#14171c",
+    "ink": "#e5e7eb",
+    "note": "#b6bdc9",
+    "quiet": "#9aa3b2",
+    "line": "#2b313b",
+    "rule": "#3a424f",
+    "head-line": "#667085",
+    "command": "#1f242c",
+    "before": "#f1877b",
+    "after": "#5fc98c",
+    "open": "#9aa3b2",
+    "badge-ink": "#14171c",
+    "warning": "#2e2613",
+    "warning-line": "#6b5320",
+    "warning-bar": "#d97706",
+}
+
+FIGURE_STYLE: Final[Any] = {  # matplotlib's rcParams
+    "font.size": 9,
+    "font.sans-serif": ["DejaVu Sans", "Arial"],
+    "axes.titlesize": 10,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": AXIS,
+    "axes.grid": True,
+    "grid.color": GRID,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": TICK,
+    "ytick.color": TICK,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "text.parse_math": False,  # names are a user's: a dollar sign is one
+    "svg.hashsalt": "lab",  # the same picture, the same bytes
+    "svg.fonttype": "none",
+}

@@ -1,0 +1,90 @@
+"""A document on a terminal, or as plain text."""
+
+import io
+from collections.abc import Iterable
+
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text as RichText
+
+from lab.render.document import (
+    Badge,
+    Block,
+    Bullets,
+    Command,
+    Document,
+    Paragraph,
+    Section,
+    Strong,
+    Table,
+    Text,
+    Warnings,
+    inlines,
+    plain,
+    shown,
+)
+
+__all__ = ["print_document", "to_text"]
+
+_ROW_STYLES = {"before": "red", "after": "green", "quiet": "dim"}
+_BADGE_STYLES = {"good": "bold green", "bad": "bold red", "open": "bold"}
+
+
+def print_document(document: Document, console: Console | None = None, *, warnings: bool = True) -> None:
+    """Print a document.
+
+    Args:
+        console: standard output by default.
+        warnings: whether warnings are shown; not where they were told elsewhere already.
+    """
+    console = console or Console(highlight=False, markup=False)
+    console.print(RichText(document.title, style="bold"), soft_wrap=True)
+    _print(console, shown(document.blocks, "terminal"), warnings)
+
+
+def to_text(document: Document, width: int = 100) -> str:
+    """A document as plain text, lines no longer than ``width`` where words allow."""
+    file = io.StringIO()
+    console = Console(file=file, width=width, highlight=False, markup=False, color_system=None, force_jupyter=False)
+    print_document(document, console)
+    return file.getvalue()
+
+
+def _print(console: Console, blocks: Iterable[Block], warnings: bool) -> None:
+    for block in blocks:
+        match block:
+            case Section():
+                console.print()
+                console.print(RichText(block.title, style="bold"))
+                _print(console, block.blocks, warnings)
+            case Paragraph():
+                console.print(_styled(block.text))
+            case Command():
+                console.print(RichText(block.text), soft_wrap=True)
+            case Bullets():
+                for item in block.items:
+                    console.print(RichText("- ") + _styled(item))
+            case Warnings():
+                for text in block.texts if warnings else ():
+                    console.print(RichText("warning: ", style="bold yellow") + RichText(text))
+            case Table():
+                _print_table(console, block)
+
+
+def _print_table(console: Console, block: Table) -> None:
+    if block.caption:
+        console.print(RichText(block.caption))
+    table = RichTable(show_header=any(block.headings))
+    for heading, number in zip(block.headings, block.numeric, strict=True):
+        table.add_column(RichText(heading), justify="right" if number else "left", no_wrap=number)
+    for kind, cells in block.lines:
+        table.add_row(*map(_styled, cells), style=_ROW_STYLES.get(kind))
+    console.print(table)
+
+
+def _styled(text: Text) -> RichText:
+    styled = RichText()
+    for part in inlines(text):
+        style = _BADGE_STYLES[part.kind] if isinstance(part, Badge) else "bold" if isinstance(part, Strong) else ""
+        styled.append(plain(part), style=style)
+    return styled

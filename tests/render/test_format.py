@@ -1,0 +1,20 @@
+"""Numbers as a person reads them."""
+
+import pytest
+
+from lab.render.format import capital, fixed, format_magnification, sentence, short
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(1.35174, "1.35"), (0.0030569, "0.00306"), (3.4e-12, "3.4e−12"), (0.0, "0"), (12345.6, "12,346"), (-250.4, "−250"),
+     (None, "–")],
+)  # fmt: skip
+def test_three_digits_count(value, words) -> None:
+    assert short(value) == words
+
+
+def test_units_signs_and_capitals() -> None:
+    assert short(1.5, "mm") == "1.50 mm" and fixed(-2.0, 2) == "−2.00" and fixed(2.0, 1, signed=True) == "+2.0"
+    assert capital("") == "" and sentence("this is one") == "This is one."
+    assert format_magnification(20000.0) == "× 20,000" and format_magnification(0.5) == "× 0.5"
