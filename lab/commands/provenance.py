@@ -72,7 +72,7 @@ def how_it_was_made(name: str, options: "DataclassInstance", model_sha256: str, 
     )
 
 
-def provenance_section(name: str, options: Options, model_sha256: str, again: str = "") -> Section:
+def provenance_section(name: str, options: "DataclassInstance", model_sha256: str, again: str = "") -> Section:
     """The section on what was done: enough to do it again.
 
     Args:

@@ -102,7 +102,8 @@ def test_measured_legs_are_told_from_rods(recorded):
     radii = np.array(statics(path, f"/{LEGS}", "LineStrips3D:radii"))
     assert ((radii > 0.002 * shown.reach_m) & (radii < 0.02 * shown.reach_m)).all()
     said = wording(outcome, shown)
-    assert ("legs whose length is a joint position" in said, "grey**: rods" in said) == (any(measured), not all(measured))
+    told = ("legs whose length is a joint position" in said, "grey**: rods" in said)
+    assert told == (any(measured), not all(measured))
     assert shown.reach_m >= np.linalg.norm(shown.legs.ends - shown.origins[0, 0], axis=-1).max() - 1e-12
 
 
