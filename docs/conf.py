@@ -31,6 +31,8 @@ napoleon_numpy_docstring = False
 html_theme = "furo"
 html_title = project
 html_theme_options = {"navigation_with_keys": True}
-html_static_path: list[str] = []
+html_static_path = ["_static"]
+html_css_files = ["style.css"]
+html_copy_source = html_show_sourcelink = False
 html_math_renderer = "mathml"
 html_show_sphinx = False

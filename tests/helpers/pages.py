@@ -40,7 +40,8 @@ class Page:
     @property
     def commands(self) -> list[str]:
         """What it asks a person to type, but for what sets the project up, which CI runs."""
-        lines = [line for block in self.of("sh") for line in block.strip().splitlines()]
+        blocks = (block.replace("\\\n", "") for block in self.of("sh"))  # a line may go on below
+        lines = [line for block in blocks for line in block.strip().splitlines()]
         return [line for line in lines if line.startswith(("lab ", ".venv/bin/lab "))]
 
     @cached_property
