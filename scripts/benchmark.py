@@ -125,7 +125,7 @@ def kernels() -> dict[str, float]:
         "that fit by scipy, finite differences": median_ms(lambda: by_scipy(arm, data, found), 10),
         "positions and derivatives, 50 poses": median_ms(lambda: arm.observe(data.joints, nominal), 200),
         "positions and derivatives, 100,000 poses": median_ms(lambda: arm.observe(many, nominal), 10),
-        "truth of a virtual arm": median_ms(lambda: real.truth(arm), 100),
+        "truth of a virtual arm": median_ms(lambda: real.truth(arm.targets), 100),
         "10,000 poses measured": median_ms(lambda: track(real, many[:10_000], ("p1",), tracker, rng), 10),
     }
     results["MB beyond the result, 100,000 poses"] = peak_beyond_result_mb(lambda: arm.observe(many, nominal))

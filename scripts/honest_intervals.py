@@ -64,7 +64,7 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
     device, noise = NOISES.get(case, NOISES["Gaussian, known"])
     effects = ArmEffects(stiffness_nm_per_rad=1e5) if case == COMPLIANT else ArmEffects()
     real = perturbed_arm(robot, VirtualCampaign(seed=seed, effects=effects))
-    truth, nominal = real.truth(arm), arm.nominal(robot.tool)
+    truth, nominal = real.truth(arm.targets), arm.nominal(robot.tool)
     poses = random_poses(real.robot, options.poses, rng_for(seed, "poses"))
     shape = NoiseDistribution("uniform") if device.kind == "uniform" else NoiseDistribution()
     exact = track(real, poses, arm.targets, instrument("exact"), rng_for(seed, "noise"))

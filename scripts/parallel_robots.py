@@ -44,7 +44,7 @@ from lab.kinematics.closed.recognize import CourseModel, course_model_of
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import STRUCTURE_POSES, named
 from lab.kinematics.joints import JointSpec
-from lab.simulation.closed_robot import ClosedModel, RealMechanism, true_mechanism
+from lab.simulation.closed_robot import ClosedModel, TrueMechanism, true_mechanism
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import TrueRobot, track
 from lab.studies.executors import local_executor
@@ -169,7 +169,7 @@ def one_robot(name: str, seed: int, noiseless: bool = False) -> Row:
     case, device = CASES[name], instrument("exact") if noiseless else DEVICE
     robot, real = robot_of(case.robot), drawn_real(case.robot, seed, OFF, 1e3 if case.groups else 0.0)
     if case.tracker != "anywhere":
-        assert isinstance(real, RealMechanism)
+        assert isinstance(real, TrueMechanism)
         x, y, turn = rng_for(seed, "tracker").uniform(-1, 1, 3) * (case.tracker == "in the plane")
         moved = se3.pose(se3.exp(np.array([0.0, 0.0, turn])), np.array([x, y, 0.0]))
         real = true_mechanism(real.robot, real.values, real.robot.T_world_frame0 @ moved).with_effects(real.effects)
@@ -188,7 +188,7 @@ def one_robot(name: str, seed: int, noiseless: bool = False) -> Row:
 def six_rods(seed: int, every: bool = True) -> Row:
     """One Delta whose six rods are all off: its rank and fits of it, of every parameter only if asked."""
     robot, real = robot_of(SIX), drawn_real(SIX, seed, OFF_SIX)
-    assert isinstance(real, RealMechanism)
+    assert isinstance(real, TrueMechanism)
     bench, arm = Bench.of(real, ("p1",), seed), robot.arm(("p1",))
     nominal = arm.nominal(robot.tool)
     sizes = {}

@@ -1,6 +1,7 @@
 """A robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table."""
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 import lab
+from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.formats.description import IdentifiedRobot
 from lab.formats.dh_table_toml import read_table
 from lab.formats.mechanism_toml import is_mechanism, read_mechanism
 from lab.kinematics.closed.arm import ClosedArm
-from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import Arm, affected
 from lab.kinematics.effects.groups import SessionInfo, effect
@@ -22,52 +24,79 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.build_serial import table_model
-from lab.simulation.closed_robot import closed_model
+from lab.simulation.closed_robot import ClosedModel, TrueMechanism, closed_model, random_values, true_mechanism
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.model import RobotModel, SerialModel
+from lab.simulation.true_robot import (
+    GeometryErrors,
+    TrueRobot,
+    TrueSerialRobot,
+    random_perturbation,
+    random_table,
+    true_robot,
+    true_robot_from_table,
+)
 
 DESCRIPTION = "mechanism.toml"
 
 
 @dataclass(frozen=True)
-class Robot:
-    """What the lab knows of a robot before anything is measured.
+class Robot(ABC):
+    """What the lab knows of a robot before anything is measured; its kind answers by its methods.
 
     Attributes:
-        tool: the targets it has (m, in the last frame).
         model: its MuJoCo model; of a robot given as a table, one that is built from it.
-        loads: its masses, for what gravity does; None where the file gives none.
         sha256: of the files that it was read from.
+        warnings: what a user should be told of them.
+        loads: its masses, for what gravity does; None where the file gives none.
     """
 
-    name: str
-    chain: JointSpec
-    tool: dict[str, Array]
     model: RobotModel
     sha256: str
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
 
-    def arm(self, targets: tuple[str, ...]) -> RigidArm:
-        """The arm as equations, with these targets."""
-        if isinstance(self.chain, Mechanism):
-            return ClosedArm(self.chain, targets)
-        return self.serial_arm(targets)
-
-    def serial_arm(self, targets: tuple[str, ...]) -> SerialArm:
-        """The same, of a serial arm."""
-        return SerialArm(self.serial_model.chain, targets)
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.chain.name
 
     @property
+    def chain(self) -> JointSpec:
+        """The nominal model, whose joints are measured."""
+        return self.model.chain
+
+    @property
+    def tool(self) -> dict[str, Array]:
+        """Positions ``(3,)`` of the targets that it has (m, in the last frame, or the platform's)."""
+        return self.model.tool
+
+    @property
+    def T_world_frame0(self) -> Array:
+        """Pose ``(4, 4)`` (m) of the base's frame (frame 0) in the world of the MuJoCo model."""
+        return self.model.T_world_frame0
+
+    @property
+    @abstractmethod
     def serial_model(self) -> SerialModel:
-        """Its model, for what is of serial arms alone; a LabError where it has loops."""
-        if not isinstance(self.model, SerialModel):
-            raise LabError(
-                f"robot {self.name} has loops: this is for serial arms alone; its identified dimensions are in "
-                "calibrated.toml"
-            )
-        return self.model
+        """Its model, for what exists for serial arms alone.
+
+        Raises:
+            LabError: the robot has loops.
+        """
+
+    def serial_arm(self, targets: tuple[str, ...]) -> SerialArm:
+        """The arm as equations, for what exists for serial arms alone.
+
+        Raises:
+            LabError: the robot has loops.
+        """
+        return SerialArm(self.serial_model.chain, targets)
+
+    @abstractmethod
+    def arm(self, targets: tuple[str, ...]) -> RigidArm:
+        """The arm as equations, with these targets."""
 
     def arm_with(
         self,
@@ -75,19 +104,52 @@ class Robot:
         groups: Sequence[str],
         course: SessionInfo = SessionInfo(),  # noqa: B008
     ) -> Arm:
-        """The arm with groups of effects (``geometry.effects``), by name, for measurements of such a course.
+        """The arm with groups of effects (``kinematics.effects``), by name, for measurements of such a course.
 
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
-        if isinstance(self.chain, Mechanism) and (bent := {"compliance", "payload"} & set(groups)):
-            raise LabError(f"--model {min(bent)}: robot {self.name} has loops, and nothing bends such a robot here")
+        self.refuse_effects(groups)
         return affected(self.arm(targets), [effect(name, self.chain, self.loads, course) for name in groups])
 
+    @abstractmethod
+    def simulated_loads(self) -> Loads | None:
+        """The masses of its model, assumed ones too; None where it has none, or where nothing bends such a robot."""
+
+    @abstractmethod
+    def refuse_effects(self, groups: Sequence[str]) -> None:
+        """A LabError for groups of effects that no robot of this kind can have."""
+
+    @abstractmethod
+    def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueRobot:
+        """A robot to stand for reality, without effects: its geometry off by normal draws, before a tracker.
+
+        Args:
+            errors: how large the errors of the geometry are.
+            T_world_tracker: pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model.
+
+        Raises:
+            LabError: this kind of robot has no such errors.
+        """
+
     @property
-    def is_table(self) -> bool:
-        """Whether it was given as a table, not as a model."""
-        return self.model.path.suffix == ".toml"
+    @abstractmethod
+    def description_files(self) -> tuple[str, ...]:
+        """The files that can describe it with identified parameters; the last is exact to the bit."""
+
+    @abstractmethod
+    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
+        """The content of such a file for the arm with these targets and parameters ``(p,)``, base included."""
+
+    @property
+    def exact_file(self) -> str:
+        """The one of ``description_files`` that is exact to the bit."""
+        return self.description_files[-1]
+
+    @property
+    def kept_file(self) -> str:
+        """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
+        return self.exact_file if self.model.path.suffix == ".toml" else self.description_files[0]
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
@@ -112,6 +174,98 @@ class Robot:
                 f"{path}: {data.where(row)}, {self.chain.said_beyond(joint, data.joints[row, joint])}; mend the pose, "
                 "or the column's unit, or take the right --robot"
             )
+
+
+@dataclass(frozen=True)
+class SerialRobot(Robot):
+    """A serial arm."""
+
+    model: SerialModel
+
+    @property
+    def serial_model(self) -> SerialModel:
+        """Its model."""
+        return self.model
+
+    def arm(self, targets: tuple[str, ...]) -> SerialArm:
+        """The arm as equations, with these targets."""
+        return self.serial_arm(targets)
+
+    def refuse_effects(self, groups: Sequence[str]) -> None:
+        """A serial arm can have them all."""
+
+    def simulated_loads(self) -> Loads | None:
+        """The masses of its model, assumed ones too; None where there are none."""
+        return _some(loads_of(self.model))
+
+    def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueSerialRobot:
+        """A copy with every body and joint off, or with the entries of the Denavit-Hartenberg table alone."""
+        if not errors.table_alone:
+            perturbation = random_perturbation(
+                self.model, errors.position_sigma_m, errors.rotation_sigma_rad, rng, errors.joint_offset_sigma
+            )
+            return true_robot(self.model, perturbation, T_world_tracker)
+        arm = self.arm(tuple(self.tool))
+        base, table, _ = arm.split(random_table(arm, errors.position_sigma_m, errors.rotation_sigma_rad, rng))
+        values = arm.assemble(base, table, arm.split(arm.nominal(self.tool))[2])
+        return true_robot_from_table(self.model, arm, values, T_world_tracker)
+
+    @property
+    def description_files(self) -> tuple[str, ...]:
+        """MJCF, URDF and the table."""
+        return tuple(each.file for each in SERIAL_FORMATS)
+
+    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
+        """The content of one of these files."""
+        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
+        return {each.file: each for each in SERIAL_FORMATS}[file].text(identified)
+
+
+@dataclass(frozen=True)
+class ClosedRobot(Robot):
+    """A mechanism with loops."""
+
+    model: ClosedModel
+
+    @property
+    def serial_model(self) -> SerialModel:
+        """There is none."""
+        raise LabError(
+            f"robot {self.name} has loops: this is for serial arms alone; its identified dimensions are in "
+            "calibrated.toml"
+        )
+
+    def arm(self, targets: tuple[str, ...]) -> ClosedArm:
+        """The mechanism as equations, with these targets on its platform."""
+        return ClosedArm(self.model.chain, targets)
+
+    def simulated_loads(self) -> None:
+        """Nothing bends it, so none are asked for."""
+
+    def refuse_effects(self, groups: Sequence[str]) -> None:
+        """A LabError for what bends its links."""
+        if bent := {"compliance", "payload"} & set(groups):
+            raise LabError(f"--model {min(bent)}: robot {self.name} has loops, and nothing bends such a robot here")
+
+    def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueMechanism:
+        """A copy with every dimension off."""
+        if errors.table_alone or errors.joint_offset_sigma:
+            raise LabError(
+                f"--dh-only and --offset-sigma-mrad are of serial arms; of {self.name} every dimension is off, "
+                "its joints' offsets too"
+            )
+        values = random_values(self.model.chain, errors.position_sigma_m, errors.rotation_sigma_rad, rng)
+        return true_mechanism(self.model, values, T_world_tracker)
+
+    @property
+    def description_files(self) -> tuple[str, ...]:
+        """MJCF and the mechanism's description."""
+        return tuple(each.file for each in CLOSED_FORMATS)
+
+    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
+        """The content of one of these files."""
+        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
+        return {each.file: each for each in CLOSED_FORMATS}[file].text(identified)
 
 
 def models_folder() -> Path:
@@ -147,8 +301,7 @@ def load_robot(robot: str) -> Robot:
     sha256 = _sha256(path)
     if path.suffix == ".toml" and is_mechanism(path):
         described = read_mechanism(path)
-        closed = closed_model(path, described)
-        return Robot(closed.chain.name, closed.chain, closed.tool, closed, sha256, described.warnings)
+        return ClosedRobot(closed_model(path, described), sha256, described.warnings)
     if path.suffix == ".toml":
         table = read_table(path)
         model, warnings = table_model(path, table), table.warnings
@@ -156,7 +309,7 @@ def load_robot(robot: str) -> Robot:
         model = load_model(path)
         warnings = (f"{model.missing}, so no shape is shown",) if model.missing else ()
     loads = None if model.weighed else _some(loads_of(model))
-    return Robot(model.chain.name, model.chain, model.tool, model, sha256, warnings, loads)
+    return SerialRobot(model, sha256, warnings, loads)
 
 
 def load_virtual(robot: str) -> Robot:
@@ -169,8 +322,7 @@ def load_virtual(robot: str) -> Robot:
     if found.model.missing:
         raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
     said = (f"robot {found.name}: {found.model.assumed}",) if found.model.assumed else ()
-    loads = _some(loads_of(found.model)) if isinstance(found.model, SerialModel) else None
-    return replace(found, loads=loads, warnings=(*found.warnings, *said))
+    return replace(found, loads=found.simulated_loads(), warnings=(*found.warnings, *said))
 
 
 def _some(loads: Loads) -> Loads | None:

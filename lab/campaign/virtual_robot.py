@@ -19,22 +19,11 @@ from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.groups import GROUPS, HOUR_S
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
-from lab.simulation.closed_robot import ClosedModel, random_values, true_mechanism
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects
 from lab.simulation.random_effects import EffectSizes, random_conditions, random_effects
-from lab.simulation.true_robot import (
-    TrueRobot,
-    TrueSerialRobot,
-    random_perturbation,
-    random_table,
-    random_tracker,
-    recorded,
-    true_robot,
-    true_robot_from_table,
-)
+from lab.simulation.true_robot import GeometryErrors, TrueRobot, random_tracker, recorded
 
 FRESH_POSES = 1000
 USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
@@ -54,9 +43,8 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     Of a serial arm they are read off its joint axes. Of a mechanism they are those of the gauge that give its exact
     positions: None where none do, because what the gauge fixes shows in an imperfect copy.
     """
-    if isinstance(real, TrueSerialRobot):
-        assert isinstance(arm, SerialArm)
-        return real.truth(arm)
+    if (truth := real.truth(arm.targets)) is not None:
+        return truth
     values = real.robot.values_before(arm, real.T_world_tracker)
     structure = base_set(arm, values)
     joints = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
@@ -97,24 +85,14 @@ def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
 
 def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     """The perturbed arm without effects."""
-    place = random_tracker(robot.model, rng_for(options.seed, "tracker"))
-    rng = rng_for(options.seed, "arm")
-    sigmas = options.position_sigma_mm / 1e3, options.rotation_sigma_mrad / 1e3
-    if isinstance(robot.model, ClosedModel):
-        if options.dh_only or options.offset_sigma_mrad:
-            raise LabError(
-                f"--dh-only and --offset-sigma-mrad are of serial arms; of {robot.name} every dimension is off, "
-                "its joints' offsets too"
-            )
-        return true_mechanism(robot.model, random_values(robot.model.chain, *sigmas, rng), place)
-    model = robot.serial_model
-    if options.dh_only:
-        arm = robot.serial_arm(tuple(robot.tool))
-        base, table, _ = arm.split(random_table(arm, *sigmas, rng))
-        tool = arm.split(arm.nominal(robot.tool))[2]
-        return true_robot_from_table(model, arm, arm.assemble(base, table, tool), place)
-    off = random_perturbation(model, *sigmas, rng, options.offset_sigma_mrad / 1e3)
-    return true_robot(model, off, place)
+    T_world_tracker = random_tracker(robot.model, rng_for(options.seed, "tracker"))
+    errors = GeometryErrors(
+        position_sigma_m=options.position_sigma_mm / 1e3,
+        rotation_sigma_rad=options.rotation_sigma_mrad / 1e3,
+        joint_offset_sigma=options.offset_sigma_mrad / 1e3,
+        table_alone=options.dh_only,
+    )
+    return robot.perturbed(errors, T_world_tracker, rng_for(options.seed, "arm"))
 
 
 def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:

@@ -18,7 +18,6 @@ from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import likely, parameters, rigid, summary
 from lab.commands.calibrate.run import CalibrationResult
-from lab.commands.calibrated_files import MJCF, TABLE, arm_files
 from lab.commands.payload.known_payload import LOAD_FILE, read_hand_load
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import write_measurements
@@ -134,9 +133,9 @@ def write_run(folder: Path, outcome: CalibrationResult, options: VirtualCampaign
     write_covariance(folder / "covariance.csv", outcome.identification)
     if options.fitting.load is not None:
         read_hand_load(options.fitting.load).write(folder)
-    kept = TABLE if robot.is_table else MJCF  # the others are lab compensate's, of runs that are good
-    text = arm_files(robot, *rigid(outcome, likely(outcome)))[kept]
-    (folder / kept).write_text(text, encoding="utf-8")
+    arm, values = rigid(outcome, likely(outcome))
+    text = robot.description(robot.kept_file, arm.targets, values)  # the others are lab compensate's, of good runs
+    (folder / robot.kept_file).write_text(text, encoding="utf-8")
     write_json(folder / "result.json", summary(outcome))
 
 

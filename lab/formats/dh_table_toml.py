@@ -12,6 +12,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.robot_toml import (
     ANGLES,
     LENGTHS,
@@ -25,6 +26,7 @@ from lab.formats.robot_toml import (
     written_base_and_tool,
 )
 from lab.formats.toml import read_toml
+from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
 
 _QUANTITIES = {"theta": ANGLES, "alpha": ANGLES, "beta": ANGLES, "d": LENGTHS, "a": LENGTHS}
@@ -129,3 +131,12 @@ def write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
                 lines.append(f"{column}_{next(iter(_QUANTITIES[column]))} = {float(value)!r}")
         lines += [f"lower_{unit} = {float(chain.lower[i])!r}", f"upper_{unit} = {float(chain.upper[i])!r}"]
     return "\n".join([*lines, *written_base_and_tool(base, tool, "the last frame")]) + "\n"
+
+
+def _identified_table(identified: IdentifiedRobot[SerialArm, object]) -> str:
+    arm = identified.arm
+    base, table, tool = arm.split(identified.values)
+    return write_table(arm.chain.with_table(table), base, dict(zip(arm.targets, tool, strict=True)))
+
+
+TABLE_TOML = DescriptionFormat("calibrated.toml", _identified_table)

@@ -11,6 +11,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.formats.description import DescriptionFormat
 from lab.formats.robot_toml import (
     ANGLES,
     LENGTHS,
@@ -25,6 +26,7 @@ from lab.formats.robot_toml import (
     written_base_and_tool,
 )
 from lab.formats.toml import read_toml
+from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Frame, Kind, Pin, Rod, Step, Tree
 from lab.kinematics.parameter import is_reserved_owner
@@ -120,6 +122,14 @@ def write_mechanism(mechanism: Mechanism, values: Array, tool: dict[str, Array])
         lines += ["", "[[pin]]", f"name = {quoted(pin.name)}", f"between = {_between(tree, pin.ends)}"]
         lines += [f'along = "{"".join("xyz"[axis] for axis in pin.axes)}"']
     return "\n".join([*lines, *written_base_and_tool(values[:6], tool, "the platform's frame")]) + "\n"
+
+
+MECHANISM_TOML: DescriptionFormat[ClosedArm, object] = DescriptionFormat(
+    "calibrated.toml",
+    lambda identified: write_mechanism(
+        identified.arm.chain, identified.values, identified.arm.places(identified.values)
+    ),
+)
 
 
 def _step_text(step: Step, value: float, mechanism: Mechanism) -> str:

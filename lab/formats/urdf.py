@@ -4,10 +4,11 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from lab.campaign.robot import Robot
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.link_tree import Link, free_name, link_tree
+from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
@@ -20,24 +21,27 @@ A velocity or an effort of 0 is one that is not known.
 """
 
 
-def calibrated_urdf(robot: Robot, arm: SerialArm, values: Array) -> str:
-    """The arm with parameters ``values`` ``(p,)`` as links and joints, to the last digit.
+def _identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
+    """The identified arm as links and joints, to the last digit.
 
-    Joints have the chain's names. Links are those of ``geometry.links``: the instrument's frame, the
+    Joints have the chain's names. Links are those of ``formats.link_tree``: the instrument's frame, the
     table's frame 0, one a joint, the table's last frame, and one a target.
     """
-    chain = arm.chain
-    root = ET.Element("robot", name=robot.name)
+    chain, loads = identified.arm.chain, identified.loads
+    root = ET.Element("robot", name=identified.name)
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", fusestatic="false")  # MuJoCo keeps fixed links
-    for link in link_tree(arm, values).links:
+    for link in link_tree(identified.arm, identified.values).links:
         element = ET.SubElement(root, "link", name=link.name)
         if link.joint is not None:
-            _add_mass(element, *_mass_and_centre(robot, link))
+            _add_mass(element, *_mass_and_centre(loads, link))
         if link.parent is not None:
             _add_joint(root, chain, link, link.parent)
     ET.indent(root)
-    head = f'<?xml version="1.0"?>\n<!--\n{_ABOUT}{_masses_note(robot)}\n-->\n'
+    head = f'<?xml version="1.0"?>\n<!--\n{_ABOUT}{_masses_note(loads)}\n-->\n'
     return head + ET.tostring(root, encoding="unicode") + "\n"
+
+
+URDF = DescriptionFormat("calibrated.urdf", _identified_urdf)
 
 
 def _add_mass(element: ET.Element, mass_kg: float, centre: Array) -> None:
@@ -65,13 +69,13 @@ def _add_joint(root: ET.Element, chain: Chain, link: Link, parent: str) -> None:
     ET.SubElement(joint, "limit", lower=lower, upper=upper, effort="0", velocity=speed)
 
 
-def _mass_and_centre(robot: Robot, link: Link) -> tuple[float, Array]:
+def _mass_and_centre(loads: Loads | None, link: Link) -> tuple[float, Array]:
     """Mass (kg) and its centre ``(3,)`` (m) in the frame of a moving link: the drawing's, or a placeholder."""
     assert link.joint is not None
-    mass = 0.0 if robot.loads is None else float(robot.loads.mass_kg[link.joint])
-    if robot.loads is None or mass <= 0:
+    mass = 0.0 if loads is None else float(loads.mass_kg[link.joint])
+    if loads is None or mass <= 0:
         return _PLACEHOLDER_KG, np.zeros(3)
-    return mass, se3.transform(link.T_link_frame, robot.loads.centre_m[link.joint][None])[0]
+    return mass, se3.transform(link.T_link_frame, loads.centre_m[link.joint][None])[0]
 
 
 def _placeholder_inertia(mass_kg: float) -> float:
@@ -79,9 +83,9 @@ def _placeholder_inertia(mass_kg: float) -> float:
     return mass_kg * _GYRATION_M**2
 
 
-def _masses_note(robot: Robot) -> str:
+def _masses_note(loads: Loads | None) -> str:
     """What of the masses is known, for a comment in the file."""
-    if robot.loads is None:
+    if loads is None:
         return "Masses and inertias are placeholders: the robot's are not known."
     return "Masses and their centres are the drawing's (1 g where it has none); inertias are placeholders."
 

@@ -12,6 +12,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.formats.description import DescriptionFormat
 from lab.formats.mechanism_toml import MechanismFile
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
@@ -74,9 +75,8 @@ def closed_model(path: Path, described: MechanismFile) -> ClosedModel:
     )
 
 
-def identified_mjcf(robot: RobotModel, arm: ClosedArm, values: Array) -> str:
+def identified_mjcf(robot: ClosedModel, arm: ClosedArm, values: Array) -> str:
     """The identified mechanism as MJCF whose loops, closed, have the identified sites in the tracker's frame."""
-    assert isinstance(robot, ClosedModel)
     spec = robot.with_values(values, arm.places(values))
     model = compiled(robot.path, spec)
     place_tracker(model, robot, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
@@ -84,6 +84,11 @@ def identified_mjcf(robot: RobotModel, arm: ClosedArm, values: Array) -> str:
     placed = model.body(carrier.name)
     carrier.pos, carrier.quat = placed.pos, placed.quat
     return closed_mjcf(spec)
+
+
+CLOSED_MJCF: DescriptionFormat[ClosedArm, ClosedModel] = DescriptionFormat(
+    "calibrated.xml", lambda identified: identified_mjcf(identified.model, identified.arm, identified.values)
+)
 
 
 def passive_coordinates(model: mujoco.MjModel, mechanism: Mechanism, joints: Array, passive: Array) -> Array:
@@ -99,7 +104,7 @@ def _legs(mechanism: Mechanism) -> list[str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RealMechanism(TrueRobot):
+class TrueMechanism(TrueRobot):
     """A mechanism whose dimensions are off.
 
     Attributes:
@@ -126,12 +131,12 @@ class RealMechanism(TrueRobot):
         return found
 
 
-def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> RealMechanism:
+def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> TrueMechanism:
     """The robot with other dimensions, before a tracker."""
     model = robot.with_values(values, robot.tool).compile()
     place_tracker(model, robot, T_world_tracker)
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    return RealMechanism(
+    return TrueMechanism(
         robot=robot,
         model=model,
         T_world_tracker=T_world_tracker,

@@ -23,6 +23,23 @@ from lab.simulation.write_mjcf import place_bodies, place_tracker
 
 
 @dataclass(frozen=True)
+class GeometryErrors:
+    """How far the geometry of a virtual robot is off, as standard deviations of normal draws per axis.
+
+    Attributes:
+        position_sigma_m: of the bodies' positions, or of the lengths among a mechanism's dimensions.
+        rotation_sigma_rad: of the bodies' orientations, or of the angles among a mechanism's dimensions.
+        joint_offset_sigma: of the joints' offsets, rad or m.
+        table_alone: whether only the entries of the Denavit-Hartenberg table are off.
+    """
+
+    position_sigma_m: float
+    rotation_sigma_rad: float
+    joint_offset_sigma: float = 0.0
+    table_alone: bool = False
+
+
+@dataclass(frozen=True)
 class Perturbation:
     """How far the bodies are off.
 
@@ -126,6 +143,13 @@ class TrueRobot:
         first = se3.transform(se3.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
         return self.effects.bumped(self.effects.drifted(first, time_s), condition(conditions, BUMPED, poses))
 
+    def truth(self, targets: tuple[str, ...]) -> Truth | None:
+        """The parameters of the geometry, without effects, with these targets, read off the joint axes.
+
+        None where axes do not tell them: of a mechanism with loops.
+        """
+        return None
+
     def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
         data = mujoco.MjData(self.model)
@@ -163,8 +187,9 @@ class TrueSerialRobot(TrueRobot):
     def _qpos(self, driven: Array) -> Array:
         return coordinates(self.model, self.robot.chain.joint_names, driven + self.joint_offset)
 
-    def truth(self, arm: SerialArm) -> Truth:
-        """The canonical parameters of the geometry, without effects, read off the joint axes."""
+    def truth(self, targets: tuple[str, ...]) -> Truth:
+        """The canonical parameters of the geometry, without effects, with these targets, read off the joint axes."""
+        arm = SerialArm(self.robot.chain, targets)
         data = mujoco.MjData(self.model)
         data.qpos[:] = self._qpos(np.zeros((1, self.robot.chain.size)))[0]
         mujoco.mj_kinematics(self.model, data)

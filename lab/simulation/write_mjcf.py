@@ -8,6 +8,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.formats.description import DescriptionFormat
 from lab.formats.link_tree import free_name
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.model import FLANGE, TRACKER, RobotModel, SerialModel, at_zero, body_pose, last_frame
@@ -93,6 +94,11 @@ def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
             site.set("name", names[name])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+MJCF: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat(
+    "calibrated.xml", lambda identified: calibrated_mjcf(identified.model, identified.arm, identified.values)
+)
 
 
 def _without_shells(robot: SerialModel) -> mujoco.MjSpec:

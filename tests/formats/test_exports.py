@@ -10,8 +10,7 @@ import pytest
 import yourdfpy
 from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, somewhere, table_robot
 
-from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrated_files import arm_files
+from lab.campaign.robot import Robot, SerialRobot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.dh_table_toml import RobotTable, read_table
@@ -39,12 +38,12 @@ ROBOTS = ["irb120", *CHAINS, "ur10.toml", "panda.toml"]
 def as_table(chain: Chain) -> Robot:
     """A robot of which only the table is known."""
     model = table_model(Path("arm.toml"), RobotTable(chain, None, {}, None, *np.full((2, chain.size), np.nan), ()))
-    return Robot(chain.name, chain, model.tool, model, "")
+    return SerialRobot(model, "")
 
 
 def write_arm(folder: Path, robot: Robot, arm: SerialArm, values: Array) -> None:
-    for name, text in arm_files(robot, arm, values).items():
-        (folder / name).write_text(text, encoding="utf-8")
+    for name in robot.description_files:
+        (folder / name).write_text(robot.description(name, arm.targets, values), encoding="utf-8")
 
 
 @pytest.fixture(scope="module", params=ROBOTS)

@@ -17,7 +17,6 @@ from lab.commands.calibrate.result import summary
 from lab.commands.calibrate.run import run_virtual
 from lab.core import se3
 from lab.core.instruments import instrument
-from lab.formats.urdf import calibrated_urdf
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, random_poses, standing
@@ -35,7 +34,7 @@ def path_of(name: str, folder: Path) -> str:
     if name == "rx130.urdf":
         robot = load_robot("rx130")
         arm = robot.arm(("p1",))
-        (folder / name).write_text(calibrated_urdf(robot, arm, arm.nominal(robot.tool)))
+        (folder / name).write_text(robot.description("calibrated.urdf", arm.targets, arm.nominal(robot.tool)))
         return str(folder / name)
     if "." in name and not (DATA / name).is_file():
         pytest.skip(f"measured data {name} is not beside the checkout")

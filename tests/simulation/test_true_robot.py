@@ -63,7 +63,7 @@ def test_the_truth_is_the_arm(metres: float, radians: float) -> None:
         off = random_perturbation(MODEL, metres, radians, rng)
         off = Perturbation(off.bodies, off.position_m, off.rotation_rad, radians * rng.normal(size=6))
         real = true_robot(MODEL, off, random_tracker(MODEL, rng))
-        truth = real.truth(ARM)
+        truth = real.truth(ARM.targets)
         joints = IRB120.chain.random_joints(1000, rng)
         np.testing.assert_allclose(ARM.points(joints, truth.values), real.points(joints, TARGETS), atol=1e-12)
         fixed = list(truth.base_set.fixed)
@@ -74,7 +74,7 @@ def test_joint_offsets_alone_are_seen() -> None:
     """An offset on axis 3 is a theta of link 3, and nothing else of the links."""
     offset = np.array([0, 0, 0.01, 0, 0, 0])
     real = true_robot(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), offset), MODEL.T_world_tracker)
-    truth = real.truth(ARM)
+    truth = real.truth(ARM.targets)
     change = dict(zip(ARM.names, truth.values - ARM.nominal(IRB120.tool), strict=True))
     assert change.pop("link3.theta") == pytest.approx(0.01, abs=1e-12)
     assert max(abs(v) for name, v in change.items() if name.startswith("link")) < 1e-12
@@ -98,7 +98,7 @@ def test_a_denavit_hartenberg_arm_has_just_those_parameters() -> None:
     again = perturbed_arm(IRB120, options)
     joints = IRB120.chain.random_joints(200, np.random.default_rng(0))
     np.testing.assert_array_equal(real.points(joints, TARGETS), again.points(joints, TARGETS))
-    truth = real.truth(ARM)
+    truth = real.truth(ARM.targets)
     np.testing.assert_allclose(ARM.points(joints, truth.values), real.points(joints, TARGETS), atol=1e-12)
     base = [ARM.names.index(f"base.{axis}") for axis in ("x", "y", "z")]
     assert np.abs(truth.values - ARM.nominal(IRB120.tool))[len(base) + 3 :].max() < 0.01
@@ -187,7 +187,7 @@ def test_joint_offsets_come_from_the_seed_and_leave_the_bodies_alone() -> None:
 
 def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
     """Read as a drawing, nearly parallel axes get a beta, not a d of a hundred metres (facts, section 7)."""
-    truth = perturbed_arm(IRB120, VirtualCampaign(seed=7)).truth(ARM)
+    truth = perturbed_arm(IRB120, VirtualCampaign(seed=7)).truth(ARM.targets)
     path = tmp_path / "calibrated.xml"
     path.write_text(calibrated_mjcf(MODEL, ARM, truth.values))
     again = load_robot(str(path))
@@ -196,8 +196,10 @@ def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
     arm = again.arm(TARGETS)
     real = perturbed_arm(again, VirtualCampaign(seed=8))
     joints = again.chain.random_joints(100, np.random.default_rng(0))
-    np.testing.assert_allclose(arm.points(joints, real.truth(arm).values), real.points(joints, TARGETS), atol=1e-12)
-    assert len(real.truth(arm).base_set.kept) == 33
+    np.testing.assert_allclose(
+        arm.points(joints, real.truth(arm.targets).values), real.points(joints, TARGETS), atol=1e-12
+    )
+    assert len(real.truth(arm.targets).base_set.kept) == 33
 
 
 def test_a_urdf_gives_speeds_and_the_same_kinematics(tmp_path) -> None:
@@ -216,7 +218,7 @@ def test_a_urdf_gives_speeds_and_the_same_kinematics(tmp_path) -> None:
     arm = robot.arm(("p1",))
     real = perturbed_arm(robot, VirtualCampaign(seed=1))
     q = robot.chain.random_joints(200, np.random.default_rng(0))
-    np.testing.assert_allclose(arm.points(q, real.truth(arm).values), real.points(q, ("p1",)), atol=1e-12)
+    np.testing.assert_allclose(arm.points(q, real.truth(arm.targets).values), real.points(q, ("p1",)), atol=1e-12)
 
 
 def test_an_unknown_instrument_lists_those_there_are() -> None:

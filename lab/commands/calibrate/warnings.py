@@ -133,5 +133,5 @@ def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], inpu
     whole = found.model.points(inputs, found.values)[:, :positions]
     alone = rigid.points(inputs[:, : robot.chain.size], found.values[: len(rigid.names)])
     off = np.sqrt(((whole - alone) ** 2).sum(axis=2).mean())
-    kind = "calibrated.toml" if robot.is_table else "calibrated.xml"
-    return [f"{kind} holds geometry alone: without {', '.join(groups)} it is off by {1e3 * off:.2g} mm at these poses"]
+    file = robot.kept_file
+    return [f"{file} holds geometry alone: without {', '.join(groups)} it is off by {1e3 * off:.2g} mm at these poses"]

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.commands.calibrate.result import number
-from lab.commands.calibrated_files import arm_files, table_text
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.run import CompensationResult
 from lab.commands.run_folder import config, write_json
@@ -84,9 +83,11 @@ def write_correction(folder: Path, done: CompensationResult, options: Compensate
     _write_csv(folder / JOINTS, done, rows, _joint_columns(done, rows))
     _write_csv(folder / CARTESIAN, done, rows, _cartesian_columns(done, rows) | _joint_columns(done, rows))
     drawing = run.nominal_inverse(done.target)  # what the corrected targets are for
-    (folder / NOMINAL).write_text(table_text(drawing.arm, drawing.values), encoding="utf-8")
-    for name, text in arm_files(run.robot, *run.geometry).items():
-        (folder / name).write_text(text, encoding="utf-8")
+    nominal = run.robot.description(run.robot.exact_file, drawing.arm.targets, drawing.values)
+    (folder / NOMINAL).write_text(nominal, encoding="utf-8")
+    arm, values = run.geometry
+    for name in run.robot.description_files:
+        (folder / name).write_text(run.robot.description(name, arm.targets, values), encoding="utf-8")
     if len(rows):
         for name, content in target_files(run.robot.chain, _moves(done, rows)).items():
             (folder / name).write_bytes(content)

@@ -1,0 +1,20 @@
+"""The file formats in which each kind of robot can be described: a line adds one.
+
+The first format of a kind is the one that a run keeps of a robot that was given as a model; the last one is exact to
+the bit, which a run keeps of a robot that was given as a table or as a mechanism.
+"""
+
+from lab.formats.description import DescriptionFormat
+from lab.formats.dh_table_toml import TABLE_TOML
+from lab.formats.mechanism_toml import MECHANISM_TOML
+from lab.formats.urdf import URDF
+from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.closed_robot import CLOSED_MJCF, ClosedModel
+from lab.simulation.model import SerialModel
+from lab.simulation.write_mjcf import MJCF
+
+__all__ = ["CLOSED_FORMATS", "SERIAL_FORMATS"]
+
+SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (MJCF, URDF, TABLE_TOML)
+CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)

@@ -1,0 +1,48 @@
+"""A robot as identified, and what a file format that describes robots has to offer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.model import RigidArm
+
+__all__ = ["DescriptionFormat", "IdentifiedRobot"]
+
+ArmT_co = TypeVar("ArmT_co", bound=RigidArm, covariant=True)
+ModelT_co = TypeVar("ModelT_co", covariant=True)
+ArmT_contra = TypeVar("ArmT_contra", bound=RigidArm, contravariant=True)
+ModelT_contra = TypeVar("ModelT_contra", contravariant=True)
+
+
+@dataclass(frozen=True)
+class IdentifiedRobot(Generic[ArmT_co, ModelT_co]):
+    """The geometry of a robot with identified parameters, and what else a description may hold.
+
+    Attributes:
+        name: the robot's name.
+        arm: its equations, with the measured targets.
+        values: ``(p,)`` parameters of the arm (m, rad); the base is in the instrument's frame.
+        loads: the nominal masses of its links; None where they are not known.
+        model: its nominal MuJoCo model, for the formats of the room that knows MuJoCo.
+    """
+
+    name: str
+    arm: ArmT_co
+    values: Array
+    loads: Loads | None
+    model: ModelT_co
+
+
+@dataclass(frozen=True)
+class DescriptionFormat(Generic[ArmT_contra, ModelT_contra]):
+    """A file format that describes a kind of robot.
+
+    Attributes:
+        file: the name of its file in a run's folder.
+        text: the file's content for an identified robot.
+    """
+
+    file: str
+    text: Callable[[IdentifiedRobot[ArmT_contra, ModelT_contra]], str]
