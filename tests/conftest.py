@@ -1,6 +1,51 @@
-"""One BLAS thread a process: on a busy machine small matrices wait a hundred times longer for a second one."""
+"""What every test may ask for; and one BLAS thread a process.
+
+On a busy machine small matrices wait a hundred times longer for a second thread.
+"""
 
 import os
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
+
+_WRITES = {
+    "lab.commands.calibrate.recording": ("record", ""),
+    "lab.commands.calibrate.report": ("write_report", ""),
+    "lab.commands.design.recording": ("record_plan", ""),
+    "lab.commands.design.report": ("write_plan_report", "report.html"),
+}  # by module: what it is asked for, and which file that writes into a folder
+
+
+@pytest.fixture(scope="module")
+def nothing_drawn() -> Iterator[None]:
+    """Recordings and reports are empty files, and a plan has no pictures."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, (function, file) in _WRITES.items():
+            module = types.ModuleType(name)
+            setattr(module, function, lambda path, *_, file=file: Path(path, file).write_bytes(b""))
+            patch.setitem(sys.modules, name, module)
+        patch.setattr("lab.commands.design.figures.plot_plan", lambda folder, plan: None)
+        yield
+
+
+@pytest.fixture
+def strict_recordings() -> Iterator[None]:
+    """Rerun raises where it would only warn."""
+    import rerun as rr
+
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+@pytest.fixture(scope="session")
+def home(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment with a home of their own for rerun's programs: they keep settings there."""
+    folder = tmp_path_factory.mktemp("home")
+    return os.environ | {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_DATA_HOME": str(folder)}

@@ -9,7 +9,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import IRB120, ROOT, data_file
 
 from lab.cli import main
@@ -17,6 +16,8 @@ from lab.core import se3
 from lab.formats.dh_table_toml import read_table
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
+
+pytestmark = pytest.mark.usefixtures("nothing_drawn")
 
 FILES = {
     "config.json",

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.pages import PAGES, README, Page
 from helpers.robots import ROOT
 
@@ -25,6 +24,8 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.payload import RigidLoad
 from lab.simulation.payload_bench import LoadBench, RunErrors
 from lab.studies.grid import read_study
+
+pytestmark = pytest.mark.usefixtures("nothing_drawn")
 
 SCRIPTS = {path.read_text(encoding="utf-8"): path.stem for path in (ROOT / "scripts").glob("*.py")}
 LANGUAGES = {"sh", "text", "python", "toml"}

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.recordings import FLOAT32, column, home, in_world, needs_vulkan, rrd, statics, strict, views_of  # noqa: F401
+from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, statics, views_of
 
 from lab.commands.calibrate.run import VirtualCampaign, run_virtual
 from lab.compensation.iso9283 import CYCLES, accuracy, cube_positions, repeatability
@@ -17,6 +17,8 @@ from lab.experiments.closed_loop_scene import HOLD, loop_scene
 from lab.render.format import format_magnification
 from lab.simulation.meshes import body_poses
 from lab.simulation.model import FLANGE
+
+pytestmark = pytest.mark.usefixtures("strict_recordings")
 
 TARGETS = 20
 STEPS = [*range(2 * PATH_POINTS), *range(2 * PATH_POINTS, 2 * PATH_POINTS + 5 * HOLD, HOLD)]

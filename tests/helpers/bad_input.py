@@ -1,15 +1,14 @@
 """Commands given bad input: what they print, and what they leave behind."""
 
 import shlex
-import sys
-import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 from lab.cli import main
 from lab.formats.dh_table_toml import read_table
 from lab.kinematics.serial.arm import SerialArm
@@ -121,16 +120,66 @@ def csv(table: list[list[str]] = GOOD, separator: str = ",") -> str:
     return "".join(separator.join(row) + "\n" for row in table)
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder with a good robot of each kind and good measurements; no recording is written."""
-    recording = types.ModuleType("lab.commands.calibrate.recording")
-    recording.record = lambda path, outcome: None  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "lab.commands.calibrate.recording", recording)
-    monkeypatch.chdir(tmp_path)
-    for name, text in {"arm.toml": ARM_TOML, "arm.xml": ARM_XML, "arm.urdf": ARM_URDF, "good.csv": csv()}.items():
-        (tmp_path / name).write_text(text)
-    return tmp_path
+POINTS = ("p1_x_mm", "p1_y_mm", "p1_z_mm")
+
+# Files of measurements with one thing changed
+
+
+def edited(*cells: tuple[int, str, str], table: list[list[str]] = GOOD) -> str:
+    """The file with some cells changed; lines as an editor counts them."""
+    new = [list(row) for row in table]
+    for line, column, text in cells:
+        new[line - 1][new[0].index(column)] = text
+    return csv(new)
+
+
+def renamed(*pairs: tuple[str, str]) -> str:
+    names = dict(pairs)
+    return csv([[names.get(name, name) for name in GOOD[0]], *GOOD[1:]])
+
+
+def without(column: str) -> str:
+    at = GOOD[0].index(column)
+    return csv([row[:at] + row[at + 1 :] for row in GOOD])
+
+
+def cells(text: str) -> list[list[str]]:
+    return [line.split(",") for line in text.splitlines()]
+
+
+def joined(name: str, texts: Mapping[int, str] | str = "", table: list[list[str]] = GOOD) -> str:
+    """The file with one more column: the same text in every row, or texts by line."""
+    of_line = texts if isinstance(texts, Mapping) else {}
+    rest = texts if isinstance(texts, str) else ""
+    return csv([[*row, name if i == 0 else of_line.get(i + 1, rest)] for i, row in enumerate(table)])
+
+
+def emptied(*lines: int) -> str:
+    return edited(*((line, column, "") for line in lines for column in POINTS))
+
+
+def approached(blank: int = 0) -> str:
+    """The file with sides from which each joint came; no side for the second joint in a line."""
+    table = GOOD
+    for k, joint in enumerate(("q1", "q2", "rail")):
+        sides = {line: "1" if (line >> k) % 2 else "-1" for line in range(2, ROWS + 2)}
+        if joint == "q2":
+            sides.pop(blank, None)
+        table = cells(joined(f"approach_{joint}", sides, table))
+    return csv(table)
+
+
+# A command that is given it
+
+
+@dataclass(frozen=True)
+class Case:
+    """Arguments, the files they speak of, and what the one line must contain."""
+
+    id: str
+    argv: str
+    says: tuple[str, ...]
+    files: Mapping[str, str | bytes] = field(default_factory=dict)
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:
@@ -150,3 +199,35 @@ def the_line(err: str) -> str:
     lines = [line for line in err.splitlines() if not line.startswith("lab: warning: ")]
     assert len(lines) == 1 and lines[0].startswith("lab: "), err
     return lines[0]
+
+
+def write(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+def warnings_of(err: str) -> list[str]:
+    lines = err.splitlines()
+    assert all(line.startswith("lab: warning: ") for line in lines), err
+    return lines
+
+
+def assert_cases_differ(cases: Sequence[Case], at_least: int) -> None:
+    """So many cases, each of its own."""
+    assert len(cases) >= at_least
+    assert len({case.id for case in cases}) == len(cases)
+    assert len({(case.argv, *map(str, case.files.values())) for case in cases}) == len(cases)
+
+
+def assert_told_in_one_line(case: Case, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2, one line that says what and where, and no file more or less than before."""
+    write(folder, case.files)
+    before = contents(folder)
+    assert run(case.argv) == 2
+    out, err = capfd.readouterr()
+    line = the_line(err)
+    assert out == ""
+    assert [fragment for fragment in case.says if fragment not in line] == [], line
+    assert contents(folder) == before  # no run, no half of one, no log

@@ -1,6 +1,5 @@
 """Recordings, read back from their files and shown by the viewer."""
 
-import os
 import socket
 import subprocess
 import sys
@@ -8,13 +7,10 @@ import time
 from pathlib import Path
 
 import pytest
-import rerun as rr
 import rerun_cli
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
-from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.run import VirtualCampaign, run_virtual
 from lab.core import se3
 
 DRIVERS = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
@@ -27,32 +23,6 @@ needs_vulkan = pytest.mark.skipif(
     sys.platform != "linux" or not any(folder.glob("*.json") for folder in DRIVERS if folder.is_dir()),
     reason="no Vulkan driver: the viewer cannot draw here",
 )
-
-
-@pytest.fixture(autouse=True)
-def strict():
-    rr.set_strict_mode(True)
-    yield
-    rr.set_strict_mode(False)
-
-
-@pytest.fixture(scope="module")
-def outcome():
-    return run_virtual(VirtualCampaign(seed=7, poses=30))
-
-
-@pytest.fixture(scope="module")
-def recording(outcome, tmp_path_factory):
-    path = tmp_path_factory.mktemp("recording") / "recording.rrd"
-    record(path, outcome)
-    return path
-
-
-@pytest.fixture(scope="module")
-def home(tmp_path_factory):
-    """A home of their own for rerun's programs: they keep settings there."""
-    folder = tmp_path_factory.mktemp("home")
-    return os.environ | {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_DATA_HOME": str(folder)}
 
 
 def program():

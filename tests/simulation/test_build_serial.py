@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import DATA, IRB120
 
 from lab.campaign.options import VirtualCampaign
@@ -21,6 +20,8 @@ from lab.kinematics.serial.chain import Chain
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, random_poses, standing
 from lab.simulation.link_shapes import DENSITY, link_rods, reach_of
+
+pytestmark = pytest.mark.usefixtures("nothing_drawn")
 
 RANKS = {
     "irb120": 27, "rx130": 27, "tx40": 27, "versatran": 23, "scemi": 27, "scara": 17, "course2r": 11,

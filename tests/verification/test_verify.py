@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import IRB120, data_file, somewhere
 from helpers.run_script import answer_of, script
 from helpers.script_study import study
@@ -30,6 +29,8 @@ from lab.simulation.true_robot import track
 from lab.verification.hypotheses import refitted
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 from lab.verification.test import verify
+
+pytestmark = pytest.mark.usefixtures("nothing_drawn")
 
 SIGMA = 5e-6
 NAMES = IRB120.chain.joint_names

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
@@ -14,6 +13,8 @@ from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.calibrate.run import run_virtual
 from lab.core.errors import LabError
+
+pytestmark = pytest.mark.usefixtures("nothing_drawn")
 
 SOFT = ("--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3", "--model", "compliance+drift", "--hours", "1")
 

@@ -2,22 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.recordings import (  # noqa: F401
-    DRIVERS,
-    FLOAT32,
-    column,
-    home,
-    in_world,
-    needs_vulkan,
-    opened,
-    outcome,
-    program,
-    recording,
-    rrd,
-    statics,
-    strict,
-    views_of,
-)
+from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, statics, views_of
 from helpers.robots import ROOT
 from rerun.chunk import RrdReader
 
@@ -36,6 +21,8 @@ from lab.render.skeleton import chain_corners
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.meshes import body_poses, shells
 from lab.simulation.model import FLANGE
+
+pytestmark = pytest.mark.usefixtures("strict_recordings")
 
 DATA = ROOT.parent / "shared" / "data"
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import rerun as rr
-from helpers.recordings import column, home, rrd, statics  # noqa: F401
+from helpers.recordings import column, rrd, statics
 from rerun.chunk import RrdReader
 
 from lab.campaign import virtual_robot as virtual_arm

@@ -9,7 +9,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 from helpers.robots import IRB120, ROOT, perturbed, somewhere
 
 from lab.campaign.robot import load_robot
@@ -20,6 +19,8 @@ from lab.core.se3 import Array
 from lab.formats.dh_table_toml import read_table
 from lab.formats.target_csv import read_targets
 from lab.kinematics.differential import singular_distance
+
+pytestmark = pytest.mark.usefixtures("nothing_drawn")
 
 FILES = {
     "config.json", "result.json", "report.html", "joints.csv", "cartesian.csv", "nominal.toml", "program.mod",

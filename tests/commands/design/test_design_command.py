@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bad_input import ARM_XML, contents, run, swapped, the_line
-from helpers.recordings import column, home, needs_vulkan, rrd, statics, views_of  # noqa: F401
+from helpers.recordings import column, needs_vulkan, rrd, statics, views_of
 from helpers.robots import IRB120, SCARA
 from helpers.run_script import answer_of, script
 

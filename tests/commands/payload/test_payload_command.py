@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.no_rendering import nothing_drawn  # noqa: F401
 
 from lab.campaign.robot import load_virtual
 from lab.cli import main
@@ -22,6 +21,8 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.elastic import FlexibleArm
 from lab.simulation.payload import RigidLoad
 from lab.simulation.payload_bench import LoadBench, RunErrors
+
+pytestmark = pytest.mark.usefixtures("nothing_drawn")
 
 TX40 = load_virtual("tx40")
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5, 26, 12.5]) * 1e-4)

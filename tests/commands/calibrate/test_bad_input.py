@@ -1,0 +1,225 @@
+"""Bad input to ``lab calibrate``: one line that names the place and the mend, exit code 2, and no half-written run."""
+
+import errno
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.bad_input import (
+    ARM_URDF,
+    INERTIA,
+    Case,
+    assert_cases_differ,
+    assert_told_in_one_line,
+    contents,
+    run,
+    the_line,
+    write,
+)
+
+from lab.campaign.robot import load_robot, load_virtual
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+CALIBRATE = "calibrate --robot arm.xml --poses 12"
+
+
+def plan(*poses: tuple[float, float, float]) -> str:
+    return "q1_deg,q2_deg,q3_deg\n" + "".join(",".join(map(str, pose)) + "\n" for pose in poses)
+
+
+def planned(name: str, text: str, *says: str) -> Case:
+    return Case(f"plan: {name}", f"{CALIBRATE} --plan p.csv", ("p.csv", *says), {"p.csv": text})
+
+
+def configured(name: str, text: str, *says: str) -> Case:
+    return Case(f"config: {name}", f"{CALIBRATE} --config c.json", ("c.json", *says), {"c.json": text})
+
+
+OPTIONS = [
+    Case("option: no poses", f"{CALIBRATE} --poses 0", ("--poses 0", "1 or more")),
+    Case("option: negative poses", f"{CALIBRATE} --poses -3", ("--poses -3", "1 or more")),
+    Case("option: too few poses", f"{CALIBRATE} --poses 3", ("--poses 3", "need at least 5", "measure more")),
+    Case("option: one pose", f"{CALIBRATE} --poses 1", ("--poses 1", "at least 5 poses")),
+    Case("option: no readings", f"{CALIBRATE} --readings 0", ("--readings 0", "1 or more")),
+    Case("option: negative seed", f"{CALIBRATE} --seed -1", ("--seed -1", "0 or more")),
+    Case("option: negative sigma", f"{CALIBRATE} --position-sigma-mm -1", ("--position-sigma-mm -1", "0 to")),
+    Case("option: sigma NaN", f"{CALIBRATE} --rotation-sigma-mrad nan", ("--rotation-sigma-mrad nan", "0 to")),
+    Case("option: sigma absurd", f"{CALIBRATE} --position-sigma-mm 1e300", ("--position-sigma-mm", "0 to")),
+    Case("option: noise zero", f"{CALIBRATE} --noise-mm 0", ("--noise-mm 0", "above zero")),
+    Case("option: gate NaN", f"{CALIBRATE} --gate-mm nan", ("--gate-mm nan", "above zero")),
+    Case("option: unknown target", f"{CALIBRATE} --targets p9", ("'p9'", "p1, p2, p3")),
+    Case("option: target doubled", f"{CALIBRATE} --targets p1,p1", ("targets p1, p1", "each once")),
+    Case("option: unknown instrument", f"{CALIBRATE} --instrument ruler", ("'ruler'", "exact", "leica-at960")),
+    Case("out: is a file", f"{CALIBRATE} --out good.csv", ("good.csv", "is a file", "--out")),
+    Case("out: below a file", f"{CALIBRATE} --out good.csv/run", ("good.csv/run", "cannot be written", "--out")),
+    Case("out: holds other files", f"{CALIBRATE} --out mine", ("mine", "photo.jpg", "--out"), {"mine/photo.jpg": ""}),
+    Case("out: the working folder", f"{CALIBRATE} --out .", ("holds arm.toml", "--out")),
+    Case(
+        "out: a config of something else",
+        f"{CALIBRATE} --out mine",
+        ("mine", "no run", "--out"),
+        {"mine/config.json": "{}"},
+    ),
+    Case(
+        "out: a run with a note in it",
+        f"{CALIBRATE} --out mine",
+        ("mine", "holds note.txt", "--out"),
+        {"mine/config.json": '{"model_sha256": ""}', "mine/note.txt": ""},
+    ),
+]
+
+FITTING = [
+    Case("model: unknown", f"{CALIBRATE} --model sag", ("--model sag", "compliance, payload, harmonics")),
+    Case("model: empty", f"{CALIBRATE} --model ''", ("--model", "geometric, auto")),
+    Case("model: twice", f"{CALIBRATE} --model gear+gear", ("--model gear+gear", "different groups")),
+    Case("model: auto beside a group", f"{CALIBRATE} --model auto+gear", ("--model auto", "no such group")),
+    Case("model: both compliances", f"{CALIBRATE} --model compliance+payload", ("compliance+payload", "choose one")),
+    Case("effects: lag", f"{CALIBRATE} --lag 1", ("--lag", "below 1")),
+    Case("effects: negative", f"{CALIBRATE} --harmonic-mrad -1", ("--harmonic-mrad -1", "from 0")),
+    Case("effects: no stiffness", f"{CALIBRATE} --stiffness-nm-per-rad 0", ("--stiffness-nm-per-rad", "above zero")),
+    Case("effects: half a range", f"{CALIBRATE} --bad-mm 5", ("--bad-mm", "least and the largest")),
+    Case("effects: payload in words", f"{CALIBRATE} --payload-kg heavy", ("--payload-kg", "not a number")),
+    Case("config: missing", f"{CALIBRATE} --config gone.json", ("gone.json", "config.json")),
+    Case("config: no file named", f"{CALIBRATE} --config", ("--config", "config.json")),
+    configured("not JSON", "poses: 3", "not JSON"),
+    configured("a list", "[]", "has no options"),
+    configured("of another command", '{"command": "identify", "options": {}}', "lab identify"),
+    configured("unknown option", '{"options": {"pose": 12}}', "'pose'", "poses"),
+    configured("wrong kind", '{"options": {"poses": "many"}}', "'many'", "poses"),
+    configured("wrong group", '{"options": {"effects": 3}}', "'effects'"),
+    configured("a truth in a list", '{"options": {"effects": {"payload_kg": [true]}}}', "[True]", "payload_kg'"),
+    configured("a number among names", '{"options": {"targets": ["p1", 1]}}', "'targets'"),
+]
+
+PLANS = [
+    planned("out of limits", plan((10, 10, 10), (10, 10, 171)), "line 3", "joint q3", "beyond its limits", "mend"),
+    planned("degrees called radians", plan((1, 1, 10)).replace("deg", "rad"), "line 2", "q3", "572.958°", "unit"),
+    planned("colliding", plan((10, 10, 10), (0, 108, 0)), "line 3", "collides", "take it out"),
+    planned("empty", "", "empty", "header"),
+    planned("no pose", "q1_deg,q2_deg,q3_deg\n", "no rows", "one row a pose"),
+    planned("a joint missing", "q1_deg,q2_deg\n1,2\n", "line 1", "q3", "q3_deg"),
+    planned("a word", plan((1, 2, 3)).replace("3\n", "three\n").replace("qthree", "q3"), "line 2", "'three'"),
+    planned("two poses", plan((1, 2, 3), (30, 20, 10)), "2 measured points", "at least 5 poses"),
+    planned("too few poses", plan((1, 2, 3), (30, 20, 10), (-10, 5, 30)), "3 poses", "at least 5"),
+]
+
+CASES = [*OPTIONS, *FITTING, *PLANS]
+
+
+def test_each_case_is_its_own() -> None:
+    assert_cases_differ(CASES, 40)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+def test_bad_input_is_told_in_one_line(case: Case, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert_told_in_one_line(case, folder, capfd)
+
+
+@pytest.mark.parametrize(
+    "name", ["config.json", "measurements.csv", "parameters.json", "calibrated.xml", "result.json"]
+)
+@pytest.mark.parametrize("out", ["run", "a/b/run"])
+def test_a_disk_that_fills_up_leaves_the_earlier_run(
+    name: str, out: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    if out == "run":
+        assert run(f"{CALIBRATE} --out {out}") == 0
+    before = contents(folder)
+    fill_disk_at(name, monkeypatch)
+    capfd.readouterr()
+    assert run(f"{CALIBRATE} --seed 5 --out {out}") == 2
+    written, err = capfd.readouterr()
+    assert written == ""
+    line = the_line(err)
+    assert out in line and "No space left on device" in line and "make room" in line
+    assert contents(folder) == before
+
+
+def fill_disk_at(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the file of this name goes to the disk, then the disk is full."""
+    plain = Path.open
+
+    def full(path: Path, mode: str = "r", *rest: Any, **more: Any) -> Any:
+        file = plain(path, mode, *rest, **more)
+        if path.name == name and "w" in mode:
+            write = file.write
+
+            def half(text: str) -> int:
+                write(text[: len(text) // 2])
+                raise OSError(errno.ENOSPC, "No space left on device")
+
+            class Full:
+                def __enter__(self) -> "Full":
+                    return self
+
+                def __exit__(self, *error: object) -> None:
+                    file.close()
+
+                write = staticmethod(half)
+
+            return Full()
+        return file
+
+    monkeypatch.setattr(Path, "open", full)
+
+
+def test_a_recording_that_fails_leaves_no_run(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fail(path: Path, outcome: object) -> None:
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(sys.modules["lab.commands.calibrate.recording"], "record", fail)
+    before = contents(folder)
+    assert run(CALIBRATE) == 2
+    assert "No space left on device" in the_line(capfd.readouterr().err)
+    assert contents(folder) == before
+
+
+def test_a_run_that_cannot_be_put_in_place_leaves_the_earlier_one(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run(f"{CALIBRATE} --out run") == 0
+    before, rename = contents(folder), Path.rename
+
+    def busy(path: Path, target: Path) -> Path:
+        if ".partial-" in path.name:
+            raise OSError(errno.EBUSY, "Device or resource busy")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", busy)
+    capfd.readouterr()
+    assert run(f"{CALIBRATE} --seed 5 --out run") == 2
+    assert "busy" in the_line(capfd.readouterr().err)
+    assert contents(folder) == before
+
+
+def test_an_earlier_run_is_replaced(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for seed in (1, 2):
+        assert run(f"{CALIBRATE} --seed {seed} --out run") == 0
+        assert json.loads((folder / "run" / "config.json").read_text())["options"]["seed"] == seed
+    assert {path.name for path in folder.iterdir() if path.is_dir()} == {"run"}
+
+
+def test_an_empty_folder_may_become_the_run(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (folder / "run").mkdir()
+    assert run(f"{CALIBRATE} --out run") == 0
+    assert (folder / "run" / "result.json").is_file()
+
+
+def test_a_run_without_out_gets_a_name_of_its_own(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert [run(CALIBRATE), run(CALIBRATE)] == [0, 0]
+    assert {path.name for path in (folder / "runs").iterdir()} == {"calibrate-arm-seed0", "calibrate-arm-seed0-2"}
+
+
+def test_a_urdf_of_axes_alone_becomes_a_virtual_arm(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    write(folder, {"robot.urdf": ARM_URDF.replace(INERTIA, "")})
+    assert run("calibrate --robot robot.urdf --poses 20 --json") == 0
+    assert "drawn as rods and weigh what rods would" in capfd.readouterr().err
+    assert load_robot("robot.urdf").loads is None  # measurements of a real arm are not explained by guessed masses
+    loads = load_virtual("robot.urdf").loads
+    assert loads is not None and (loads.mass_kg > 0.01).all()
