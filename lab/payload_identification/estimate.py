@@ -7,7 +7,7 @@ import numpy as np
 
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, elements, inertia_about_centre, is_physical, symmetric
-from lab.payload_identification.least_squares import LinearSolution
+from lab.payload_identification.least_squares import ChannelSolution
 from lab.payload_identification.residual_tests import ResidualVerdict
 
 
@@ -42,8 +42,8 @@ class LoadEstimate:
         rank, columns: of all that was estimated, with the nuisances; equal where all of it was identified.
         rows: the numbers that were fitted, each of which counts as independent.
         sigma: ``(d,)`` noise of one reading: each joint's torque (Nm, N of a slide), sensor's axis, or coordinate (m).
-        seen, residual: ``(n, d)`` what was to be explained, and what of that is left, in the channels' units.
-        unseen: what cannot be told, and which motion would show it.
+        measured, residual: ``(n, d)`` what was to be explained, and what of that is left, in the channels' units.
+        unidentified: sentences that say what is not identified, and which motion would show it.
         physical: whether a body can have these parameters; None where there is no mass to judge by.
     """
 
@@ -58,9 +58,9 @@ class LoadEstimate:
     columns: int
     rows: int
     sigma: Array
-    seen: Array
+    measured: Array
     residual: Array
-    unseen: tuple[str, ...]
+    unidentified: tuple[str, ...]
     nuisance: tuple[Nuisance, ...]
     verdict: ResidualVerdict
 
@@ -117,38 +117,51 @@ class LoadEstimate:
 
 def estimate_of(
     method: str,
-    solution: LinearSolution,
+    solution: ChannelSolution,
     nuisance: dict[str, tuple[float, str]],
-    unseen: tuple[str, ...],
+    unidentified: tuple[str, ...],
     verdict: ResidualVerdict,
-    reading: float,
+    gain: float,
 ) -> LoadEstimate:
     """The load whose ten parameters come first in a solution.
 
     Args:
         nuisance: values and units of the other parameters, by name, which the solution may hold as steps only.
-        reading: noise of the solution's rows where that of a reading is one.
+        gain: standard deviation of the solution's rows where that of one reading is one.
     """
-    told = solution.told[:10]
-    phi = np.where(told, solution.values[:10], np.nan)
+    identifiable = solution.identifiable[:10]
+    phi = np.where(identifiable, solution.values[:10], np.nan)
     slopes = np.eye(len(solution.values))
-    widths = np.where(solution.told, solution.half_widths(slopes), np.nan)
-    covariance = np.where(np.outer(told, told), solution.covariance[:10, :10], np.nan)
+    widths = np.where(solution.identifiable, solution.half_widths(slopes), np.nan)
+    covariance = np.where(np.outer(identifiable, identifiable), solution.covariance[:10, :10], np.nan)
     found = [
-        Nuisance(name, value if solution.told[i] else np.nan, float(widths[i]), unit)
+        Nuisance(name, value if solution.identifiable[i] else np.nan, float(widths[i]), unit)
         for name, (value, unit) in nuisance.items()
         for i in [solution.names.index(name)]
     ]
-    centre = widths_of(solution, _centre_slopes(phi)) if told[:4].all() else np.full(3, np.nan)
-    inner = widths_of(solution, _inner_slopes(phi)) if told.all() else np.full(6, np.nan)
+    centre = widths_of(solution, _centre_slopes(phi)) if identifiable[:4].all() else np.full(3, np.nan)
+    inner = widths_of(solution, _inner_slopes(phi)) if identifiable.all() else np.full(6, np.nan)
     return LoadEstimate(
-        method, "flange", phi, covariance, widths[:10], centre, symmetric(inner), solution.rank, len(solution.names),
-        solution.residual.size, solution.sigma / reading, solution.seen, solution.residual * solution.sigma, unseen,
-        tuple(found), verdict,
-    )  # fmt: skip
+        method=method,
+        frame="flange",
+        phi=phi,
+        covariance=covariance,
+        half_width=widths[:10],
+        com_half_width=centre,
+        inertia_com_half_width=symmetric(inner),
+        rank=solution.model.rank,
+        columns=len(solution.names),
+        rows=solution.residual.size,
+        sigma=solution.sigma / gain,
+        measured=solution.measured,
+        residual=solution.residual * solution.sigma,
+        unidentified=unidentified,
+        nuisance=tuple(found),
+        verdict=verdict,
+    )
 
 
-def widths_of(solution: LinearSolution, slopes: Array) -> Array:
+def widths_of(solution: ChannelSolution, slopes: Array) -> Array:
     """Half-widths ``(k,)`` of what moves by ``slopes`` ``(k, 10)`` with the load's parameters."""
     padded = np.zeros((len(slopes), len(solution.names)))
     padded[:, :10] = slopes

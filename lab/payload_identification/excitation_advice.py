@@ -5,18 +5,20 @@ import numpy as np
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, hand_jacobian
 from lab.kinematics.serial.arm import SerialArm
-from lab.payload_identification.least_squares import LinearSolution
+from lab.payload_identification.least_squares import ChannelSolution
 
 _AXES = "xyz"
 _SHOWN = 200  # samples to tell by which joints turn the hand
 
 
-def unseen_of(solution: LinearSolution, moving: bool, arm: SerialArm, values: Array, joints: Array) -> tuple[str, ...]:
+def excitation_advice(
+    solution: ChannelSolution, moving: bool, arm: SerialArm, values: Array, joints: Array
+) -> tuple[str, ...]:
     """A sentence for each group of parameters that is not identified, or only to more than its own size."""
-    told, found = solution.told[:10], []
+    identifiable, found = solution.identifiable[:10], []
     joints = joints[:: max(1, len(joints) // _SHOWN)]
-    if not told[:4].all():
-        names = ", ".join(np.array(LOAD[:4])[~told[:4]])
+    if not identifiable[:4].all():
+        names = ", ".join(np.array(LOAD[:4])[~identifiable[:4]])
         found.append(f"{names}: not told apart; add poses that turn the hand about other horizontal axes")
     if not moving:
         found.append(
@@ -26,10 +28,10 @@ def unseen_of(solution: LinearSolution, moving: bool, arm: SerialArm, values: Ar
         return tuple(found)
     vague = _vague(solution)
     for k in range(4, 10):
-        if told[k] and not vague[k - 4]:
+        if identifiable[k] and not vague[k - 4]:
             continue
         axes = sorted({_AXES.index(letter) for letter in LOAD[k][1:]})
-        why = "shown only to more than the load's whole inertia" if told[k] else "not shown by this path"
+        why = "shown only to more than the load's whole inertia" if identifiable[k] else "not shown by this path"
         about = " and ".join(_AXES[axis] for axis in axes)
         found.append(
             f"{LOAD[k]}: {why}; turn the hand faster about its {about} ({_turned_by(arm, values, joints, axes)}): "
@@ -38,7 +40,7 @@ def unseen_of(solution: LinearSolution, moving: bool, arm: SerialArm, values: Ar
     return tuple(found)
 
 
-def _vague(solution: LinearSolution) -> Array:
+def _vague(solution: ChannelSolution) -> Array:
     """``(6,)`` whether the interval of an element of the inertia is wider than the largest that is found."""
     widths = solution.half_widths(np.eye(len(solution.names)))[4:10]
     return np.asarray(widths > np.abs(solution.values[4:7]).max())

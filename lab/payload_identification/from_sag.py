@@ -10,7 +10,7 @@ from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import LOAD, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload_identification.estimate import LoadEstimate, estimate_of
-from lab.payload_identification.excitation_advice import unseen_of
+from lab.payload_identification.excitation_advice import excitation_advice
 from lab.payload_identification.least_squares import least_squares
 from lab.payload_identification.residual_tests import BiasCandidate, verdict
 
@@ -75,8 +75,8 @@ def from_sag(
             break
     bend = lever * (sag + joints - without)[:, None, :]
     suspects = [BiasCandidate(bend, "compliances other than those given; identify them with a load that was weighed")]
-    unseen = unseen_of(solution, False, arm, values, joints)
-    return estimate_of("sag", solution, {}, unseen, verdict(solution, suspects), float(np.sqrt(2)))
+    unidentified = excitation_advice(solution, False, arm, values, joints)
+    return estimate_of("sag", solution, {}, unidentified, verdict(solution, suspects), float(np.sqrt(2)))
 
 
 def _sag(arm: SerialArm, values: Array, soft: Soft, joints: Array, phi: Array) -> tuple[Array, Array]:

@@ -10,9 +10,9 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload_identification.estimate import LoadEstimate, estimate_of
-from lab.payload_identification.excitation_advice import unseen_of
+from lab.payload_identification.excitation_advice import excitation_advice
 from lab.payload_identification.filtering import BAND_HZ, Filter
-from lab.payload_identification.least_squares import LinearSolution, least_squares
+from lab.payload_identification.least_squares import ChannelSolution, least_squares
 from lab.payload_identification.paired_runs import Compared, compared, diagonal, refuse_apart
 from lab.payload_identification.residual_tests import BiasCandidate, Series, verdict
 
@@ -74,14 +74,14 @@ def from_torques(
         suspects.append(BiasCandidate(runs.rubbing(fitted[:10])[0], _FRICTION))
     nuisance = {name: (float(value), "") for name, value in zip(solution.names[10:], solution.values[10:], strict=True)}
     nuisance |= {"delay": (late, "s")} if delay else {}
-    unseen = unseen_of(solution, True, arm, values, runs.joints)
+    unidentified = excitation_advice(solution, True, arm, values, runs.joints)
     said = verdict(solution, suspects, [Series(0, len(runs.own), runs.common.band.hz)])
-    return estimate_of("torque difference, moving", solution, nuisance, unseen, said, reading)
+    return estimate_of("torque difference, moving", solution, nuisance, unidentified, said, reading)
 
 
 def _fitted(
     runs: Compared, joint_names: Sequence[str], delay: bool, sigma: Array | None
-) -> tuple[LinearSolution, float, Array]:
+) -> tuple[ChannelSolution, float, Array]:
     """Gauss-Newton in the delay, while the columns of friction follow the load that is found.
 
     With y(t + late) = X(t) p, where X holds the regressor and the friction's columns, a step of the delay has the
@@ -140,9 +140,9 @@ def _static(
         BiasCandidate(steady, "a steady torque of each joint, as stiction leaves; approach each pose from both sides"),
         BiasCandidate(diagonal(regressor @ solution.values), "gains of the joints' torques"),
     ]
-    unseen = unseen_of(solution, False, arm, values, loaded.joints)
+    unidentified = excitation_advice(solution, False, arm, values, loaded.joints)
     said = verdict(solution, suspects)
-    return estimate_of("torque difference, static", solution, {}, unseen, said, float(np.sqrt(2)))
+    return estimate_of("torque difference, static", solution, {}, unidentified, said, float(np.sqrt(2)))
 
 
 def _runs(records: PayloadSamples) -> tuple[PayloadSamples, PayloadSamples]:

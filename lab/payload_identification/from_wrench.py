@@ -13,9 +13,9 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, HandMotion, hand_motion, wrench_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload_identification.estimate import LoadEstimate, estimate_of
-from lab.payload_identification.excitation_advice import unseen_of
+from lab.payload_identification.excitation_advice import excitation_advice
 from lab.payload_identification.filtering import BAND_HZ, Band, band_of
-from lab.payload_identification.least_squares import LinearSolution, least_squares
+from lab.payload_identification.least_squares import ChannelSolution, least_squares
 from lab.payload_identification.paired_runs import same_step
 from lab.payload_identification.residual_tests import BiasCandidate, Series, verdict
 
@@ -123,8 +123,8 @@ def from_wrench(
         standing.late_s,
     ]
     nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], found, strict=False)}
-    unseen = unseen_of(solution, moving, arm, values, records.joints[records.loaded])
-    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unseen, said, reading)
+    unidentified = excitation_advice(solution, moving, arm, values, records.joints[records.loaded])
+    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unidentified, said, reading)
 
 
 def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting, band_hz: float) -> _Readings:
@@ -153,7 +153,7 @@ def _regressors(motion: HandMotion) -> tuple[Array, Array]:
 
 def _fitted(
     readings: _Readings, labels: Sequence[str], mounting: Mounting, sigma: Array | None
-) -> tuple[LinearSolution, MountingEstimate]:
+) -> tuple[ChannelSolution, MountingEstimate]:
     """Gauss-Newton in how arm and sensor stand; the rest is linear."""
     standing = MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
     linear = labels[:16]
@@ -210,7 +210,7 @@ def _stepped(standing: MountingEstimate, steps: dict[str, float]) -> MountingEst
 
 
 def _suspects(
-    readings: _Readings, solution: LinearSolution, standing: MountingEstimate, labels: Sequence[str]
+    readings: _Readings, solution: ChannelSolution, standing: MountingEstimate, labels: Sequence[str]
 ) -> list[BiasCandidate]:
     phi = solution.values[:10]
     freed = _freed(readings, standing, phi)

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, stats
+from scipy import fft
 
+from lab.core.linear_model import p_value_of_squares
 from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
-from lab.payload_identification.least_squares import LinearSolution
+from lab.payload_identification.least_squares import ChannelSolution
 
 SLOW_HZ = 5.0  # below it a quick arm's torques change
 _MOST_SLOW = 0.5  # of the band
@@ -72,12 +73,12 @@ class ResidualVerdict:
 
 
 def verdict(
-    solution: LinearSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
+    solution: ChannelSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
 ) -> ResidualVerdict:
     """All tests that there are numbers for; rows that are in no series are poses, or anything in no order."""
     outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.words) for suspect in suspects]
     outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
-    if solution.known:
+    if solution.sigma_known:
         outcomes.append(
             (_too_large(solution), "more than the noise's given sigma: it is larger, or the model is wrong")
         )
@@ -94,22 +95,22 @@ def verdict(
     return ResidualVerdict(False, p, f"the intervals are too small: the residuals follow {words} {counted}")
 
 
-def _added(solution: LinearSolution, columns: Array) -> float:
+def _added(solution: ChannelSolution, columns: Array) -> float:
     """The p of F for further columns; NaN where the fit's own columns or the numbers leave nothing of them."""
     rows = (columns / solution.sigma[:, None]).reshape(solution.residual.size, -1)
     length = np.linalg.norm(rows, axis=0)
     rows = rows[:, length > 0] / length[length > 0]
-    rows = rows - solution.basis @ (solution.basis.T @ rows)
+    rows = solution.model.residual(rows)
     u, sizes, _ = np.linalg.svd(rows, full_matrices=False)
     pull = u[:, sizes > _NEW].T @ solution.residual.ravel()
     squares, gained = float((solution.residual**2).sum()), float(pull @ pull)
-    dof = solution.residual.size - solution.rank - len(pull)
+    dof = solution.model.dof - len(pull)
     if len(pull) == 0 or dof < 3:
         return float("nan")
-    if solution.known:
-        return float(stats.chi2.sf(gained, len(pull)))
+    if solution.sigma_known:
+        return float(p_value_of_squares(gained, len(pull)))
     noise = max((squares - gained) / dof, 1.0 if solution.rounding else 1e-300)
-    return float(stats.f.sf(gained / len(pull) / noise, len(pull), dof))
+    return float(p_value_of_squares(gained, len(pull), dof, noise))
 
 
 def _slow(columns: Array, series: Sequence[Series]) -> Array:
@@ -123,10 +124,10 @@ def _slow(columns: Array, series: Sequence[Series]) -> Array:
     return slow
 
 
-def _slowness(solution: LinearSolution, series: Sequence[Series]) -> float:
+def _slowness(solution: ChannelSolution, series: Sequence[Series]) -> float:
     """The p of F of the residuals' slow part against their quick one, each by its rows less its leverages."""
     squares, dof = np.zeros(2), np.zeros(2)
-    basis = solution.basis.reshape(*solution.residual.shape, -1)
+    basis = solution.model.basis.reshape(*solution.residual.shape, -1)
     for part in series:
         rows = slice(part.first, part.last)
         power = fft.dct(solution.residual[rows], axis=0, norm="ortho") ** 2
@@ -137,10 +138,10 @@ def _slowness(solution: LinearSolution, series: Sequence[Series]) -> float:
     if dof.min() < 3:
         return float("nan")
     mean = np.maximum(squares / dof, 1.0 if solution.rounding else 1e-300)
-    return float(stats.f.sf(mean[0] / mean[1], *dof))
+    return float(p_value_of_squares(mean[0] * dof[0], dof[0], dof[1], mean[1]))
 
 
-def _too_large(solution: LinearSolution) -> float:
+def _too_large(solution: ChannelSolution) -> float:
     """The p of chi squared of all residuals, by the given sigma."""
-    dof = solution.residual.size - solution.rank
-    return float(stats.chi2.sf((solution.residual**2).sum(), dof)) if dof > 0 else float("nan")
+    dof = solution.model.dof
+    return float(p_value_of_squares((solution.residual**2).sum(), dof)) if dof > 0 else float("nan")

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.weights import root_mean_square_sigma
+from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
@@ -34,7 +35,7 @@ class CalibrationPrediction:
         values: ``(p,)`` of ``arm``.
         free: indices of those that were identified.
         covariance: ``(f, f)`` of these.
-        freedom: with how many degrees of freedom its sigma was estimated; None where it was known.
+        dof: with how many degrees of freedom its sigma was estimated; None where it was known.
         strange: targets of the arm of which the run says nothing.
     """
 
@@ -55,9 +56,7 @@ class CalibrationPrediction:
         """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none."""
         if numbers < 1:
             return 1.0
-        if self.dof is None:
-            return float(stats.chi2.sf(square, numbers))
-        return float(stats.f.sf(square / numbers, numbers, self.dof))
+        return float(p_value_of_squares(square, numbers, self.dof))
 
     def deviance(self, square: float, numbers: int) -> float:
         """Minus twice the logarithm of the likelihood, up to a constant: of a Gaussian, or of Student's t."""
@@ -115,31 +114,42 @@ class RefitSolution:
     Attributes:
         values: ``(p,)``.
         square: r' S^-1 r there.
-        basis: ``(N, rank)`` orthonormal, of the fitted columns times S^-1/2.
-        covariance: ``(p, p)`` of what was fitted.
+        model: of the fitted columns ``(N, h)`` times S^-1/2.
+        directions: ``(p, h)`` how the h fitted numbers change the parameters.
+        there: the problem at ``values``.
     """
 
     values: Array
     square: float
-    basis: Array
-    covariance: Array
+    model: LinearModel
+    directions: Array
     there: WhitenedSystem
 
     @property
     def rank(self) -> int:
-        """How many numbers the measurements told."""
-        return int(self.basis.shape[1])
+        """How many numbers the measurements determine."""
+        return self.model.rank
 
     @property
-    def left(self) -> int:
-        """Degrees of freedom."""
-        return len(self.there.residual) - self.rank
+    def dof(self) -> int:
+        """Degrees of freedom of ``square``."""
+        return self.model.dof
+
+    @property
+    def back(self) -> Array:
+        """``(p, rank)`` from the model's basis to the parameters."""
+        back: Array = self.directions @ self.model.back
+        return back
+
+    @property
+    def covariance(self) -> Array:
+        """``(p, p)`` of what was fitted."""
+        covariance: Array = self.back @ self.back.T
+        return covariance
 
     def beyond(self, directions: Array) -> Array:
         """What directions ``(p, h)`` change, without what is fitted anyhow: whitened columns ``(N, h)``."""
-        columns = self.there.white(self.there.jacobian @ directions)
-        rest: Array = columns - self.basis @ (self.basis.T @ columns)
-        return rest
+        return self.model.residual(self.there.white(self.there.jacobian @ directions))
 
 
 @dataclass(frozen=True)
@@ -170,7 +180,7 @@ class VerificationProblem:
         """The same for base or tool, which may be anywhere: from ``start``, or from where the points alone put them."""
         near = self.fitted(start, directions)
         enough = int(seen_mask(self.observed.points).sum()) >= 3
-        if "base" not in groups or not enough or self.prediction.p(near.square, near.left) >= VERIFICATION:
+        if "base" not in groups or not enough or self.prediction.p(near.square, near.dof) >= VERIFICATION:
             return near
         far = self.fitted(initial_guess(self.prediction.arm, self.observed, start, groups), directions)
         return far if far.square < near.square else near
@@ -182,7 +192,8 @@ class VerificationProblem:
         """
         there = fit.there
         known, taken = (
-            float((self.in_metres(rows) ** 2).sum()) for rows in (there.axes * there.sizes, there.coloured(fit.basis))
+            float((self.in_metres(rows) ** 2).sum())
+            for rows in (there.axes * there.sizes, there.coloured(fit.model.basis))
         )
         numbers = len(there.residual)
         noise = numbers * root_mean_square_sigma(self.observed, 0) ** 2
@@ -205,15 +216,10 @@ class VerificationProblem:
         """The fit if it were solved here, the step ``(p,)`` to a better one, and how far that leads."""
         there = self._at(values)
         residual, columns = there.white(there.residual), there.white(there.jacobian @ directions)
-        scale = np.linalg.norm(columns, axis=0)
-        scale[scale == 0] = 1.0
-        axes, sizes, vt = np.linalg.svd(columns / scale, full_matrices=False)
-        told = sizes > FULL_RANK * sizes.max(initial=1e-300)
-        back = (directions / scale) @ (vt[told].T / sizes[told])  # (p, rank)
-        basis = axes[:, told]
-        pull = basis.T @ residual
-        here = RefitSolution(values, float(residual @ residual), basis, back @ back.T, there)
-        return here, back @ pull, float(np.linalg.norm(pull))
+        model = LinearModel.of(columns, FULL_RANK)
+        pull = model.coordinates(residual)
+        here = RefitSolution(values, float(residual @ residual), model, directions, there)
+        return here, here.back @ pull, float(np.linalg.norm(pull))
 
 
 def _root(covariance: Array) -> Array:

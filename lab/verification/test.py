@@ -106,23 +106,23 @@ def verify(
     arm, problem = prediction.arm, VerificationProblem(prediction, observed)
     anew = refitted(arm, refit)
     fit = problem.placed(prediction.values, anew, refit)
-    if refit and (fit.left < 1 or fit.rank < _structural_rank(prediction, anew)):
+    if refit and (fit.dof < 1 or fit.rank < _structural_rank(prediction, anew)):
         count = f"{len(observed.points)} pose{'' if len(observed.points) == 1 else 's'}"
         raise LabError(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
             "measure more, or refit less"
         )
-    p = prediction.p(fit.square, fit.left)
+    p = prediction.p(fit.square, fit.dof)
     found = [] if p >= VERIFICATION else _hypotheses(problem, fit, refit, poses)
     alike = _not_told_apart(found, len(fit.there.residual))
     errors = np.linalg.norm(observed.points - arm.points(observed.inputs, fit.values), axis=2)
     promised = problem.promised_m(fit)
     rms = float(np.sqrt(np.nanmean(errors**2)))
-    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are promised ({prediction.test(fit.left, p)})"
+    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are promised ({prediction.test(fit.dof, p)})"
     return Verified(
         good=p >= VERIFICATION,
         statistic=fit.square,
-        numbers=fit.left,
+        numbers=fit.dof,
         sigma_freedom=prediction.dof,
         p=p,
         errors=errors,
@@ -166,7 +166,7 @@ def _tried(
     whole = told == np.linalg.matrix_rank(movement.directions)
     size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
     words = f"{movement.what} {movement.did} {size.words}"
-    return _judged(problem, movement.kind, words, size, told, (moved.square, moved.left), movement.alike)
+    return _judged(problem, movement.kind, words, size, told, (moved.square, moved.dof), movement.alike)
 
 
 def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequence[str]) -> list[Hypothesis]:
@@ -177,7 +177,7 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
     """
     there, observed = fit.there, problem.observed
     gain = np.sqrt(there.sizes**2 / (1 + there.sizes**2))
-    taken = np.concatenate([there.axes * gain, there.white(fit.basis)], axis=1)  # M = 1 - taken taken'
+    taken = np.concatenate([there.axes * gain, there.white(fit.model.basis)], axis=1)  # M = 1 - taken taken'
     pull = there.residual - taken @ (taken.T @ there.residual)
     pose, _ = np.nonzero(seen_mask(observed.points))
     of_row, best = np.repeat(pose, 3), None
@@ -197,7 +197,7 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
     metres = problem.in_metres(units)[of_row == i]
     size = Displacement(*sized(metres @ inverse @ pull[of_row == i], metres @ inverse @ metres.T))
     words = f"the reading of {poses[i] if poses else f'pose {i}'} alone is off by {size.words}"
-    left = fit.square - drop, fit.left - told
+    left = fit.square - drop, fit.dof - told
     return [_judged(problem, "reading", words, size, told, left, len(np.unique(pose)))]
 
 
@@ -269,7 +269,7 @@ def _would_notice(
     if "tool" not in refit:
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
     tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
-    bound = np.sqrt(prediction.noticeable(fit.left))
+    bound = np.sqrt(prediction.noticeable(fit.dof))
     found = []
     for name, each in tried:
         whole = np.linalg.norm(fit.there.white(fit.there.jacobian @ each.directions))

@@ -235,7 +235,7 @@ def test_a_parameter_that_no_row_shows_is_told_and_the_others_are_not_harmed():
     columns[..., 1] = 0.0
     both = np.concatenate([columns, columns[..., :1] + 0.5 * columns[..., 1:2]], axis=2)  # 0 and 3 are the same
     found = least_squares("abcd", both, columns @ np.array([1.0, 2.0, 3.0]), [0, 0])
-    assert found.rank == 2 and found.told.tolist() == [False, False, True, False]
+    assert found.model.rank == 2 and found.identifiable.tolist() == [False, False, True, False]
     assert_allclose(found.values[2], 3.0, rtol=1e-12)
 
 
@@ -247,13 +247,16 @@ def test_two_static_poses_show_mass_and_centre_of_mass_by_torques():
     assert (found.rank, found.columns) == (4, 10) and found.identified == LOAD[:4]
     assert_allclose(found.phi[:4], TRUTH[:4], rtol=0, atol=1e-12)
     assert np.isnan(found.phi[4:]).all() and np.isnan(found.inertia_com_half_width).all() and found.physical
-    assert "static poses show mass and centre of mass alone" in found.unseen[0] and "q6" in found.unseen[0]
+    assert "static poses show mass and centre of mass alone" in found.unidentified[0] and "q6" in found.unidentified[0]
 
 
 def test_one_static_pose_weighs_but_does_not_place():
     found = from_torques(ARM, VALUES, static_torques(1, 16), GRAVITY)
     assert found.rank == 3 and found.identified == ("mass",)
-    assert found.unseen[0] == "mcx, mcy, mcz: not told apart; add poses that turn the hand about other horizontal axes"
+    assert (
+        found.unidentified[0]
+        == "mcx, mcy, mcz: not told apart; add poses that turn the hand about other horizontal axes"
+    )
     with pytest.raises(LabError, match="nothing to make physical"):
         physical_estimate(found)
 
@@ -263,7 +266,7 @@ def test_all_ten_parameters_are_exact_with_exact_accelerations():
     regressor = torque_regressor(ARM, VALUES, *motion, GRAVITY)
     seen = inverse_dynamics(TX40, TRUTH, motion) - own(*motion)
     found = least_squares(LOAD, regressor, seen, [0] * 6)
-    assert found.rank == 10
+    assert found.model.rank == 10
     assert_allclose(found.values, TRUTH, rtol=1e-9, atol=1e-13)
 
 
@@ -272,7 +275,7 @@ def test_a_moving_run_is_exact_from_positions_alone_and_quick():
     begun = perf_counter()
     found = bench.identified(None)
     assert perf_counter() - begun < 2.0
-    assert (found.rank, found.columns) == (10, 10) and found.adequate and found.physical and not found.unseen
+    assert (found.rank, found.columns) == (10, 10) and found.adequate and found.physical and not found.unidentified
     assert_allclose(found.phi, TRUTH, rtol=2e-8, atol=1e-11)
     assert_allclose(found.com_m, CENTRE, rtol=1e-8)
     assert_allclose(found.inertia_com_kgm2, inertia_about_centre(TRUTH), atol=1e-11)

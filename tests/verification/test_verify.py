@@ -128,9 +128,9 @@ def test_p_values_are_uniform_where_nothing_has_changed() -> None:
     for _ in range(1000):
         r = (root @ rng.standard_normal(15)).reshape(exact.shape)
         drawn = VerificationProblem(prediction, replace(blank, points=exact + r)).fitted(prediction.values, nothing)
-        known.append(prediction.p(drawn.square, drawn.left))
+        known.append(prediction.p(drawn.square, drawn.dof))
         sigma = rng.chisquare(dof) / dof
-        estimated.append(replace(prediction, dof=dof).p(drawn.square / sigma, drawn.left))
+        estimated.append(replace(prediction, dof=dof).p(drawn.square / sigma, drawn.dof))
     for p in (known, estimated):
         assert stats.kstest(p, "uniform").pvalue > 1e-3
         assert 0.001 < np.mean(np.array(p) < 0.01) < 0.025
@@ -219,7 +219,7 @@ def test_what_would_be_noticed_is() -> None:
             noise = SIGMA * np.random.default_rng(seed).standard_normal(seen.points.shape)
             seen = replace(seen, points=prediction.arm.points(seen.inputs, real) + noise)
             fit = VerificationProblem(prediction, seen).fitted(prediction.values, np.zeros((len(real), 0)))
-            missed += prediction.p(fit.square, fit.left) >= 0.01
+            missed += prediction.p(fit.square, fit.dof) >= 0.01
         shares.append(missed / len(drawn))
     assert 0.01 <= shares[0] <= 0.10 and shares[1] > 0.3
 

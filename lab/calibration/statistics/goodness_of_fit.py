@@ -13,6 +13,7 @@ from scipy import stats
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.statistics.linearized import Linear, NoiseDistribution, linearized
+from lab.core.linear_model import matched_dof, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
@@ -84,7 +85,7 @@ def by_noise(linear: Linear, shape: NoiseDistribution) -> GoodnessOfFit:
     total, nu = float((linear.residual**2).sum()), within.dof
     left = (1 - (within.basis**2).sum(axis=2))[linear.mask]
     variance = 2 * nu + shape.excess_kurtosis * float((left**2).sum())
-    p = float(stats.chi2.sf(total * 2 * nu / variance, 2 * nu**2 / variance))
+    p = float(p_value_of_squares(total, matched_dof(nu, variance), variance=variance / (2 * nu)))
     ratio = np.sqrt(total / nu)
     test = f"(chi2 test, {nu} degrees of freedom, p = {p:.2g})"
     if p < LACK_OF_FIT:
@@ -119,8 +120,9 @@ def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> GoodnessOfFit:
     if pure < 1 or lack < 1:
         return _nothing_left()
     error, total = float((scatter**2).sum()), float((linear.residual**2).sum())
-    ratio = (total - error) / lack / max(error / pure, 1e-300)
-    p = float(stats.f.sf(ratio, lack, pure))
+    variance = max(error / pure, 1e-300)
+    ratio = (total - error) / lack / variance
+    p = float(p_value_of_squares(total - error, lack, pure, variance))
     test = f"(F test of lack of fit, {lack} and {pure} degrees of freedom, p = {p:.2g})"
     if p < LACK_OF_FIT:
         words = f"the model is not adequate: poses are off by {np.sqrt(ratio):.3g} times what repeats scatter {test}"
@@ -141,8 +143,9 @@ def by_holdout(linear: Linear, held: Linear) -> GoodnessOfFit:
     errors = held.residual.ravel()
     pull = moved.T @ errors
     rise = float(errors @ errors - pull @ np.linalg.solve(np.eye(len(pull)) + moved.T @ moved, pull))
-    ratio = rise / numbers / max(float((linear.residual**2).sum()) / within.dof, 1e-300)
-    p = float(stats.f.sf(ratio, numbers, within.dof))
+    variance = max(float((linear.residual**2).sum()) / within.dof, 1e-300)
+    ratio = rise / numbers / variance
+    p = float(p_value_of_squares(rise, numbers, within.dof, variance))
     test = f"(F test of held-out errors, {numbers} and {within.dof} degrees of freedom, p = {p:.2g})"
     if p < LACK_OF_FIT:
         words = f"the model is not adequate: held-out poses are off by {np.sqrt(ratio):.3g} times what it claims {test}"
@@ -175,9 +178,9 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     linear = linearized(model, observed, fit.values, fit.free)
     within = linear.everywhere()
     shape = observed.points.shape
-    observation = np.nan_to_num(observed.points / np.linalg.norm(observed.points, axis=2, keepdims=True))
-    along = (linear.residual.reshape(shape) * observation).sum(axis=2)
-    hat = (within.basis.reshape(*shape, -1) * observation[..., None]).sum(axis=2).reshape(along.size, -1)  # (n k, f)
+    sight = np.nan_to_num(observed.points / np.linalg.norm(observed.points, axis=2, keepdims=True))
+    along = (linear.residual.reshape(shape) * sight).sum(axis=2)
+    hat = (within.basis.reshape(*shape, -1) * sight[..., None]).sum(axis=2).reshape(along.size, -1)  # (n k, f)
     taken = hat.T @ hat
     count = int(seen_mask(observed.points).sum())
     first = count - float(np.trace(taken))  # tr AM
@@ -209,7 +212,7 @@ class Sandwich:
 
     Attributes:
         covariance: ``(f, f)`` of the free parameters (m, rad).
-        freedom: ``(f,)`` of Student's t for each one's interval.
+        dof: ``(f,)`` of Student's t for each one's interval.
     """
 
     covariance: Array
@@ -226,13 +229,13 @@ def sandwich(linear: Linear) -> Sandwich:
     bent = within.root @ within.basis  # (n, m, f) A_i Q_i
     scores = np.einsum("nmf,nm->nf", bent, linear.residual)
     half = within.back @ scores.T  # (f, n)
-    dof = np.empty(len(half))
+    means, squares = np.empty(len(half)), np.empty(len(half))
     for j, row in enumerate(within.back):
         pulls = bent @ row  # (n, m) u_i
         shared = np.einsum("nmf,nm->nf", within.basis, pulls)
         products = np.diag((pulls**2).sum(axis=1)) - shared @ shared.T
-        dof[j] = np.trace(products) ** 2 / (products**2).sum()
-    return Sandwich(half @ half.T, dof)
+        means[j], squares[j] = np.trace(products), (products**2).sum()
+    return Sandwich(half @ half.T, matched_dof(means, 2 * squares))
 
 
 def _nothing_left() -> GoodnessOfFit:

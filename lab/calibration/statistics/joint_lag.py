@@ -13,6 +13,7 @@ from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Observations
 from lab.calibration.statistics.linearized import FULL_RANK, Linear, Within, linearized
+from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
@@ -75,16 +76,14 @@ def _regressed(name: str, linear: Linear, within: Within, columns: Array, sessio
     before, scale = (np.linalg.norm(part, axis=0) for part in (columns.reshape(-1, joints), left))
     told = scale > FULL_RANK * np.maximum(before, 1e-300)
     fractions, significant, p = np.zeros(joints), np.zeros(joints, dtype=bool), 1.0
-    u, sizes, vt = np.linalg.svd(left[:, told] / scale[told], full_matrices=False)
-    kept = sizes > FULL_RANK * sizes.max(initial=0.0)
-    u, inverse = u[:, kept], vt[kept].T / sizes[kept]
+    moves = LinearModel.of(left[:, told], FULL_RANK)
     residual = linear.residual.ravel()
-    pull = u.T @ residual
+    pull = moves.coordinates(residual)
     dof = within.dof - len(pull)
     if len(pull) and dof > 0:
         variance = max(float(residual @ residual - pull @ pull) / dof, 1e-300)
-        p = min(1.0, sessions * float(stats.f.sf(pull @ pull / len(pull) / variance, len(pull), dof)))
-        estimate, std = inverse @ pull, np.sqrt(variance) * np.linalg.norm(inverse, axis=1)
-        fractions[told] = estimate / scale[told]
+        p = min(1.0, sessions * float(p_value_of_squares(pull @ pull, len(pull), dof, variance)))
+        estimate, std = moves.back @ pull, np.sqrt(variance) * np.linalg.norm(moves.back, axis=1)
+        fractions[told] = estimate
         significant[told] = 2 * stats.t.sf(np.abs(estimate / std), dof) * joints < UNSOLICITED_WARNING
     return Lag(name, p, fractions, significant)

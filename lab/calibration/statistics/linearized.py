@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
+from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -67,13 +67,9 @@ class Linear:
 
     def within(self, inside: Mask) -> "Within":
         """Least squares on the poses ``inside`` ``(n,)``."""
-        used = np.where(inside[:, None, None], self.jacobian, 0.0).reshape(-1, len(self.scale))
-        triangle = np.linalg.qr(used, mode="r")
-        _, sizes, vt = np.linalg.svd(triangle, full_matrices=False)
-        told = sizes > FULL_RANK * sizes[0]
-        gain = np.where(told, 1 / np.maximum(sizes, 1e-300), 0.0)
-        back = vt.T * gain
-        basis = self.jacobian @ back
+        flat, numbers = self.jacobian.reshape(-1, len(self.scale)), self.mask.shape[1]
+        model = LinearModel.of_rows(flat, np.repeat(inside, numbers), FULL_RANK)
+        basis = model.basis.reshape(*self.mask.shape, -1)
         own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
         spread, axes = np.linalg.eigh(np.eye(own.shape[1]) + np.where(inside, -1.0, 1.0)[:, None, None] * own)
         alone = spread < _DETERMINED
@@ -81,11 +77,11 @@ class Linear:
         return Within(
             inside=inside,
             basis=basis,
-            back=back / self.scale[:, None],
+            back=model.back / self.scale[:, None],
             root=(root[:, None, :] * axes) @ np.swapaxes(axes, 1, 2),
             count=np.where(np.arange(len(own)) < self.poses, self.mask.sum(axis=1) - alone.sum(axis=1), 0),
-            dof=int(self.mask[inside].sum()) - int(told.sum()),
-            full_rank=bool(told.all()) and len(told) == len(self.scale),
+            dof=int(self.mask[inside].sum()) - model.rank,
+            full_rank=model.full_rank,
         )
 
 
@@ -94,11 +90,11 @@ class Within:
     """Least squares on some poses, with every pose judged by the others of them.
 
     Attributes:
-        basis: ``(n, m, f)`` Q: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction.
-        back: ``(f, f)`` from the basis to the parameters: their covariance is back back' where noise is white.
+        basis: ``(n, m, rank)`` Q: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction.
+        back: ``(f, rank)`` from the basis to the parameters: their covariance is back back' where noise is white.
         root: ``(n, m, m)`` whitens a pose's residual: (I - H_ii)^-1/2 inside, (I + H_ii)^-1/2 outside.
         count: ``(n,)`` numbers of a pose that the other poses predict.
-        freedom: residual degrees of freedom inside.
+        dof: residual degrees of freedom inside.
         full_rank: whether the poses inside tell all parameters apart.
     """
 
@@ -142,12 +138,12 @@ class Within:
         inside, count = (every if poses is None else every[poses] for every in (self.inside, self.count))
         size = np.maximum(count, 1)
         if known:
-            p = stats.chi2.sf(distance, size)
+            p = p_value_of_squares(distance, size)
         else:
             dof = self.dof - np.where(inside, count, 0)
             rest = np.maximum(total[..., None] - np.where(inside, distance, 0.0), 0.0)
             variance = np.maximum(rest / np.maximum(dof, 1), max(floor, 1e-150) ** 2)
-            p = np.where(dof > 0, stats.f.sf(distance / size / variance, size, np.maximum(dof, 1)), 1.0)
+            p = np.where(dof > 0, p_value_of_squares(distance, size, np.maximum(dof, 1), variance), 1.0)
         return np.where(count > 0, p, 1.0)
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
 from lab.calibration.observations.protocol import Observation
+from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 
@@ -82,9 +82,9 @@ class Nested:
         index = [self.columns.index(i) for i in fitted]
         left = self._left(self.whole, fitted)[1]
         variance = max(float(left @ left) / max(self.rows - len(index), 1), self.floor**2)
-        inverse = np.linalg.pinv(self.whole[:, index], rcond=RANK_TOLERANCE)
-        spread: Array = np.sqrt(variance * (inverse**2).sum(axis=1)) / self.scale[index]
-        return spread
+        back = LinearModel.of(self.whole[:, index], RANK_TOLERANCE, scaled=True).back
+        std: Array = np.sqrt(variance * (back**2).sum(axis=1)) / self.scale[index]
+        return std
 
     def p_value(self, small: Score, big: Score) -> float:
         """The chance of a fall in squares as large as from ``small`` to ``big`` if what was added is not there.
@@ -95,9 +95,9 @@ class Nested:
         """
         added, dof = big.parameters - small.parameters, self.rows - big.parameters
         fall = max(small.squares - big.squares, 0.0)
-        by_noise = stats.chi2.sf(fall / self.floor**2, added)
-        ratio = fall / added / max(big.squares / dof, 1e-300)
-        return float(max(by_noise, stats.f.sf(ratio, added, dof)))
+        by_noise = p_value_of_squares(fall, added, variance=self.floor**2)
+        by_residuals = p_value_of_squares(fall, added, dof, max(big.squares / dof, 1e-300))
+        return float(max(by_noise, by_residuals))
 
     def gain(self, before: Score, after: Score) -> tuple[float, float]:
         """How far the mean held-out error falls (m), and the standard error of that: paired, by clusters."""
@@ -111,7 +111,8 @@ class Nested:
         index = [self.columns.index(i) for i in fitted]
         weights = np.append(self.away, 1.0)
         weights[index] = 0.0
-        weights[index] = -np.linalg.lstsq(triangle[:, index], triangle @ weights, rcond=RANK_TOLERANCE)[0]
+        nested = LinearModel.of(triangle[:, index], RANK_TOLERANCE, scaled=True)
+        weights[index] = -nested.solve(triangle @ weights)
         return weights, triangle @ weights
 
 

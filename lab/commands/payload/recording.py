@@ -120,7 +120,7 @@ def _summary(run: PayloadResult) -> str:
     found = run.estimate
     lines = [f"# {run.robot.name}: {found.mass_kg:.4g} kg at the hand", f"{found.method}.", f"{found.verdict.words}."]
     lines += ["| | value | ± | unit |", "|---|--:|--:|---|", *("| " + " | ".join(row) + " |" for row in rows_of(found))]
-    lines += ["", *(f"- not told: {words}" for words in found.unseen)]
+    lines += ["", *(f"- not told: {words}" for words in found.unidentified)]
     if np.isfinite(run.cost_m):
         lines.append(f"- {cost_words(run)}")
     lines += [

@@ -42,7 +42,7 @@ def write_payload_report(path: Path, run: PayloadResult, options: PayloadOptions
         warnings_box(run.warnings),
         section("The load", [_load(run)]),
         section("What it costs", [paragraph(f"{capital(cost_words(run))}.")] if np.isfinite(run.cost_m) else []),
-        section("What is not told", [paragraph(f"{capital(words)}.") for words in found.unseen]),
+        section("What is not told", [paragraph(f"{capital(words)}.") for words in found.unidentified]),
         section("What was fitted along", [_along(run)] if found.nuisance else []),
         section("Measured and explained", [_explained(run)]),
         how_it_was_made("payload", options, run.robot.sha256),
@@ -68,8 +68,8 @@ def _along(run: PayloadResult) -> Html:
 def _explained(run: PayloadResult) -> Html:
     """Each channel: what was seen, and what the load with what was fitted along makes of it."""
     found = run.estimate
-    every = max(1, len(found.seen) // MOST_DRAWN)
-    seen, left = found.seen[::every], found.residual[::every]
+    every = max(1, len(found.measured) // MOST_DRAWN)
+    seen, left = found.measured[::every], found.residual[::every]
     panels = []
     for i, (name, unit) in enumerate(channels(run)):
 

@@ -39,7 +39,7 @@ def payload_summary(run: PayloadResult) -> dict[str, Any]:
         "p": number(found.verdict.p),
         "physical": found.physical,
         "made_physical": run.estimate is not run.fitted,
-        "unseen": list(found.unseen),
+        "unseen": list(found.unidentified),
         "also_fitted": [_of_nuisance(each) for each in found.nuisance],
         "numbers": found.rows,
         "rows": rows,
@@ -90,7 +90,7 @@ def print_payload(run: PayloadResult, folder: Path) -> None:
     for each in found.nuisance:
         factor, unit = display_unit(each.unit)
         console.print(f"  {each.name}: {factor * each.value:.4g} ± {factor * each.half_width:.2g} {unit}".rstrip())
-    for words in found.unseen:
+    for words in found.unidentified:
         console.print(f"not told: {words}")
     console.print(found.verdict.words)
     if run.estimate is not run.fitted:

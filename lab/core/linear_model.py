@@ -1,0 +1,166 @@
+"""A linear model of whitened rows, solved once, and the tests and intervals that stand on it.
+
+With columns X of whitened rows y = X b + e, noise e of variance one, X has the orthonormal basis Q and b = B Q' y
+with B what leads from the basis to the parameters (``back``): the covariance is B B', the fit is Q Q' y. One
+orthogonal factorization X = Q R and the singular values of the triangle R give both, also where columns depend on
+each other (Golub & Van Loan 2013, section 5.5). Everything that fits least squares and asks what it means uses this
+one: payloads, the statistics of a calibration, verification.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+
+__all__ = ["LinearModel", "half_width_95", "matched_dof", "p_value_of_squares", "unit_columns"]
+
+ZERO_COLUMN = 1e-10  # of the largest column's norm: a column below is zero
+WHOLE = 1e-6  # of a parameter's unit vector that may lie outside of the determined directions
+NORMAL_HALF_WIDTH_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Least squares on whitened columns ``(n, p)``, for whatever is to be explained.
+
+    Attributes:
+        basis: ``(n, rank)`` Q, orthonormal in the rows that were fitted.
+        back: ``(p, rank)`` B, from the basis to the parameters.
+        singular_values: ``(min(n, p),)`` of the columns, descending.
+        identifiable: ``(p,)`` which parameters the rows determine, each alone.
+    """
+
+    basis: Array
+    back: Array
+    singular_values: Array
+    identifiable: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, columns: Array, tolerance: float, *, scaled: bool = False) -> "LinearModel":
+        """Of columns ``(n, p)``.
+
+        Args:
+            tolerance: of the largest singular value, below which one is zero.
+            scaled: whether the columns are comparable as they are; else each is scaled to unit norm first.
+        """
+        scale = None
+        if not scaled:
+            size = np.linalg.norm(columns, axis=0)
+            there = size > ZERO_COLUMN * size.max(initial=0.0)
+            scale = np.where(there, size, 1.0)
+            columns = np.where(there, columns / scale, 0.0)
+        q, triangle = np.linalg.qr(columns)
+        u, sizes, vt = np.linalg.svd(triangle)
+        rank = _rank(sizes, tolerance)
+        back = vt[:rank].T / sizes[:rank]
+        back = back if scale is None else back / scale[:, None]
+        return cls(q @ u[:, :rank], back, sizes, _identifiable(vt[:rank]))
+
+    @classmethod
+    def of_rows(cls, columns: Array, inside: NDArray[np.bool_], tolerance: float) -> "LinearModel":
+        """Of some rows of comparable columns ``(n, p)``; the basis has all rows, as these predict them.
+
+        Args:
+            inside: ``(n,)`` which rows are fitted.
+            tolerance: of the largest singular value, below which one is zero.
+        """
+        triangle = np.linalg.qr(np.where(inside[:, None], columns, 0.0), mode="r")
+        _, sizes, vt = np.linalg.svd(triangle, full_matrices=False)
+        rank = _rank(sizes, tolerance)
+        back = vt[:rank].T / sizes[:rank]
+        return cls(columns @ back, back, sizes, _identifiable(vt[:rank]))
+
+    @property
+    def rank(self) -> int:
+        """How many numbers the rows determine."""
+        return int(self.basis.shape[1])
+
+    @property
+    def dof(self) -> int:
+        """Residual degrees of freedom, where all rows were fitted."""
+        return len(self.basis) - self.rank
+
+    @property
+    def full_rank(self) -> bool:
+        """Whether the rows determine every parameter."""
+        return self.rank == len(self.back)
+
+    @property
+    def covariance(self) -> Array:
+        """``(p, p)`` of the parameters, where the rows' noise has variance one."""
+        covariance: Array = self.back @ self.back.T
+        return covariance
+
+    @property
+    def leverages(self) -> Array:
+        """``(n,)`` the share of each row that the fit takes up: the diagonal of Q Q'."""
+        return np.asarray((self.basis**2).sum(axis=1))
+
+    def coordinates(self, rows: Array) -> Array:
+        """Q' y ``(rank, ...)`` of rows ``(n, ...)``: their squares are what the fit explains."""
+        coordinates: Array = self.basis.T @ rows
+        return coordinates
+
+    def solve(self, rows: Array) -> Array:
+        """The shortest parameters ``(p, ...)`` that fit rows ``(n, ...)`` best."""
+        solution: Array = self.back @ self.coordinates(rows)
+        return solution
+
+    def residual(self, rows: Array) -> Array:
+        """What the fit leaves of rows ``(n, ...)``."""
+        left: Array = rows - self.basis @ self.coordinates(rows)
+        return left
+
+
+def _rank(sizes: Array, tolerance: float) -> int:
+    return int((sizes > tolerance * sizes.max(initial=0.0)).sum())
+
+
+def _identifiable(directions: Array) -> NDArray[np.bool_]:
+    """Which unit vectors lie in the span of orthonormal rows ``(rank, p)``."""
+    return np.asarray((directions**2).sum(axis=0) > 1 - WHOLE)
+
+
+def unit_columns(columns: Array, axis: int = -2) -> tuple[Array, Array]:
+    """Columns divided by their norms over the rows' ``axis``, and the norms; columns of zeros by one."""
+    scale = np.linalg.norm(columns, axis=axis)
+    scale[scale == 0] = 1.0
+    return columns / np.expand_dims(scale, axis), scale
+
+
+def p_value_of_squares(
+    squares: Array | float, numbers: Array | int, dof: Array | float | None = None, variance: Array | float = 1.0
+) -> Array:
+    """The chance that so many whitened numbers have a larger sum of squares by noise alone.
+
+    F where the variance was estimated with ``dof`` degrees of freedom (Seber & Lee 2003, section 4.3), else chi
+    squared.
+
+    Args:
+        squares: the sums of squares.
+        numbers: how many numbers each is of, one at least.
+        dof: of the variance; None where it is known.
+        variance: of one number.
+    """
+    if dof is None:
+        return np.asarray(scipy.stats.chi2.sf(squares / variance, numbers))
+    return np.asarray(scipy.stats.f.sf(squares / numbers / variance, numbers, dof))
+
+
+def matched_dof(mean: Array | float, variance: Array | float) -> Array:
+    """Degrees of freedom of the scaled chi squared that has a mean and a variance (Satterthwaite 1946).
+
+    Infinite where there is no variance.
+    """
+    mean, variance = np.asarray(mean, dtype=np.float64), np.asarray(variance, dtype=np.float64)
+    dof = np.full(np.broadcast_shapes(mean.shape, variance.shape), np.inf)
+    np.divide(2 * mean**2, variance, out=dof, where=variance > 0)
+    return dof
+
+
+def half_width_95(dof: Array | float) -> Array:
+    """Half of a 95 % interval in standard deviations: Student's t, with infinite ``dof`` the normal's."""
+    return np.asarray(np.where(np.isinf(dof), NORMAL_HALF_WIDTH_95, scipy.stats.t.ppf(0.975, dof)))
