@@ -1,0 +1,86 @@
+"""Least squares of whitened columns, against the normal equations, and its tests, against simulated noise."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from lab.core.linear_model import LinearModel, half_width_95, matched_dof, p_value_of_squares, unit_columns
+
+RNG = np.random.default_rng(1)
+COLUMNS = RNG.standard_normal((40, 6)) * 10.0 ** np.arange(-3, 3)
+ROWS = RNG.standard_normal(40)
+
+
+def test_it_solves_the_normal_equations_and_projects() -> None:
+    model = LinearModel.of(COLUMNS, 1e-9)
+    square = COLUMNS.T @ COLUMNS
+    np.testing.assert_allclose(model.solve(ROWS), np.linalg.solve(square, COLUMNS.T @ ROWS), rtol=1e-9)
+    np.testing.assert_allclose(model.covariance, np.linalg.inv(square), rtol=1e-8)
+    assert model.full_rank and model.identifiable.all() and (model.rank, model.dof) == (6, 34)
+    np.testing.assert_allclose(COLUMNS.T @ model.residual(ROWS) / np.linalg.norm(COLUMNS, axis=0), 0, atol=1e-13)
+    np.testing.assert_allclose(model.residual(model.residual(ROWS)), model.residual(ROWS), atol=1e-14)
+    assert model.leverages.sum() == pytest.approx(6) and (model.leverages < 1).all()
+
+
+def test_columns_that_depend_on_each_other_leave_what_stands_alone() -> None:
+    columns = np.column_stack([COLUMNS, COLUMNS[:, 1] - 2 * COLUMNS[:, 3], np.zeros(40)])
+    model = LinearModel.of(columns, 1e-9)
+    assert model.rank == 6 and not model.full_rank
+    assert model.identifiable.tolist() == [True, False, True, False, True, True, False, False]
+    alone = LinearModel.of(COLUMNS, 1e-9)
+    np.testing.assert_allclose(model.residual(ROWS), alone.residual(ROWS), atol=1e-12)
+    np.testing.assert_allclose(model.solve(ROWS)[[0, 2, 4, 5]], alone.solve(ROWS)[[0, 2, 4, 5]], rtol=1e-8)
+
+
+def test_the_scale_of_columns_decides_what_is_shortest() -> None:
+    """Of two equal columns both take half; where one is written ten times larger as it is, it takes nearly all."""
+    columns = np.column_stack([ROWS, 10 * ROWS])
+    np.testing.assert_allclose(LinearModel.of(columns, 1e-9).solve(ROWS), [0.5, 0.05])
+    np.testing.assert_allclose(LinearModel.of(columns, 1e-9, scaled=True).solve(ROWS), np.array([1, 10]) / 101)
+
+
+def test_rows_that_are_not_fitted_are_predicted() -> None:
+    columns, _ = unit_columns(COLUMNS)
+    inside = np.arange(40) < 25
+    model = LinearModel.of_rows(columns, inside, 1e-9)
+    alone = LinearModel.of(columns[inside], 1e-9)
+    predicted = model.basis @ model.coordinates(np.where(inside, ROWS, 0.0))
+    np.testing.assert_allclose(predicted, columns @ alone.solve(ROWS[inside]), atol=1e-13)
+    np.testing.assert_allclose(model.covariance, alone.covariance, rtol=1e-9)
+
+
+def test_no_columns_and_columns_of_zeros_explain_nothing() -> None:
+    for columns in (np.empty((40, 0)), np.zeros((40, 2))):
+        model = LinearModel.of(columns, 1e-9)
+        assert model.rank == 0 and model.dof == 40
+        np.testing.assert_array_equal(model.residual(ROWS), ROWS)
+
+
+def test_p_values_of_noise_are_uniform() -> None:
+    rng, model = np.random.default_rng(2), LinearModel.of(COLUMNS, 1e-9)
+    noise = 0.3 * rng.standard_normal((40, 4000))
+    explained, left = (model.coordinates(noise) ** 2).sum(axis=0), (model.residual(noise) ** 2).sum(axis=0)
+    by_sigma = p_value_of_squares(left, model.dof, variance=0.3**2)
+    by_residuals = p_value_of_squares(explained, model.rank, model.dof, left / model.dof)
+    for p in (by_sigma, by_residuals):
+        assert stats.kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_matched_degrees_of_freedom_are_those_of_the_sum_that_they_match() -> None:
+    assert matched_dof(7.0, 14.0) == 7.0  # chi squared itself
+    assert matched_dof(3.0 * 7.0, 9.0 * 14.0) == 7.0  # times a number
+    assert np.isinf(matched_dof(1.0, 0.0))
+    squares = np.random.default_rng(3).standard_normal((20_000, 12)) ** 2 @ np.linspace(0.2, 2.0, 12)
+    dof = float(matched_dof(squares.mean(), squares.var()))
+    assert 8 < dof < 12
+    assert np.mean(squares / squares.mean() * dof > stats.chi2.isf(0.05, dof)) == pytest.approx(0.05, abs=0.006)
+
+
+def test_half_widths_fall_to_the_normal_one() -> None:
+    assert half_width_95(np.array([5.0, np.inf])) == pytest.approx([2.570581835636314, 1.959963984540054], abs=1e-12)
+
+
+def test_unit_columns_keep_columns_of_zeros() -> None:
+    scaled, size = unit_columns(np.array([[3.0, 0.0], [4.0, 0.0]]))
+    np.testing.assert_array_equal(size, [5.0, 1.0])
+    np.testing.assert_array_equal(scaled, [[0.6, 0.0], [0.8, 0.0]])
