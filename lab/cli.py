@@ -18,6 +18,7 @@ from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.payload.options import PayloadOptions
+from lab.commands.result import Result
 from lab.commands.verify.options import VerifyOptions
 from lab.core.errors import LabError
 
@@ -310,20 +311,24 @@ def _compensate(command: Compensate) -> int:
 
 def _verify(command: Verify) -> int:
     """Test, write and print; 1 where something has changed."""
-    from lab.commands.verify.result import print_verification, verification_summary, write_verification
     from lab.commands.verify.run import run_verification
 
     asked = command.verification
     with _written(command.out, f"verify-{asked.file.stem}", asked.file, asked.run) as (folder, out):
-        run = run_verification(asked)
-        write_verification(folder, run, asked)
-        from lab.commands.verify.report import write_verification_report  # slow to import, as all that draws
+        result = run_verification(asked)
+        result.write(folder)
+    return _finished(result, out, command.json)
 
-        write_verification_report(folder / "report.html", run, command.verification)
-    _tell(run.warnings, verification_summary(run) if command.json else None)
-    if not command.json:
-        print_verification(run, out)
-    return 0 if run.verified.good else 1
+
+def _finished(result: Result, folder: Path, as_json: bool) -> int:
+    """Print a result, for a person or as JSON, and say where its files are; its exit code."""
+    from lab.render.terminal import print_document
+
+    _tell(result.warnings, result.to_dict() if as_json else None)
+    if not as_json:
+        print_document(result.document(), warnings=False)
+        print(f"run: {folder}")
+    return result.exit_code
 
 
 def _payload(command: Payload) -> int:

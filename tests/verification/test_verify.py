@@ -315,10 +315,10 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
 
 
 def test_it_prints_for_a_person(runs: Path, capsys) -> None:
-    for file, says in (("good.csv", "would be noticed"), ("base.csv", "--refit base says")):
+    for file, says in (("good.csv", "the test would detect it"), ("base.csv", "--refit base says")):
         main(["verify", str(runs / "known"), str(runs / file), "--out", str(runs / "shown")])
         said = " ".join(capsys.readouterr().out.split())
-        assert says in said and "degrees of freedom" in said and "promised" in said
+        assert says in said and "degrees of freedom" in said and "predicted" in said
 
 
 def test_the_noise_is_the_runs_unless_it_is_given(runs: Path, capsys) -> None:

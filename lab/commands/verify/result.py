@@ -1,60 +1,136 @@
-"""A verification as plain values for its JSON files, and in print."""
+"""What a verification found: typed, and as plain values for its JSON files."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.calibrate.result import number, statistics
-from lab.commands.run_folder import config, write_json
+from lab.commands.result import Result
 from lab.commands.verify.options import VerifyOptions
-from lab.commands.verify.run import VerifiedRun
+from lab.core.measurements import Measurements
 from lab.core.significance import VERIFICATION
 from lab.verification.hypotheses import Displacement
-from lab.verification.test import Hypothesis
+from lab.verification.test import Hypothesis, Verified
 
-MOST_HYPOTHESES = 6  # that are printed
-_ADVICE = {
-    "base": "--refit base says where it is now, and whether the rest of the arm is good",
-    "tool": "--refit tool says where it is now, and whether the rest of the arm is good",
-    "joint": "set that zero anew, or calibrate anew",
-    "reading": "measure that pose again, or mark its row use = skip",
-}
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
+    from lab.render.document import Document
 
-def verification_summary(run: VerifiedRun) -> dict[str, Any]:
-    """What ``result.json`` holds and ``--json`` prints. Lengths in mm, angles in mrad."""
-    found = run.verified
-    return {
-        "run": str(run.calibrated.folder),
-        "robot": run.calibrated.robot.name,
-        "poses": len(run.rows),
-        "targets": list(run.rows.targets),
-        "good": found.good,
-        "p": found.p,
-        "level": VERIFICATION,
-        "statistic": found.statistic,
-        "freedom": found.numbers,
-        "sigma_freedom": found.sigma_freedom,
-        "observed_mm": statistics(found.errors),
-        "promised_mm": 1e3 * found.promised_m,
-        "moved": list(found.moved),
-        "words": found.words,
-        "hypotheses": [_of_hypothesis(each) for each in found.hypotheses],
-        "refit": {name: _of_extent(extent) for name, extent in found.refit},
-        "would_notice": {f"{name}_{_unit(run, name)}": number(1e3 * size) for name, size in found.would_notice},
-        "warnings": list(run.warnings),
-    }
+__all__ = ["VerificationResult"]
 
 
-def _of_hypothesis(each: Hypothesis) -> dict[str, Any]:
-    """What may have changed."""
+@dataclass(frozen=True, repr=False, eq=False)
+class VerificationResult(Result):
+    """Whether a calibrated arm is within its predicted error, and what may have changed where it is not.
+
+    Attributes:
+        options: what was asked.
+        calibrated: the run that calibrated the arm.
+        measurements: the rows that were used.
+        verified: the test, and the hypotheses that it tried.
+    """
+
+    options: VerifyOptions
+    calibrated: Calibrated
+    measurements: Measurements
+    verified: Verified
+    warnings: tuple[str, ...]
+
+    @property
+    def good(self) -> bool:
+        """Whether the measurements are within the predicted error."""
+        return self.verified.good
+
+    @property
+    def exit_code(self) -> int:
+        """0 where the arm is within the predicted error, else 1."""
+        return 0 if self.good else 1
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The run and the measurement file."""
+        return (self.options.file, self.options.run)
+
+    @property
+    def observed_mm(self) -> dict[str, float | int]:
+        """Statistics of the observed position errors: mean, rms, p95, max (mm) and count."""
+        return statistics(self.verified.errors)
+
+    @property
+    def detectable(self) -> tuple[tuple[str, str, float], ...]:
+        """The minimum detectable changes: of what, the unit, and the size in that unit (infinite if none is)."""
+        return tuple((name, self._unit(name), 1e3 * size) for name, size in self.verified.would_notice)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``--json`` prints and ``result.json`` holds: lengths in mm, angles in mrad."""
+        found = self.verified
+        return {
+            "run": str(self.calibrated.folder),
+            "robot": self.calibrated.robot.name,
+            "poses": len(self.measurements),
+            "targets": list(self.measurements.targets),
+            "good": found.good,
+            "p": found.p,
+            "level": VERIFICATION,
+            "statistic": found.statistic,
+            "freedom": found.numbers,
+            "sigma_freedom": found.sigma_freedom,
+            "observed_mm": self.observed_mm,
+            "promised_mm": 1e3 * found.promised_m,
+            "moved": list(found.moved),
+            "words": found.words,
+            "hypotheses": [_hypothesis(each) for each in found.hypotheses],
+            "refit": {name: _displacement(moved) for name, moved in found.refit},
+            "would_notice": {f"{name}_{unit}": number(size) for name, unit, size in self.detectable},
+            "warnings": list(self.warnings),
+        }
+
+    def document(self) -> "Document":
+        """What a person reads: the test, the errors, what may have changed, what would have been detected."""
+        from lab.commands.verify.document import verification_document
+
+        return verification_document(self)
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """The observed position errors: ``id``, ``target`` and ``error_mm``, a row each; NaN where not measured."""
+        ids, targets = self.measurements.ids, self.measurements.targets
+        return {
+            "id": np.repeat(ids, len(targets)).tolist(),
+            "target": [*targets] * len(ids),
+            "error_mm": (1e3 * self.verified.errors).ravel().tolist(),
+        }
+
+    def plot(self) -> "Figure":
+        """Draw the observed errors as a histogram, with their root mean square and the predicted one."""
+        from lab.commands.verify.document import errors_picture
+
+        return errors_picture(self).draw()
+
+    def write(self, folder: Path) -> None:
+        """Write ``config.json``, ``result.json`` and ``report.html``."""
+        from lab.commands.run_folder import config, write_json
+
+        write_json(folder / "config.json", config("verify", self.options, self.calibrated.robot.sha256))
+        write_json(folder / "result.json", self.to_dict())
+        self.report(folder / "report.html")
+
+    def _unit(self, what: str) -> str:
+        """The unit in which a person reads how far something moved: the base, a target, or a joint's zero."""
+        joint = what.removeprefix("joint")
+        angular = joint.isdigit() and not self.calibrated.robot.chain.prismatic[int(joint) - 1]
+        return "mrad" if angular else "mm"
+
+
+def _hypothesis(each: Hypothesis) -> dict[str, Any]:
     return {
         "kind": each.kind,
         "words": each.words,
-        **_of_extent(each.extent),
+        **_displacement(each.extent),
         "parameters": each.parameters,
         "chi2": each.chi2,
         "p": each.p,
@@ -63,58 +139,11 @@ def _of_hypothesis(each: Hypothesis) -> dict[str, Any]:
     }
 
 
-def _of_extent(extent: Displacement) -> dict[str, float | None]:
-    """How far something went; null where that does not apply or is not told."""
+def _displacement(moved: Displacement) -> dict[str, float | None]:
+    """How far something moved; None where that does not apply or cannot be identified."""
     return {
-        "shift_mm": number(1e3 * extent.shift_m),
-        "shift_std_mm": number(1e3 * extent.shift_std_m),
-        "turn_mrad": number(1e3 * extent.turn_rad),
-        "turn_std_mrad": number(1e3 * extent.turn_std_rad),
+        "shift_mm": number(1e3 * moved.shift_m),
+        "shift_std_mm": number(1e3 * moved.shift_std_m),
+        "turn_mrad": number(1e3 * moved.turn_rad),
+        "turn_std_mrad": number(1e3 * moved.turn_std_rad),
     }
-
-
-def _unit(run: VerifiedRun, what: str) -> str:
-    """In what a person reads how far something moved: the base, a target, or a joint's zero."""
-    joint = what.removeprefix("joint")
-    turns = joint.isdigit() and not run.calibrated.robot.chain.prismatic[int(joint) - 1]
-    return "mrad" if turns else "mm"
-
-
-def write_verification(folder: Path, run: VerifiedRun, options: VerifyOptions) -> None:
-    """What was asked, and what came out."""
-    write_json(folder / "config.json", config("verify", options, run.calibrated.robot.sha256))
-    write_json(folder / "result.json", verification_summary(run))
-
-
-def print_verification(run: VerifiedRun, folder: Path) -> None:
-    """The verdict, what may have moved, and what was fitted anew."""
-    console, found = Console(markup=False), run.verified
-    robot, targets = run.calibrated.robot, ", ".join(run.rows.targets)
-    console.print(f"{robot.name}: {len(run.rows)} poses, targets {targets}, against {run.calibrated.folder}")
-    errors = statistics(found.errors)
-    console.print(
-        f"position error in mm: mean {errors['mean']:.4f}, rms {errors['rms']:.4f} (promised "
-        f"{1e3 * found.promised_m:.4f}), 95 % {errors['p95']:.4f}, max {errors['max']:.4f}"
-    )
-    for name, extent in found.refit:
-        console.print(f"fitted anew: {name}, moved by {extent.words}")
-    if found.hypotheses:
-        console.print(_table(found.hypotheses))
-    console.print(found.words)
-    if found.good:
-        seen = [f"{name} {1e3 * size:.2g} {_unit(run, name)}" for name, size in found.would_notice if np.isfinite(size)]
-        console.print(f"in 95 of 100 such files it would be noticed if one of these were off by: {', '.join(seen)}")
-    elif len(found.moved) == 1:
-        console.print(_ADVICE[found.moved[0]])
-    console.print(f"run: {folder}", soft_wrap=True)
-
-
-def _table(hypotheses: tuple[Hypothesis, ...]) -> Table:
-    """What may have changed, the best first."""
-    table = Table(title="what alone would explain it")
-    for heading in ("", "chi2 left", "p", "BIC", "explains"):
-        table.add_column(heading, justify="left" if not heading else "right")
-    for each in hypotheses[:MOST_HYPOTHESES]:
-        shown = f"{each.chi2:.1f}", f"{each.p:.1e}", f"{each.bic:.1f}", "yes" if each.explains else "no"
-        table.add_row(each.words, *shown)
-    return table

@@ -1,8 +1,8 @@
-"""A calibrated arm and a few new measurements: is it still good?"""
+"""A calibrated arm and a few new measurements: is it within its predicted error?"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
 from lab.commands.verify.options import VerifyOptions
+from lab.commands.verify.result import VerificationResult
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
@@ -20,25 +21,13 @@ from lab.formats.measurement_csv import read_measurements
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified, verify
 
+__all__ = ["run_verification"]
+
 LEAST_SPREAD = 3  # poses whose spread says something
 TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
 
-@dataclass(frozen=True)
-class VerifiedRun:
-    """What a verification found.
-
-    Attributes:
-        rows: those that were used.
-    """
-
-    calibrated: Calibrated
-    rows: Measurements
-    verified: Verified
-    warnings: tuple[str, ...]
-
-
-def run_verification(options: VerifyOptions) -> VerifiedRun:
+def run_verification(options: VerifyOptions) -> VerificationResult:
     """Test a file of new measurements against a run.
 
     Raises:
@@ -62,7 +51,8 @@ def run_verification(options: VerifyOptions) -> VerifiedRun:
         seen, prediction = _against(calibrated, rows, options)
         _refuse_implausible(prediction, seen)
         verified = verify(prediction, seen, options.refit, [rows.where(i) for i in range(len(rows))])
-    return VerifiedRun(calibrated, rows, verified, tuple(_warnings(calibrated, read, rows, verified)))
+    warnings = tuple(_warnings(calibrated, read, rows, verified))
+    return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
 def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
@@ -162,7 +152,7 @@ def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, ve
     if "payload_kg" in calibrated.arm.conditions and "payload_kg" not in rows.conditions:
         said.append("no column payload_kg: nothing is taken to hang at the flange in any pose")
     if verified.p > TOO_GOOD:
-        said.append(f"errors are much smaller than promised (p = {verified.p:.6f}): the noise is given too large")
+        said.append(f"errors are much smaller than predicted (p = {verified.p:.6f}): the noise is given too large")
     return said
 
 
