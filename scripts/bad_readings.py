@@ -32,7 +32,8 @@ from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import TrueRobot, track
+from lab.simulation.observations.points import track
+from lab.simulation.true_robot import TrueRobot
 
 INSTRUMENT = instrument("uniform-8um")
 POSES, FRESH, BAD_SHARE = 60, 1000, 0.05

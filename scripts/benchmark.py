@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 from lab.calibration.batch import aligned, fit_many
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, fit_base_and_tool, identify
+from lab.calibration.observations.points import PointsKind
 from lab.calibration.observations.protocol import Points
-from lab.calibration.observations.select import ObservationOptions
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
@@ -45,8 +45,8 @@ from lab.kinematics.serial.batch import StackedArm
 from lab.pose_selection.certificate import certify
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
+from lab.simulation.observations.points import track
 from lab.simulation.random_effects import random_conditions
-from lab.simulation.true_robot import track
 
 BUDGET_MS = {
     "identify 27 parameters, 50 poses": 5,
@@ -167,7 +167,7 @@ def effects() -> dict[str, float]:
     poses, rng = random_poses(robot.model, 1000, rng_for(7, "poses")), rng_for(7, "noise")
     there = random_conditions(robot.chain, real.effects, 1000, rng_for(7, "conditions"), soft.payload_kg, HOUR_S)
     data = track(real, poses, targets, tracker, rng, conditions=there)
-    fitter = Fitter(robot, targets, data, ObservationOptions(), Noise(tracker), Fitting("auto"), False, 7)
+    fitter = Fitter(robot, targets, data, PointsKind(), Noise(tracker), Fitting("auto"), 7)
 
     one = robot.arm(("p1",))
     rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))

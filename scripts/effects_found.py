@@ -33,8 +33,9 @@ from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
+from lab.simulation.observations.points import track
 from lab.simulation.random_effects import EffectSizes, random_effects
-from lab.simulation.true_robot import TrueRobot, track
+from lab.simulation.true_robot import TrueRobot
 
 POSES, CANDIDATES, FRESH = 60, 1000, 1000
 TARGETS, PAYLOADS_KG = ("p1",), (0.0, 3.0)

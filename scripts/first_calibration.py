@@ -9,7 +9,8 @@ from lab.campaign.robot import load_robot
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import random_perturbation, random_tracker, track, true_robot
+from lab.simulation.observations.points import track
+from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 SEED = 7
 

@@ -28,7 +28,7 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import track
+from lab.simulation.observations.points import track
 
 GAUSSIAN = Instrument("gaussian-8um", "gaussian", radial_m=8e-6 / np.sqrt(3))
 NOISES = {

@@ -46,7 +46,8 @@ from lab.kinematics.gauge import STRUCTURE_POSES, named
 from lab.kinematics.joints import JointSpec
 from lab.simulation.closed_robot import ClosedModel, TrueMechanism, true_mechanism
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import TrueRobot, track
+from lab.simulation.observations.points import track
+from lab.simulation.true_robot import TrueRobot
 from lab.studies.executors import local_executor
 
 POSES, FRESH = 50, 1000

@@ -29,7 +29,8 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import TrueRobot, track
+from lab.simulation.observations.points import track
+from lab.simulation.true_robot import TrueRobot
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified, verify
 

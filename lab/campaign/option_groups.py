@@ -7,8 +7,7 @@ from typing import Annotated
 import tyro
 
 from lab.core.errors import LabError
-
-LEAST, LARGEST = 1e-9, 1e9  # of an option in mm or mrad
+from lab.core.numbers import LARGEST, positive
 
 Names = Annotated[
     tuple[str, ...],
@@ -129,15 +128,3 @@ class ArmEffects:
             raise LabError("--bad-mm says how large bad readings are; give --bad-share too")
         if not self.payload_kg:
             raise LabError("--payload-kg: give at least one payload, e.g. 0,3")
-
-
-def whole(flag: str, value: int, least: int) -> None:
-    """Refuse a number that is too small."""
-    if value < least:
-        raise LabError(f"{flag} {value}: give a whole number of {least} or more")
-
-
-def positive(flag: str, value: float) -> None:
-    """Refuse what is not above zero, or beyond all sense."""
-    if not LEAST <= value <= LARGEST:
-        raise LabError(f"{flag} {value:g}: give a number above zero, from {LEAST:g} to {LARGEST:g}")

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import tyro
 
-from lab.campaign.option_groups import LARGEST, ArmEffects, Fitting, Flag, Names, Numbers, positive, whole
+from lab.campaign.option_groups import ArmEffects, Fitting, Flag, Names, Numbers
 from lab.core.errors import LabError
+from lab.core.numbers import LARGEST, positive, whole
 
 __all__ = ["DesignOptions", "VirtualCampaign", "check_common"]
 
@@ -15,6 +16,8 @@ __all__ = ["DesignOptions", "VirtualCampaign", "check_common"]
 @dataclass(frozen=True)
 class VirtualCampaign:
     """A campaign on a virtual arm."""
+
+    observe: ClassVar[str] = "points"
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""

@@ -22,8 +22,9 @@ from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects
+from lab.simulation.observations.points import recorded
 from lab.simulation.random_effects import EffectSizes, random_conditions, random_effects
-from lab.simulation.true_robot import GeometryErrors, TrueRobot, random_tracker, recorded
+from lab.simulation.true_robot import GeometryErrors, TrueRobot, random_tracker
 
 FRESH_POSES = 1000
 USUAL_HOURS = 1.0  # that a campaign takes where nothing is said

@@ -21,7 +21,8 @@ from lab.kinematics.inverse.branches import NominalInverse, ordered
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel
-from lab.simulation.true_robot import TrueRobot, track
+from lab.simulation.observations.points import track
+from lab.simulation.true_robot import TrueRobot
 
 PATH_POINTS = 100  # of the circle, and of the line
 READINGS = 25  # that a measured point is the mean of: the tracker's noise is not to be taken for the robot's

@@ -18,7 +18,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.load_samples import GRAVITY, Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.formats.csv_table import LARGEST
-from lab.formats.measurement_csv import PoseReader
+from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.toml import is_number, read_toml
 
 RUNS = ("loaded", "unloaded")
@@ -74,7 +74,7 @@ def read_loads(
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    return _LoadReader(path, list(joint_names), list(prismatic), "points").read_records(limits)
+    return _LoadReader(path, list(joint_names), list(prismatic), ObservedColumns()).read_records(limits)
 
 
 class _LoadReader(PoseReader):

@@ -7,6 +7,7 @@ Lengths in the file are read as decimal numbers and scaled exactly, so that what
 import csv
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
 from lab.formats.orientations import ENDS
 
+__all__ = ["USES", "ObservedColumns", "PoseReader", "read_measurements", "write_measurements"]
+
 USES = ("calibrate", "reference", "test", "skip")
 _ANGLE_UNITS = ("rad", "deg")
 _LENGTH_EXPONENT = {"m": 0, "mm": -3}
@@ -25,9 +28,27 @@ _TEXT_COLUMNS = ("id", "session", "use")
 _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("location", "socket")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
-POINTS_OBSERVED = ("points", "pose")  # kinds of sighting that take the measured points
 _LEAST_SIGMA_M = 1e-12
 _LARGEST_PAYLOAD_KG = 1000.0  # what no arm carries is a slip of the unit
+
+
+@dataclass(frozen=True)
+class ObservedColumns:
+    """Which of a file's columns are what is observed, beside those that every file may have.
+
+    Attributes:
+        positions: whether points are observed, and a file without them is refused; ignored with a warning otherwise.
+        orientations: whether orientations are observed; ignored with a warning otherwise.
+        numbers: columns of numbers that are read as conditions of a row, NaN where empty.
+        texts: columns of texts that are kept as they are.
+        observed: the kind of observation, as a warning of ignored columns says it; "" for points.
+    """
+
+    positions: bool = True
+    orientations: bool = False
+    numbers: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
+    observed: str = ""
 
 
 def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]) -> None:
@@ -72,21 +93,21 @@ def read_measurements(
     prismatic: Sequence[bool],
     *,
     points: bool = True,
-    observe: str = "points",
+    columns: ObservedColumns | None = None,
 ) -> Measurements:
     """Read a measurement file, or a plan (``points=False``: the points may be missing).
 
     Args:
         joint_names: the robot's; the file may call them q1…qn instead.
         prismatic: which of them slide: their columns are lengths.
-        observe: ``points``, ``pose`` (which keeps orientations as texts for ``orientations``), or another kind,
-            for which points are not needed and are ignored.
+        points: whether a file without any point is refused, where points are observed.
+        columns: what is observed; points if not given. Orientations are kept as texts for ``orientations``.
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    reader = PoseReader(path, list(joint_names), list(prismatic), observe)
-    return reader.read(points and observe in POINTS_OBSERVED)
+    reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns())
+    return reader.read(points and reader.observed.positions)
 
 
 class PoseReader(CsvTable):
@@ -94,9 +115,9 @@ class PoseReader(CsvTable):
 
     unknown_are = "kept as they are"
 
-    def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool], observe: str) -> None:
+    def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool], observed: ObservedColumns) -> None:
         super().__init__(path)
-        self.joint_names, self.prismatic, self.observe = joint_names, prismatic, observe
+        self.joint_names, self.prismatic, self.observed = joint_names, prismatic, observed
         self.warnings: list[str] = []
 
     def read(self, need_points: bool) -> Measurements:
@@ -263,13 +284,13 @@ class PoseReader(CsvTable):
             if any(column in (f"{t}_{o}" for o in ENDS) for t in targets) or column in ENDS:
                 self.numbers(column, empty=True)
                 orientation.append(column)
-            elif column not in _OTHER_RESERVED:
+            elif column not in (*_OTHER_RESERVED, *self.observed.texts):
                 unknown.append(column)
-        if orientation and self.observe != "pose":
-            fitted = "positions are fitted" if self.observe == "points" else f"--observe {self.observe}"
-            self.warnings.append(f"{self.path}: orientation columns {', '.join(orientation)} are ignored: {fitted}")
-        if targets and self.observe not in POINTS_OBSERVED:
-            self.warnings.append(f"{self.path}: points {', '.join(targets)} are ignored: --observe {self.observe}")
+        reason = f"--observe {self.observed.observed}" if self.observed.observed else "positions are fitted"
+        if orientation and not self.observed.orientations:
+            self.warnings.append(f"{self.path}: orientation columns {', '.join(orientation)} are ignored: {reason}")
+        if targets and not self.observed.positions:
+            self.warnings.append(f"{self.path}: points {', '.join(targets)} are ignored: {reason}")
         if unknown:
             self.warnings.append(
                 f"{self.path}: columns {', '.join(unknown)} have no meaning here and are {self.unknown_are}"
@@ -281,7 +302,7 @@ class PoseReader(CsvTable):
         """Columns of numbers that a model may ask for; directions of approach by the robot's names of the joints."""
         found = {}
         for column in list(self.unread):
-            if column in _NUMBER_COLUMNS:
+            if column in (*_NUMBER_COLUMNS, *self.observed.numbers):
                 found[column] = self.numbers(column, empty=True)
                 if column == "payload_kg":
                     self._refuse_payloads(found[column])

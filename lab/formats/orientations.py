@@ -1,16 +1,15 @@
 """Measured orientations: a file's quaternions, or its angles in the meaning that is named."""
 
-from typing import Literal, get_args
-
 import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
 from lab.core.se3 import Array
 
-Meaning = Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"]
-MEANINGS: tuple[Meaning, ...] = get_args(Meaning)
+__all__ = ["ENDS", "oriented_target", "read_orientations"]
+
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ANGLES = ("rx_deg", "ry_deg", "rz_deg")
 ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
@@ -34,12 +33,11 @@ def oriented_target(data: Measurements) -> str:
     return found[0]
 
 
-def read_orientations(data: Measurements, target: str, meaning: Meaning | None = None) -> Array:
-    """Unit quaternions wxyz ``(n, 4)`` of a target in the instrument's frame, NaN where not seen.
+def read_orientations(data: Measurements, target: str, meaning: AngleConvention | None = None) -> Array:
+    """Unit quaternions wxyz ``(n, 4)`` of a target in the instrument's frame, NaN where not measured.
 
     Args:
-        meaning: of three angles a, b, c about x, y, z: R = Rx(a) Ry(b) Rz(c) (``intrinsic-xyz``),
-            Rz(c) Ry(b) Rx(a) (``fixed-xyz``) or exp(a, b, c) (``rotation-vector``).
+        meaning: of three angles about x, y, z (``lab.core.orientation``).
 
     Raises:
         LabError: a column is missing or there twice, a cell is empty beside others, a quaternion is not one, or
@@ -62,14 +60,13 @@ def read_orientations(data: Measurements, target: str, meaning: Meaning | None =
                 f"{norm[off[0]]:.6g}, not 1: mend the row, or the columns' order"
             )
         return np.asarray(numbers / norm[:, None])
-    if meaning not in MEANINGS:
-        raise LabError(
-            f"columns {', '.join(columns)} are angles: say --orientation {', '.join(MEANINGS[:2])} or {MEANINGS[2]}"
-        )
-    seen = ~empty.any(axis=1)
-    out = np.full((len(data), 4), np.nan)
-    out[seen] = se3.quaternion_from_rotation(_rotation(np.deg2rad(numbers[seen]), meaning))
-    return out
+    if meaning is None:
+        known = f"{', '.join(ANGLE_CONVENTIONS[:-1])} or {ANGLE_CONVENTIONS[-1]}"
+        raise LabError(f"columns {', '.join(columns)} are angles: say --orientation {known}")
+    given = ~empty.any(axis=1)
+    quaternions = np.full((len(data), 4), np.nan)
+    quaternions[given] = se3.quaternion_from_rotation(_rotation(np.deg2rad(numbers[given]), meaning))
+    return quaternions
 
 
 def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str]:
@@ -92,7 +89,7 @@ def _numbers(data: Measurements, column: str) -> Array:
     return np.array([float(text) if text else np.nan for text in data.other[column]])
 
 
-def _rotation(angles: Array, meaning: Meaning) -> Array:
+def _rotation(angles: Array, meaning: AngleConvention) -> Array:
     """Rotations ``(n, 3, 3)`` of three angles (rad) each."""
     if meaning == "rotation-vector":
         return se3.exp(angles)

@@ -9,9 +9,10 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import measured
+from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
-from lab.formats.measurement_csv import PoseReader
-from lab.formats.orientations import ENDS, Meaning, read_orientations
+from lab.formats.measurement_csv import ObservedColumns, PoseReader
+from lab.formats.orientations import ENDS, read_orientations
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Targets:
 
 
 def read_targets(
-    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], meaning: Meaning | None = None
+    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], meaning: AngleConvention | None = None
 ) -> Targets:
     """Read a file of targets: a position each, and where it matters a quaternion or three angles.
 
@@ -54,7 +55,7 @@ def read_targets(
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    return _TargetReader(path, list(joint_names), list(prismatic), "pose").read_all(meaning)
+    return _TargetReader(path, list(joint_names), list(prismatic), ObservedColumns(orientations=True)).read_all(meaning)
 
 
 class _TargetReader(PoseReader):
@@ -62,7 +63,7 @@ class _TargetReader(PoseReader):
 
     unknown_are = "passed over"
 
-    def read_all(self, meaning: Meaning | None) -> Targets:
+    def read_all(self, meaning: AngleConvention | None) -> Targets:
         joints = self._ways()
         self._refuse_further_joints()
         names = self._targets()
@@ -107,7 +108,7 @@ class _TargetReader(PoseReader):
         self._warn_of_degrees(np.nan_to_num(joints))
         return joints
 
-    def _turns(self, name: str, positions: Array, meaning: Meaning | None) -> Array:
+    def _turns(self, name: str, positions: Array, meaning: AngleConvention | None) -> Array:
         """Rotations ``(n, 3, 3)``, NaN where the file has none."""
         rest = self._rest([name])
         rotations = np.full((len(positions), 3, 3), np.nan)

@@ -7,12 +7,9 @@ from typing import Self
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
-from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
@@ -235,51 +232,6 @@ def random_tracker(robot: RobotModel, rng: np.random.Generator) -> Array:
     tilt = np.append(np.deg2rad(2.0) * rng.standard_normal(2), 0.0)
     place[:3, :3] = se3.exp(tilt) @ se3.exp(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))
     return place
-
-
-def track(
-    real: TrueRobot,
-    joints: Array,
-    targets: tuple[str, ...],
-    instrument: Instrument,
-    rng: np.random.Generator,
-    readings: int = 1,
-    conditions: Mapping[str, Array] = NOTHING_SET,
-) -> Measurements:
-    """What the tracker reads where these joint readings settle: each point the mean of some readings."""
-    return measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)[0]
-
-
-def measure_with_outlier_mask(
-    real: TrueRobot,
-    joints: Array,
-    targets: tuple[str, ...],
-    instrument: Instrument,
-    rng: np.random.Generator,
-    readings: int = 1,
-    conditions: Mapping[str, Array] = NOTHING_SET,
-) -> tuple[Measurements, NDArray[np.bool_]]:
-    """The same, and ``(m,)`` which poses' readings are bad, for the assessment alone.
-
-    Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
-    """
-    effects, (scattering, failing) = real.effects, rng.spawn(2)
-    exact = real.points(joints, targets, conditions, effects.scatter(len(joints), scattering))
-    displaced, bad = effects.displacements(len(joints), failing)
-    points = instrument.sample(exact, rng, readings) + displaced[:, None]
-    return recorded(real, effects.shown(joints), targets, points, conditions), bad
-
-
-def recorded(
-    real: TrueRobot, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
-) -> Measurements:
-    """Measurements of points ``(m, k, 3)`` under these conditions; those after a bump are a session of their own."""
-    data = measured(real.robot.chain.joint_names, joints, targets, points)
-    rest = {name: column for name, column in conditions.items() if name != BUMPED}
-    if BUMPED not in conditions:
-        return replace(data, conditions=rest)
-    sessions = tuple("2" if after else "1" for after in conditions[BUMPED])
-    return replace(data, conditions=rest, sessions=sessions)
 
 
 def _before_tracker(

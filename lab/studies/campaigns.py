@@ -27,7 +27,8 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.batch import Stacked, stacked
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import TrueRobot, track
+from lab.simulation.observations.points import track
+from lab.simulation.true_robot import TrueRobot
 from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
 
 RANDOM = "random"

@@ -21,8 +21,8 @@ from importlib.util import find_spec
 from itertools import islice
 from typing import TYPE_CHECKING, TypeVar
 
-from lab.campaign.option_groups import whole
 from lab.core.errors import LabError
+from lab.core.numbers import whole
 
 if TYPE_CHECKING:
     from distributed import Client  # of an extra

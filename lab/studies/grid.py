@@ -6,8 +6,9 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
-from lab.campaign.option_groups import ArmEffects, Fitting, positive, whole
+from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.core.errors import LabError, error_context
+from lab.core.numbers import positive, whole
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 

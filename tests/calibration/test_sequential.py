@@ -7,8 +7,7 @@ from helpers.robots import IRB120, RX130, data_file, table_robot
 
 from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.identify import IdentifyOptions, identify
-from lab.calibration.observations.full_pose import Poses
-from lab.calibration.observations.select import ObservationOptions, sighted
+from lab.calibration.observations.full_pose import PoseKind, Poses
 from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.weights import Noise, weighed
 from lab.core.errors import LabError
@@ -107,10 +106,10 @@ def test_on_a_measured_arm_it_is_worse() -> None:
     """UR10, 632 poses in cubes, where the hand hardly turns: orientations alone do not hold the angles there."""
     robot = table_robot("ur10.toml")
     file = data_file("ur10_ipa_D.csv")
-    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, observe="pose")
+    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=PoseKind.columns)
     assert not data.warnings
     arm = robot.arm(("p1",))
-    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("pose", "intrinsic-xyz"))
+    observation, seen = PoseKind("intrinsic-xyz").observation(arm, data, arm.nominal())
     together = identify(observation, seen, arm.nominal())
     apart = identify(observation, seen, arm.nominal(), request=IdentifyOptions(solve=fit_sequentially))
     rms = [float(np.sqrt((found.residuals[:, 0] ** 2).mean())) for found in (together, apart)]

@@ -28,7 +28,7 @@ from lab.pose_selection.exchange import ascend, exchange, information
 from lab.pose_selection.predicted_accuracy import predict, smallest_count
 from lab.simulation.candidate_poses import feasibility, path_check
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import track
+from lab.simulation.observations.points import track
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).kept)

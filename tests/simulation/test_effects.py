@@ -21,16 +21,9 @@ from lab.simulation.elastic import FlexibleArm
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.model import RobotModel
+from lab.simulation.observations.points import measure_with_outlier_mask, track
 from lab.simulation.random_effects import LEVER_M, EffectSizes, random_conditions, random_effects
-from lab.simulation.true_robot import (
-    Perturbation,
-    TrueRobot,
-    measure_with_outlier_mask,
-    random_perturbation,
-    random_tracker,
-    track,
-    true_robot,
-)
+from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbation, random_tracker, true_robot
 
 MODEL, CHAIN = IRB120.model, IRB120.chain
 TARGETS = ("p1", "p2", "p3")

@@ -25,7 +25,7 @@ from lab.core.measurements import Measurements, measured
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
-from lab.simulation.true_robot import track
+from lab.simulation.observations.points import track
 from lab.verification.hypotheses import refitted
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 from lab.verification.test import verify

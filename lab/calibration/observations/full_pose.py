@@ -1,26 +1,37 @@
 """Full poses of a target: its position, and the orientation of a frame that is fixed to it.
 
-Metres and radians are compared by one number, the ratio of their noises. It is given, or found from the
-residuals as a ratio of two variance components (Foerstner 1979): a position's and a rotation's sum of squares,
-each over its own share of the degrees of freedom. Of few poses that is rough: n poses leave each share about
-3 n - 15 numbers, so that the ratio is known to one part in sqrt(3 n - 15).
+Metres and radians are compared by one number, the ratio of their noises. It is given, or estimated from the
+residuals as a ratio of two variance components (Foerstner 1979): the sums of squares of the positions' and of the
+rotations' residuals, each over its own share of the degrees of freedom. Few poses give a rough ratio: n poses leave
+each share about 3 n - 15 numbers, so that the ratio is known to one part in sqrt(3 n - 15).
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.identify import Identification, IdentifyOptions, Solve, identify
 from lab.calibration.initial_guess import initial_guess
+from lab.calibration.observations.kind import ObservationKind, ObservationWords
+from lab.calibration.observations.options import FitInputs, PoseOptions
 from lab.calibration.observations.protocol import no_extra_residuals
+from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
+from lab.core.errors import LabError
 from lab.core.measurements import Measurements, seen_mask
+from lab.core.numbers import positive
+from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
+from lab.formats.measurement_csv import ObservedColumns
+from lab.formats.orientations import oriented_target, read_orientations
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
+
+__all__ = ["QUATERNION", "ROTATION_PARAMETERS", "PoseKind", "Poses", "balanced"]
 
 ROTATION_PARAMETERS = placed_parameters("tool", "tool", ("rx", "ry", "rz"))
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -32,15 +43,17 @@ EXACT = 1e-12  # residuals below this have no noise to be compared
 
 @dataclass(frozen=True)
 class Poses:
-    """An arm of which positions and one orientation are seen.
+    """An arm of which positions and one orientation are measured, in the instrument's frame.
 
-    Observed are the positions of the arm's targets, then log(R_measured' R_predicted) (rad), measured as zero.
-    The measured orientation is a condition of the pose: ``<target>_qw`` to ``_qz``.
+    Observed are the positions of the arm's targets (m), then log(R_measured' R_predicted) (rad), measured as zero.
+    The measured orientation is a condition of the row: the quaternion ``<target>_qw`` to ``_qz``.
 
     Attributes:
-        arm: the arm, seen by points.
+        arm: the arm, measured by points.
         oriented: the target whose orientation was measured.
-        ratio: how large the noise of a rotation is (rad) where a position's is 1 m.
+        ratio: the noise of a rotation (rad) where that of a position is 1 m.
+        parameters: the arm's, then the rotation vector of the measured frame in the last one.
+        names: of the parameters.
     """
 
     arm: Model
@@ -58,7 +71,7 @@ class Poses:
 
     @property
     def model(self) -> Self:
-        """Itself: a model and a sighting."""
+        """Itself: it is a model that says how it is observed."""
         return self
 
     @property
@@ -73,36 +86,36 @@ class Poses:
 
     @property
     def units(self) -> Array:
-        """Rotations by the ratio."""
+        """``(k + 1,)``: one for a position, the ratio for the rotation."""
         return np.append(np.ones(self.positions), self.ratio)
 
     @property
     def positions(self) -> int:
-        """All but the orientation."""
+        """How many of the observed quantities are positions: all but the orientation."""
         return len(self.arm.targets)
 
     def within(self, data: Measurements) -> Self:
-        """The same whatever was measured."""
+        """Itself: no parameter is of some rows alone."""
         return self
 
     def nominal(self, values: Array) -> Array:
-        """The arm's, and the measured frame along the last one."""
+        """The arm's, with the measured frame along the last one."""
         return np.concatenate([values[: len(self.arm.names)], np.zeros(3)])
 
     def column_priority(self) -> tuple[int, ...]:
-        """The arm's order; the tool's rotation after its places."""
+        """The arm's order; the tool's rotation after its positions."""
         order = list(self.arm.column_priority())
         after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
         return (*order[:after], *range(len(self.names) - 3, len(self.names)), *order[after:])
 
     def rank_point(self, values: Array) -> Array:
-        """The arm's."""
+        """The arm's ``(p,)``; the tool's rotation as it is in ``values``."""
         return np.concatenate([self.arm.rank_point(values[:-3]), values[-3:]])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """The arm's, with no rotation measured: any other would turn the same rows."""
-        straight = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4))
-        return np.concatenate([self.arm.structure_joints(count, rng), straight], axis=1)
+        """The arm's ``(count, joints + conditions)`` with no rotation measured: another would turn the same rows."""
+        identity = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4))
+        return np.concatenate([self.arm.structure_joints(count, rng), identity], axis=1)
 
     def points(self, inputs: Array, values: Array) -> Array:
         """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
@@ -111,72 +124,82 @@ class Poses:
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``.
 
-        A turn w of the predicted frame (in the tracker's) changes the residual v = log(R_measured' R) by
+        A rotation w of the predicted frame (in the instrument's) changes the residual v = log(R_measured' R) by
         J_l(v)^-1 R_measured' w.
         """
-        arm_settings, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
-        points, jacobian = self.arm.observe(arm_settings, values[:-3])
-        flange, turns = flange_rotations(self.arm, arm_settings, values[:-3], jacobian)
-        back = np.swapaxes(measured, 1, 2)
-        rotation = se3.log(back @ flange @ se3.exp(values[-3:]))  # (n, 3)
-        turns = np.concatenate([turns, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
-        rows = np.linalg.solve(se3.left_jacobian(rotation), back @ turns)
+        arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
+        points, jacobian = self.arm.observe(arm_inputs, values[:-3])
+        flange, rates = _flange_rotation(self.arm, arm_inputs, values[:-3], jacobian)
+        inverse = np.swapaxes(measured, 1, 2)
+        rotation = se3.log(inverse @ flange @ se3.exp(values[-3:]))  # (n, 3)
+        rates = np.concatenate([rates, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
+        rows = np.linalg.solve(se3.left_jacobian(rotation), inverse @ rates)
         wide = np.concatenate([jacobian, np.zeros((*jacobian.shape[:3], 3))], axis=3)
         return np.concatenate([points, rotation[:, None]], 1), np.concatenate([wide, rows[:, None]], 1)
 
-    def initial_guess(self, seen: Observations, values: Array) -> Array:
+    def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""
         n = len(self.names) - 3
-        positions = Observations(seen.inputs[:, :-4], seen.points[:, :-1], seen.whiten[:, : self.positions])
+        whiten = observed.whiten[:, : self.positions]
+        positions = Observations(observed.inputs[:, :-4], observed.points[:, :-1], whiten)
         arm = initial_guess(self.arm, positions, values[:n])
-        rows = np.isfinite(seen.points[:, -1]).all(axis=1)
+        rows = np.isfinite(observed.points[:, -1]).all(axis=1)
         _, jacobian = self.arm.observe(positions.inputs[rows], arm)
-        flange, _ = flange_rotations(self.arm, positions.inputs[rows], arm, jacobian)
-        measured = se3.rotation_from_quaternion(seen.inputs[rows, -4:])
+        flange, _ = _flange_rotation(self.arm, positions.inputs[rows], arm, jacobian)
+        measured = se3.rotation_from_quaternion(observed.inputs[rows, -4:])
         mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
         return np.concatenate([arm, se3.log(mean)])
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Nothing else is known."""
+        """None: nothing else is known."""
         return no_extra_residuals(self)
 
     def errors(self, data: Measurements, values: Array) -> Array:
-        """Lengths of position errors ``(n, k)``: rotations are fitted, and not judged."""
+        """Lengths ``(n, k)`` of position errors in m: rotations are fitted, but not validated."""
         arm = self.arm.points(data.inputs(self.arm.conditions), values[:-3])
         return np.asarray(np.linalg.norm(arm - data.points[:, : self.positions], axis=2))
 
     def cv_groups(self, data: Measurements) -> None:
-        """Repeats of a configuration."""
+        """None: repeats of a configuration are held out together."""
 
 
-def flange_rotations(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
-    """The last frame's rotations ``(n, 3, 3)`` and what turns them, ``(n, 3, p)``, in the tracker's frame.
+def _flange_rotation(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
+    """The last frame's rotations ``(n, 3, 3)`` and their rates ``(n, 3, p)``, in the instrument's frame.
 
-    A target's place in the last frame enters as p = o + R t: its derivatives are the frame's axes r, and where
-    t is moved by one axis's unit, every other derivative changes by dr. A turn w makes dr = w x r, so
-    w = (1/2) sum r x dr over the three axes.
+    A target's position t in the last frame enters its measured position as o + R t: the derivatives by t are the
+    frame's axes r, and where t is moved by one axis's unit, every other derivative changes by dr. A rotation w makes
+    dr = w x r, so w = (1/2) sum r x dr over the three axes.
 
     Args:
+        arm: the arm, measured by points.
+        inputs: ``(n, joints + conditions)``.
+        values: ``(p,)``.
         jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
     """
     tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
     stretched = jacobian[:, 0][..., tool]
     size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
     rotation = stretched / size
-    turns = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
+    rates = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
     for axis, column in enumerate(tool):
         moved = values.copy()
         moved[column] += 1.0
         change = arm.observe(inputs, moved)[1][:, 0] - jacobian[:, 0]
-        turns += 0.5 * se3.skew(rotation[..., axis]) @ (change / size[:, :, axis, None])
-    return rotation, turns
+        rates += 0.5 * se3.skew(rotation[..., axis]) @ (change / size[:, :, axis, None])
+    return rotation, rates
 
 
 def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:
-    """The same with the ratio of the noises that the residuals show (the module's text).
+    """The observation with the ratio of the two noises that its residuals show (Foerstner 1979).
 
     Args:
-        data: sighted, as ``identify`` takes it.
+        observation: with any ratio to start from.
+        data: the observed poses, as ``identify`` takes them.
+        nominal: ``(p,)`` nominal parameters.
+        request: what is asked of the identification.
+
+    Returns:
+        The observation as it is where nothing is left over, or a noise is none.
     """
     for _ in range(ROUNDS):
         sums = np.array(_variances(observation, identify(observation, data, nominal, Noise(), request), data))
@@ -190,14 +213,103 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
 
 
 def _variances(observation: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
-    """Variances of positions and of rotations in m^2: sums of squares over their shares of the freedom."""
+    """Variances (m^2) of positions and of rotations: sums of squares over their shares of the degrees of freedom."""
     _, jacobian = observation.observe(data.inputs(observation.conditions), found.values)
     rows = jacobian[..., list(found.fit.free)] / observation.units[:, None, None]
-    used = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3) leverages
-    seen = seen_mask(data.points)
+    leverage = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3)
+    measured = seen_mask(data.points)
     result = []
     for part in (slice(None, observation.positions), slice(observation.positions, None)):
-        squares = (found.residuals[:, part] / observation.units[part, None])[seen[:, part]] ** 2
-        dof = float((1 - used[:, part][seen[:, part]]).sum())
+        squares = (found.residuals[:, part] / observation.units[part, None])[measured[:, part]] ** 2
+        dof = float((1 - leverage[:, part][measured[:, part]]).sum())
         result.append(float(squares.sum()) / dof if dof > 0.5 else float("nan"))
     return result[0], result[1]
+
+
+@dataclass(frozen=True)
+class PoseKind(ObservationKind):
+    """Positions of targets and the orientation of one.
+
+    Attributes:
+        orientation: what three angles mean; None where the file has quaternions.
+        ratio: noise of a rotation over that of a position, rad per m; None to estimate it from the residuals.
+        sequential: fit the angles from the orientations first, then the lengths from the positions.
+    """
+
+    name: ClassVar[str] = "pose"
+    words: ClassVar[ObservationWords] = ObservationWords(
+        measured="positions and orientations",
+        reading="measured pose",
+        error="position error",
+        placed="base and tool",
+        names_targets=True,
+    )
+    columns: ClassVar[ObservedColumns] = ObservedColumns(orientations=True)
+    flags: ClassVar[type[Any] | None] = PoseOptions
+    in_instrument_frame: ClassVar[bool] = True
+
+    orientation: AngleConvention | None = None
+    ratio: float | None = None
+    sequential: bool = False
+
+    @classmethod
+    def configured(cls, options: PoseOptions, fit: FitInputs) -> Self:
+        """Poses with these options.
+
+        Raises:
+            LabError: an instrument or a validation file is given, ``--noise-mrad`` without ``--noise-mm``, or a prior
+                for the sequential method.
+        """
+        fit.refuse_those_of_points(cls.name)
+        if options.noise_mrad is not None and fit.noise_mm is None:
+            raise LabError("--noise-mrad says what orientations weigh beside positions; give --noise-mm too")
+        if options.method == "sequential" and fit.prior:
+            raise LabError("--prior is of --method global: the sequential method takes none; leave one out")
+        if options.noise_mrad is None or fit.noise_mm is None:
+            return cls(options.orientation, None, options.method == "sequential")
+        positive("--noise-mrad", options.noise_mrad)
+        return cls(options.orientation, options.noise_mrad / fit.noise_mm, options.method == "sequential")
+
+    @property
+    def solve(self) -> Solve | None:
+        """The sequential method, if it is asked for."""
+        return fit_sequentially if self.sequential else None
+
+    def targets(self, data: Measurements) -> tuple[str, ...]:
+        """The measured ones."""
+        return data.targets
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """``(n,)``: those with a measured position."""
+        return np.asarray(data.seen.any(axis=1))
+
+    def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
+        """The measurements as they are: poses do not tell where a session begins."""
+        return data
+
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        """Positions of all targets and the orientation of the one that has some.
+
+        Raises:
+            LabError: no target has an orientation or several have, or a column or cell of it cannot be read.
+        """
+        target = oriented_target(data)
+        quaternions = read_orientations(data, target, self.orientation)
+        blank = np.isnan(quaternions[:, 0])
+        rotation = np.where(blank[:, None, None], np.nan, np.zeros((len(data), 1, 3)))  # measured as zero
+        stated = np.where(blank[:, None], [1.0, 0.0, 0.0, 0.0], quaternions)
+        model = Poses(arm, target, START_RATIO if self.ratio is None else self.ratio)
+        conditions = {f"{target}_{part}": stated[:, i] for i, part in enumerate(QUATERNION)}
+        points = np.concatenate([data.points, rotation], axis=1)
+        observed = replace(data, targets=model.targets, points=points, conditions={**data.conditions, **conditions})
+        return model, observed
+
+    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+        """The model with the ratio of the two noises that its residuals show, where none was given."""
+        assert isinstance(model, Poses)
+        return balanced(model, data, nominal, request) if self.ratio is None else model
+
+    def weighed_as(self, model: Model) -> Self:
+        """Poses with the ratio of this model."""
+        assert isinstance(model, Poses)
+        return replace(self, ratio=model.ratio)

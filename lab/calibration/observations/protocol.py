@@ -1,7 +1,7 @@
-"""What is seen of an arm: a model, with a start for what each set of measurements places anew.
+"""What identification needs of a way to measure an arm: a model, and a start for what each set of measurements places.
 
-Points in an instrument's frame are one kind of sighting; poses, distances, sockets and planes are
-others (``poses``, ``places``), each a model of the same arm with parameters of its own.
+Measured points in an instrument's frame are one such observation; full poses, distances to an anchor, balls in
+sockets and touched planes are others, each a model of the same arm with parameters of its own.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,14 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
+__all__ = ["Observation", "Points", "no_extra_residuals", "observation_of", "only_positions"]
+
 
 @runtime_checkable
 class Observation(Protocol):
-    """What identification needs to know of a kind of measurement, beside its model.
+    """What identification needs to know of what is observed, beside its model.
 
-    A model that is seen by points in an instrument's frame needs none of its own (``observation_of``).
+    An arm that is measured by points in an instrument's frame needs none of its own (``observation_of``).
     """
 
     @property
@@ -30,88 +32,93 @@ class Observation(Protocol):
 
     @property
     def placed(self) -> tuple[str, ...]:
-        """Groups of parameters that have no drawing, e.g. ``("base", "tool")``: fitted before, too."""
+        """Groups of parameters without a nominal value, e.g. ``("base", "tool")``: fitted for the nominal arm, too."""
 
     @property
     def units(self) -> Array:
-        """``(k,)``: how large each observed thing's noise is, in its unit per m of a position's."""
+        """``(k,)``: the noise of each observed quantity, in its unit, where that of a position is 1 m."""
 
     @property
     def positions(self) -> int:
-        """How many of the observed things, from the first, are positions in the instrument's frame."""
+        """How many of the observed quantities, from the first, are positions in the instrument's frame."""
 
     def within(self, data: Measurements) -> Self:
-        """The same with the parameters that these measurements can say anything of."""
+        """The observation with the parameters that these measurements depend on."""
 
     def nominal(self, values: Array) -> Array:
-        """The drawing's parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
+        """Nominal parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
 
-    def initial_guess(self, seen: Observations, values: Array) -> Array:
-        """``values`` with what is ``placed`` near enough for Gauss-Newton, from no idea of it."""
+    def initial_guess(self, observed: Observations, values: Array) -> Array:
+        """``values`` ``(p,)`` with what is ``placed`` near enough for Gauss-Newton, from no idea of it."""
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """More residuals ``(r,)`` in m, and what predicts them ``(r, p)``: what is known beside the measurements.
+        """What is known beside the measurements: residuals ``(r,)`` in m, and derivatives ``(r, p)`` of their model.
 
         They weigh as positions do, so what is known better is to be multiplied by how much.
         """
 
     def errors(self, data: Measurements, values: Array) -> Array:
-        """Lengths of the errors ``(n, things)`` in m at rows that were not fitted, NaN where not seen.
+        """Lengths ``(n, k)`` in m of the errors at rows that were not fitted, NaN where nothing was observed.
 
         What only these rows can place (the centre of a socket) is placed by them.
         """
 
     def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
-        """Labels ``(n,)`` of rows that are fitted or held out as one; None for repeats of a configuration."""
+        """Labels ``(n,)`` of rows that are fitted or held out together; None for repeats of a configuration."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """Positions of targets in an instrument's frame: base and tool are placed."""
+    """Positions of targets in an instrument's frame; base and tool are placed."""
 
     model: Model
     placed: tuple[str, ...] = ("base", "tool")
 
     @property
     def units(self) -> Array:
-        """All are positions."""
+        """``(k,)`` ones: all are positions."""
         return np.ones(len(self.model.targets))
 
     @property
     def positions(self) -> int:
-        """All are positions."""
+        """All of them."""
         return len(self.model.targets)
 
     def within(self, data: Measurements) -> Self:
-        """The arm is the same whatever was measured."""
+        """Itself: no parameter is of some rows alone."""
         return self
 
     def nominal(self, values: Array) -> Array:
-        """The arm's own."""
+        """The arm's own ``(p,)``."""
         return values
 
-    def initial_guess(self, seen: Observations, values: Array) -> Array:
+    def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Base and tool by the direct linear transform."""
-        return initial_guess(self.model, seen, values)
+        return initial_guess(self.model, observed, values)
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Nothing else is known."""
+        """None: nothing else is known."""
         return no_extra_residuals(self.model)
 
     def errors(self, data: Measurements, values: Array) -> Array:
-        """Lengths of position errors ``(n, k)``."""
-        left = self.model.points(data.inputs(self.model.conditions), values) - data.points
-        return np.asarray(np.linalg.norm(left, axis=2))
+        """Lengths ``(n, k)`` of position errors in m."""
+        residuals = self.model.points(data.inputs(self.model.conditions), values) - data.points
+        return np.asarray(np.linalg.norm(residuals, axis=2))
 
     def cv_groups(self, data: Measurements) -> None:
-        """Repeats of a configuration."""
+        """None: repeats of a configuration are held out together."""
 
 
 def no_extra_residuals(model: Model) -> tuple[Array, Array]:
-    """No residuals, and no derivatives of them."""
+    """No residuals ``(0,)``, and no derivatives ``(0, p)``."""
     return np.empty(0), np.empty((0, len(model.names)))
 
 
 def observation_of(model: Model) -> Observation:
-    """A model's own sighting where it is one, else by points."""
+    """The model itself where it says how it is observed; else the arm measured by points."""
     return model if isinstance(model, Observation) else Points(model)
+
+
+def only_positions(observation: Observation) -> bool:
+    """Whether everything that is observed is a position in the instrument's frame."""
+    return observation.positions == len(observation.units)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.observations.fixtures import PLACE
+from lab.calibration.observations.fixtures import FIXTURE
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements
 
@@ -13,7 +13,7 @@ def repeats(rows: Measurements) -> NDArray[np.int_]:
 
     They agree in joints, payload, approach, session and place; the time is passed over, or nothing would repeat.
     """
-    told = [column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", PLACE))]
+    told = [column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", FIXTURE))]
     columns = [rows.sessions, *(rows.other.get(name, rows.sessions) for name in ("location", "socket"))]
     texts = list(zip(*columns, strict=True))
     kinds = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}

@@ -8,11 +8,9 @@ import numpy as np
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.observations.full_pose import Poses, balanced
-from lab.calibration.observations.protocol import observation_of
-from lab.calibration.observations.select import ObservationOptions, sighted
+from lab.calibration.observations.kind import ObservationKind
+from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
-from lab.calibration.sequential import fit_sequentially
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
@@ -48,32 +46,31 @@ class Fitter:
     """How measurements of one arm are fitted.
 
     Attributes:
-        targets: of the arm, measured or (of a cable, a socket, a plane) the one that is tied.
-        data: all measurements, by which what is observed is known.
+        targets: of the arm: those of ``kind`` in ``data``.
+        data: all measurements, as the file holds them.
+        kind: of observation, with its options.
         judged_by: further rows that the model must be able to answer, with the groups that it does without there.
     """
 
     robot: Robot
     targets: tuple[str, ...]
     data: Measurements
-    observing: ObservationOptions
+    kind: ObservationKind
     noise: Noise
     options: Fitting
-    sequential: bool
     seed: int
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""
         arm = self.robot.arm_with(self.targets, groups, self.course)
-        return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[0]
+        return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[0]
 
     @property
     def course(self) -> SessionInfo:
         """Of the measurements that are to be fitted."""
         rows = self.data.only("calibrate")
-        if self.observing.kind in ("points", "pose"):
-            rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
+        rows = rows.take(np.flatnonzero(self.kind.rows(rows)))
         time_s = rows.conditions.get("time_s", np.zeros(1))
         told = time_s[np.isfinite(time_s)]
         return SessionInfo(tuple(dict.fromkeys(rows.sessions)), float(told[0]) if len(told) else 0.0)
@@ -81,7 +78,7 @@ class Fitter:
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
         arm = self.robot.arm(self.targets)
-        return sighted(arm, self.data, arm.nominal(self.robot.tool), self.observing)[1]
+        return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[1]
 
     def nominal(self, model: Model) -> Array:
         """The drawing's parameters of one of these models."""
@@ -94,7 +91,7 @@ class Fitter:
         """What is asked of the identification."""
         chosen = self.options
         tolerance = self.tolerance if chosen.prior else None
-        return IdentifyOptions(chosen.fix, chosen.free, tolerance, fit_sequentially if self.sequential else None)
+        return IdentifyOptions(chosen.fix, chosen.free, tolerance, self.kind.solve)
 
     @property
     def tolerance(self) -> Tolerance:
@@ -141,7 +138,7 @@ class Fitter:
         warnings = [judged.words] if judged.adequate is False else []
         warnings += [] if robust else of_outliers(found, seen, outliers)
         trusted = found
-        if not warnings and self.observing.kind == "points":
+        if not warnings and only_positions(observation):
             trusted, warnings = self._trusted(found, seen, known)
         if count := sum(pose.held_out for pose in off):
             warnings.append(f"{count} poses held out are off: the error is {'without' if robust else 'with'} them")
@@ -152,7 +149,7 @@ class Fitter:
         if self.options.prior:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         warnings += of_drawing(found, self.nominal(found.model))
-        if self.observing.kind == "points":
+        if only_positions(observation):
             warnings += of_weakness(self.robot, self.targets, groups, found, seen.inputs)
         warnings += of_joints(found, seen, clean, self._moves(clean))
         warnings += of_export(self.robot, found, groups, seen.inputs)
@@ -167,7 +164,7 @@ class Fitter:
         task.refuse_unknown_wishes(CANDIDATES if self.options.model == "auto" else groups)
         found, clean, outliers = self.identified(rows, groups)
         if self.options.model != "auto":
-            model_with = self._balanced_as(found).model_with
+            model_with = self._weighed_as(found).model_with
             return follow(model_with, clean, self.nominal, groups, self.noise, self.request, seed=self.seed)
         selection = self._chosen(found, clean)
         if outliers is None or not len(outliers.rows):
@@ -182,11 +179,11 @@ class Fitter:
         """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them."""
         selection = None
         for _ in range(BALANCINGS):
-            before, model_with = selection, self._balanced_as(found).model_with
+            before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]
             asked = (self.noise, self.request)
-            selection = select(model_with, rows, self.nominal, *asked, candidates=tried, seed=self.seed)
-            if not isinstance(found.model, Poses) or (before and before.chosen == selection.chosen):
+            selection = select(weighed_so.model_with, rows, self.nominal, *asked, candidates=tried, seed=self.seed)
+            if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.held)
         assert selection is not None
@@ -204,11 +201,10 @@ class Fitter:
                         return str(error)
         return ""
 
-    def _balanced_as(self, found: Identification) -> "Fitter":
-        """The same with the ratio of a pose's two noises that an identification found."""
-        if not isinstance(found.model, Poses):
-            return self
-        return replace(self, observing=replace(self.observing, ratio=found.model.ratio))
+    def _weighed_as(self, found: Identification) -> "Fitter":
+        """The fitter with the weights that an identification estimated; itself where nothing is estimated."""
+        kind = self.kind.weighed_as(found.model)
+        return self if kind == self.kind else replace(self, kind=kind)
 
     @property
     def _shape(self) -> NoiseDistribution:
@@ -218,8 +214,7 @@ class Fitter:
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
     def _identify(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
-        if isinstance(model, Poses) and self.observing.ratio is None:
-            model = balanced(model, rows, self.nominal(model), request)
+        model = self.kind.balanced(model, rows, self.nominal(model), request)
         return identify(model, rows, self.nominal(model), self.noise, request)
 
     def _outliers(self, start: Identification, rows: Measurements) -> Outliers:

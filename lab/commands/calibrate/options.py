@@ -2,20 +2,25 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import tyro
 
-from lab.campaign.option_groups import Fitting, Names, positive
+from lab.calibration.observations.options import FitInputs, ObservationOptions
+from lab.campaign.observation_kinds import KindName, configured_kind
+from lab.campaign.option_groups import Fitting, Names
 from lab.campaign.options import VirtualCampaign, check_common
 from lab.core.errors import LabError
+
+if TYPE_CHECKING:
+    from lab.calibration.observations.kind import ObservationKind
 
 __all__ = ["MeasuredCampaign", "VirtualCampaign"]
 
 
 @dataclass(frozen=True)
-class MeasuredCampaign:
-    """A calibration from a measurement file."""
+class _MeasurementFile:
+    """A measurement file, how its points are weighed, and what the fit is judged by."""
 
     file: tyro.conf.Positional[Path]
     """Measurements, CSV."""
@@ -36,16 +41,14 @@ class MeasuredCampaign:
     """What each session of that file may place anew: base, tool, or base,tool."""
     gate_mm: float = 1.0
     """A larger mean error on poses not fitted is a bad result."""
-    observe: Literal["points", "pose", "cable", "socket", "plane"] = "points"
+    observe: KindName = "points"
     """Which of the file's columns are the measurements."""
-    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None
-    """What the angles rx, ry, rz of a measured pose mean."""
-    noise_mrad: float | None = None
-    """Weigh measured orientations by this noise, beside --noise-mm; without both the ratio is estimated."""
-    method: Literal["global", "sequential"] = "global"
-    """Fit everything at once; or of poses the angles first, then the lengths."""
-    socket_distance_mm: float | None = None
-    """Known distance between the sockets of a location."""
+
+
+@dataclass(frozen=True)
+class MeasuredCampaign(ObservationOptions, _MeasurementFile):
+    """A calibration from a measurement file."""
+
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
 
@@ -58,20 +61,13 @@ class MeasuredCampaign:
             raise LabError("--holdout and --validate both say how to judge; give one")
         if self.refit and self.validate is None:
             raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
-        if self.observe != "points" and (self.validate is not None or self.instrument is not None):
-            raise LabError(f"--observe {self.observe}: --validate and --instrument are of points; leave them out")
-        for flag, given, kind in (
-            ("--orientation", self.orientation, "pose"),
-            ("--noise-mrad", self.noise_mrad, "pose"),
-            ("--method sequential", self.method == "sequential" or None, "pose"),
-            ("--socket-distance-mm", self.socket_distance_mm, "socket"),
-        ):
-            if given is not None and self.observe != kind:
-                raise LabError(f"{flag} is of --observe {kind}; give that too, or leave it out")
-        if self.noise_mrad is not None and self.noise_mm is None:
-            raise LabError("--noise-mrad says what orientations weigh beside positions; give --noise-mm too")
-        if self.method == "sequential" and self.fitting.prior:
-            raise LabError("--prior is of --method global: the sequential method takes none; leave one out")
-        for flag, number in (("--noise-mrad", self.noise_mrad), ("--socket-distance-mm", self.socket_distance_mm)):
-            if number is not None:
-                positive(flag, number)
+        self.kind()
+
+    def kind(self) -> "ObservationKind":
+        """The kind of observation that is asked for, with its options.
+
+        Raises:
+            LabError: there is no such kind, or an option of it makes no sense or is of another kind.
+        """
+        fit = FitInputs(self.noise_mm, self.fitting.prior, self.instrument is not None, self.validate is not None)
+        return configured_kind(self.observe, self, fit)

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from lab.calibration.observations.kind import ObservationWords
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.error_map import MOST_POINTS, arm_places, error_places
 from lab.commands.calibrate.figures import Spread, arm_views, changes, histograms, singular_values, size_maps
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.report_parameters import changes_of, offsets, parameters_table
 from lab.commands.calibrate.report_text import (
-    OBSERVED,
-    Observed,
     errors_table,
     headline,
     identifiability,
@@ -48,7 +47,7 @@ def write_report(path: Path, outcome: CalibrationResult, options: VirtualCampaig
     result, rows = summary(outcome), changes_of(parameters(outcome))
     doubt = "the model is not adequate (below)" if result["adequate"] is False else ""
     why = "; ".join(part for part in (result["reason"], doubt) if part)
-    observed = OBSERVED["points" if isinstance(options, VirtualCampaign) else options.observe]
+    observed = outcome.kind.words
     parts = [
         paragraph(lead(result, observed), "lead"),
         paragraph(together(["Verdict:", badge(result["verdict"]), why])),
@@ -69,7 +68,7 @@ def _command(options: VirtualCampaign | MeasuredCampaign) -> str:
     return "calibrate" if isinstance(options, VirtualCampaign) else "identify"
 
 
-def _histograms(outcome: CalibrationResult, observed: Observed) -> Html:
+def _histograms(outcome: CalibrationResult, observed: ObservationWords) -> Html:
     errors = outcome.validation.errors
     if errors is None or not np.isfinite(errors.after).any():
         return Html("")
@@ -84,7 +83,7 @@ def _histograms(outcome: CalibrationResult, observed: Observed) -> Html:
     return figure("errors-figure", [histograms("errors", spreads, observed.error)], caption)
 
 
-def _where(outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign, observed: Observed) -> Html:
+def _where(outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign, observed: ObservationWords) -> Html:
     places = replace(error_places(outcome, options), size_means=f"{observed.error} after calibration")
     if not len(places.points):
         return Html("")
@@ -95,7 +94,7 @@ def _where(outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampai
     return figure("where", size_maps(places), caption)
 
 
-def _changes(rows: list[dict[str, Any]], observed: Observed, offsets: Sequence[str]) -> list[Html]:
+def _changes(rows: list[dict[str, Any]], observed: ObservationWords, offsets: Sequence[str]) -> list[Html]:
     """How far each parameter is from the drawing, a picture a unit; in words what lengths of legs are."""
     shown = sorted((row for row in rows if row["change"] is not None), key=lambda row: row["unit"] != "mm")
     units = {row["unit"]: [each for each in shown if each["unit"] == row["unit"]] for row in shown}

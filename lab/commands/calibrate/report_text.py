@@ -1,9 +1,9 @@
 """The sentences and tables of a run's report, from the plain values of its ``result.json`` and ``parameters.json``."""
 
-from dataclasses import dataclass
 from typing import Any
 
 from lab.calibration.identify import BARELY_TOLD_APART
+from lab.calibration.observations.kind import ObservationWords
 from lab.commands.calibrate.result import human_unit
 from lab.render.html import Html, capital, fixed, paragraph, section, short, table, together
 
@@ -18,25 +18,6 @@ JUDGED = {
 _STATISTICS = ("mean", "rms", "p95", "max")
 
 
-@dataclass(frozen=True)
-class Observed:
-    """What was measured, in words: the readings, what an error is, and what has no drawing and is always fitted."""
-
-    readings: str = "points"
-    error: str = "position error"
-    placed: str = "base and tool"
-    names_targets: bool = True
-
-
-OBSERVED = {
-    "points": Observed(),
-    "pose": Observed("positions and orientations"),
-    "cable": Observed("lengths of a cable", "error of the cable's length", "tool and anchors", False),
-    "socket": Observed("a ball's contacts with sockets", "distance from the socket", "tool and sockets", False),
-    "plane": Observed("contacts with planes", "distance from the plane", "tool and planes", False),
-}
-
-
 def headline(result: dict[str, Any]) -> str:
     """Robot, before and after, verdict: in one line."""
     if result["after_mm"] is None:
@@ -45,13 +26,13 @@ def headline(result: dict[str, Any]) -> str:
     return f"{result['robot']}: {before} → {after} mm, {result['verdict']}"
 
 
-def lead(result: dict[str, Any], observed: Observed) -> str:
+def lead(result: dict[str, Any], observed: ObservationWords) -> str:
     """The same in a sentence or two."""
     targets = ""
     if observed.names_targets:
         targets = f" of target{'s' * (len(result['targets']) > 1)} {', '.join(result['targets'])}"
     begun = (
-        f"From {observed.readings}{targets} measured in {result['poses']:,} poses, {result['rank']} of "
+        f"From {observed.measured}{targets} measured in {result['poses']:,} poses, {result['rank']} of "
         f"{result['parameters']} parameters were identified ({result['status']} in {result['iterations']} steps)."
     )
     if result["after_mm"] is None:
@@ -62,7 +43,7 @@ def lead(result: dict[str, Any], observed: Observed) -> str:
     return f"{begun} The mean {observed.error} {judged} {drawn}, and is {after} mm now."
 
 
-def errors_table(result: dict[str, Any], observed: Observed) -> Html:
+def errors_table(result: dict[str, Any], observed: ObservationWords) -> Html:
     """Before and after, mm."""
     if result["after_mm"] is None:
         return paragraph("Too few poses to hold any out: the accuracy on other poses is not judged.")

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.calibration.observations.anchor_changes import found_sessions, with_sessions
-from lab.calibration.observations.fixture_kinds import Cable
-from lab.calibration.observations.select import ObservationOptions
+from lab.calibration.observations.kind import ObservationKind
+from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.calibration.prior import Tolerance
 from lab.calibration.validation import (
     TruthComparison,
@@ -24,6 +23,7 @@ from lab.calibration.validation import (
 )
 from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
+from lab.campaign.observation_kinds import configured_kind, kind_named, simulation_of
 from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
@@ -47,7 +47,7 @@ from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.simulation.effects import true_parameters
-from lab.simulation.true_robot import TrueRobot, measure_with_outlier_mask
+from lab.simulation.true_robot import TrueRobot
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class CalibrationResult:
     """What a campaign ended with.
 
     Attributes:
+        kind: of observation.
         measurements: all rows that were read or measured.
         fit: of those to be fitted.
         nominal: the drawing's parameters, of the model that was fitted.
@@ -64,6 +65,7 @@ class CalibrationResult:
     """
 
     robot: Robot
+    kind: ObservationKind
     measurements: Measurements
     fit: FitReport
     nominal: Array
@@ -98,14 +100,16 @@ def run_virtual(options: VirtualCampaign) -> CalibrationResult:
     asked = asked_conditions(robot, options)
     conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
     noisy = rng_for(options.seed, "noise")
-    data, bad = measure_with_outlier_mask(real, joints, options.targets, device, noisy, options.readings, conditions)
+    simulate = simulation_of(options.observe)
+    data, bad = simulate(real, joints, options.targets, device, noisy, options.readings, conditions)
     data = replace(data, warnings=notes)
 
     started = time.perf_counter()
     noise = Noise(device, readings=options.readings)
     if options.noise_mm is not None:
         noise = Noise(None, options.noise_mm / 1e3)
-    fitter = Fitter(robot, options.targets, data, ObservationOptions(), noise, options.fitting, False, options.seed)
+    kind = configured_kind(options.observe, ObservationOptions(), FitInputs())
+    fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting, options.seed)
     rows, fresh = _seen(data), fresh_poses(real, options, asked)
     with error_context(options.plan or f"--poses {options.poses}"):
         fit = fitter(rows)
@@ -196,32 +200,13 @@ def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options
 
 def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
     """How the file is to be fitted."""
-    ratio = None
-    if options.noise_mrad is not None and options.noise_mm is not None:
-        ratio = options.noise_mrad / options.noise_mm
-    distance = None if options.socket_distance_mm is None else options.socket_distance_mm / 1e3
-    observing = ObservationOptions(options.observe, options.orientation, ratio, distance)
+    kind = options.kind()
     device = None if options.instrument is None else instrument(options.instrument)
     noise = Noise(device, None if options.noise_mm is None else options.noise_mm / 1e3)
-    targets = data.targets if options.observe in ("points", "pose") else ("p1",)
-    fitter = Fitter(
-        robot, targets, data, observing, noise, options.fitting, options.method == "sequential", options.seed
-    )
-    if options.observe == "cable" and not any(data.sessions):
-        return _with_anchors(fitter)
-    return fitter
-
-
-def _with_anchors(fitter: Fitter) -> Fitter:
-    """The same with sessions where the anchor seems to have moved, for a file that names none."""
-    model, data = fitter.model_with(()), fitter.data
-    assert isinstance(model, Cable)
-    starts = found_sessions(model, fitter.observed(), fitter.nominal(model))
-    if len(starts) == 1:
-        return fitter
-    rows = ", ".join(data.ids[start] for start in starts[1:])
-    said = f"the anchor seems to have moved before rows {rows}: {len(starts)} anchors; name them in a column session"
-    return replace(fitter, data=replace(with_sessions(data, starts), warnings=(*data.warnings, said)))
+    targets = kind.targets(data)
+    arm = robot.arm(targets)
+    data = kind.with_sessions(arm, data, arm.nominal(robot.tool))
+    return Fitter(robot, targets, data, kind, noise, options.fitting, options.seed)
 
 
 def _carrying(robot: Robot, fitting: Fitting) -> tuple[Robot, HandLoad | None]:
@@ -233,7 +218,8 @@ def _carrying(robot: Robot, fitting: Fitting) -> tuple[Robot, HandLoad | None]:
 
 
 def _read(robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None) -> Measurements:
-    read = read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, observe=options.observe)
+    columns = kind_named(options.observe).columns
+    read = read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, columns=columns)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
     return read if load is None else load.weighed(read)
 
@@ -277,10 +263,10 @@ def _outcome(
     robot, data, identification = fitter.robot, fitter.data, fit.identification
     word = verdict(identification, validation, gate_mm / 1e3)
     warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
-    if fitter.observing.kind == "points" and (blank := int((~data.seen.any(axis=1)).sum())):
-        warnings.append(f"{blank} of {len(data)} rows have no measured point and are left out")
+    if blank := int((~fitter.kind.rows(data)).sum()):
+        warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
     warnings += _outside_limits(robot, data)
-    if fitter.observing.kind in ("points", "pose") and "sessions" not in fit.groups:
+    if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:
         warnings += _several_sessions(fit.rows)
     if validation.errors is not None:
         before, after = (float(np.nanmean(e)) for e in (validation.errors.before, validation.errors.after))
@@ -288,6 +274,7 @@ def _outcome(
             warnings.append(f"no improvement: {1e3 * after:.3g} mm after, {1e3 * before:.3g} mm before")
     return CalibrationResult(
         robot,
+        fitter.kind,
         data,
         fit,
         fitter.nominal(identification.model),

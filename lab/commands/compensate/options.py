@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import tyro
 
 from lab.campaign.option_groups import Flag
+from lab.core.orientation import AngleConvention
 
 __all__ = ["CompensateOptions"]
 
@@ -19,7 +19,7 @@ class CompensateOptions:
     """Where the tool is to be, in the frame in which the arm was measured: CSV."""
     run: Path
     """The folder of a run of lab calibrate or lab identify."""
-    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None
+    orientation: AngleConvention | None = None
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
     """Also for a run whose verdict is bad, or that was never judged on poses it had not seen."""

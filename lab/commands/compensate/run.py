@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
 from lab.commands.compensate.options import CompensateOptions
 from lab.compensation.compensator import Compensation, Compensator
@@ -100,7 +101,7 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> CompensationRes
     Raises:
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
     """
-    if (observed := run.options.get("observe", "points")) not in ("points", "pose"):
+    if not kind_named(observed := run.options.get("observe", "points")).in_instrument_frame:
         raise LabError(
             f"{run.folder}: identified with --observe {observed}, so in which frame targets would be it does not say; "
             "identify from points or poses"

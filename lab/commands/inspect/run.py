@@ -7,7 +7,6 @@ import numpy as np
 from rich.console import Console
 
 from lab.calibration.identifiability import WEAK_CONDITION, aliases, poses_needed, scaled_condition, weak_directions
-from lab.campaign.option_groups import LARGEST
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.result import column_scale, direction_as_values, number
@@ -15,6 +14,7 @@ from lab.commands.inspect.closed import drawn_closed, print_closed, shape_closed
 from lab.commands.inspect.format import coefficient, per_person
 from lab.commands.inspect.serial import drawn_serial, print_serial, shape_serial
 from lab.core.errors import LabError
+from lab.core.numbers import LARGEST
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism

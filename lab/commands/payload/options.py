@@ -6,8 +6,9 @@ from typing import Literal
 
 import tyro
 
-from lab.campaign.option_groups import Flag, positive
+from lab.campaign.option_groups import Flag
 from lab.core.errors import LabError
+from lab.core.numbers import positive
 
 __all__ = ["PayloadOptions"]
 

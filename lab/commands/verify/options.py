@@ -5,8 +5,9 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_groups import Flag, Names, positive
+from lab.campaign.option_groups import Flag, Names
 from lab.core.errors import LabError
+from lab.core.numbers import positive
 
 __all__ = ["VerifyOptions"]
 

@@ -11,6 +11,7 @@ from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
@@ -57,7 +58,7 @@ def run_verification(options: VerifyOptions) -> VerificationResult:
 
 def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
     observed = calibrated.options.get("observe", "points")
-    if observed in ("points", "pose"):
+    if kind_named(observed).in_instrument_frame:
         return
     if "base" not in options.refit:
         raise LabError(

@@ -8,17 +8,21 @@ from helpers.pose_data import off_by, seen_poses
 from helpers.robots import IRB120, RX130, assert_derivatives, data_file, table_robot
 
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.observations.anchor_changes import found_sessions, with_sessions
-from lab.calibration.observations.fixture_kinds import Cable, Planes, Sockets
-from lab.calibration.observations.fixtures import PLACE, Fixtures
-from lab.calibration.observations.full_pose import Poses, balanced
+from lab.calibration.observations.anchor_changepoints import found_sessions, with_sessions
+from lab.calibration.observations.cable import Cable, CableKind
+from lab.calibration.observations.fixtures import FIXTURE, Fixtures
+from lab.calibration.observations.full_pose import PoseKind, Poses, balanced
+from lab.calibration.observations.options import FitInputs, ObservationOptions
+from lab.calibration.observations.plane import PlaneKind, Planes
+from lab.calibration.observations.points import PointsKind
 from lab.calibration.observations.protocol import Observation, Points, observation_of
-from lab.calibration.observations.select import ObservationOptions, sighted
+from lab.calibration.observations.socket import SocketKind, Sockets
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.joint_rounding import rounding
 from lab.calibration.validation import Errors, Validation, configurations, errors_of, kept_together, split_by_label
 from lab.calibration.verdict import Verdict, rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
+from lab.campaign.observation_kinds import configured_kind, kind_named
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import run_measured
@@ -44,13 +48,13 @@ def many(kind: type[Fixtures], places: int, arm: SerialArm = ARM, **more) -> Fix
 
 def somewhere_true(observation: Fixtures, rng: np.random.Generator) -> Array:
     """True values: the base at the origin, links and tool off, places where the arm can touch them."""
-    true = off_by(observation, observation.nominal(observation.drawing), rng)
+    true = off_by(observation, observation.nominal(observation.nominal_arm), rng)
     joints = observation.arm.structure_joints(len(observation.numbers), rng)
     points = observation.arm.points(joints, true[: len(observation.arm.names)])[:, 0]
     if isinstance(observation, Cable):
         points = points + np.array([0.1, -0.9, -0.6])
         true[len(observation.arm.names) : observation.first] = -0.012
-    true[observation.first :] = observation.through(points, rng).ravel()
+    true[observation.first :] = observation.random_fixtures(points, rng).ravel()
     return true
 
 
@@ -59,15 +63,15 @@ def seen_places(observation: Fixtures, rows: int, rng: np.random.Generator) -> t
     true = somewhere_true(observation, rng)
     turns = np.resize(np.array(observation.numbers, float), 20 * rows)
     inputs = np.column_stack([observation.arm.structure_joints(20 * rows, rng), turns])
-    if observation.touched:
-        inputs = observation._touching(inputs, true)
+    if observation.contact:
+        inputs = observation.inputs_in_contact(inputs, true)
     inputs = inputs[:rows]
     observed = np.zeros((len(inputs), 1, observation.points(inputs, true).shape[2]))
-    if not observation.touched:
+    if not observation.contact:
         observed = observation.points(inputs, true)
     data = measured(NAMES, inputs[:, :-1], observation.targets, observed)
     assert len(data) == rows
-    return replace(data, conditions={PLACE: inputs[:, -1]}), true
+    return replace(data, conditions={FIXTURE: inputs[:, -1]}), true
 
 
 # Derivatives
@@ -87,7 +91,7 @@ def test_derivatives_of_places(kind) -> None:
 def test_a_level_plane_is_no_singularity() -> None:
     rng = np.random.default_rng(0)
     observation = many(Planes, 1)
-    values = np.append(observation.drawing, [0.0, 0.0, 0.3])
+    values = np.append(observation.nominal_arm, [0.0, 0.0, 0.3])
     inputs = np.column_stack([IRB120.chain.random_joints(5, rng), np.zeros(5)])
     assert_derivatives(lambda v: observation.points(inputs, v), observation.observe(inputs, values)[1], values)
     sizes = np.linalg.svd(observation.observe(inputs, values)[1][:, 0, 0, -3:], compute_uv=False)
@@ -170,7 +174,7 @@ def test_structure_poses_touch() -> None:
     for kind in (Sockets, Planes):
         observation = many(kind, 4)
         inputs = observation.structure_joints(60, np.random.default_rng(0))
-        values = observation.rank_point(observation.nominal(observation.drawing))
+        values = observation.rank_point(observation.nominal(observation.nominal_arm))
         assert inputs.shape == (60, 7) and np.abs(observation.points(inputs, values)).max() < 1e-11
         assert set(inputs[:, -1]) == {0, 1, 2, 3}
 
@@ -207,7 +211,7 @@ def test_a_known_distance_is_the_scale() -> None:
     centres = true[observation.first :].reshape(2, 2, 3)
     apart = np.linalg.norm(centres[:, 1] - centres[:, 0], axis=1)
     scaled = replace(observation, distance_m=float(apart[0] * 1.01))
-    data = data.take(np.flatnonzero(data.conditions[PLACE] < 2))  # one location, one distance
+    data = data.take(np.flatnonzero(data.conditions[FIXTURE] < 2))  # one location, one distance
     found = identify(scaled, data, ARM.nominal())
     assert found.status == "converged"
     assert found.values[observation.names.index("link4.d")] == pytest.approx(0.302 * 1.01, abs=1e-9)
@@ -294,7 +298,7 @@ def test_places_that_were_not_fitted_are_placed_by_their_own_rows() -> None:
         rng = np.random.default_rng(0)
         observation = many(kind, 6)
         data, _ = seen_places(observation, 180, rng)
-        known = data.conditions[PLACE] < 4
+        known = data.conditions[FIXTURE] < 4
         found = identify(observation, data.take(np.flatnonzero(known)), ARM.nominal())
         assert len(found.model.numbers) == 4 and len(found.values) == len(observation.names) - 6
         errors = errors_of(found, data)
@@ -306,7 +310,7 @@ def test_a_place_of_a_few_rows_is_not_judged_by_itself() -> None:
     """One ball in a socket sits exactly in the mean of itself: that says nothing."""
     observation = many(Sockets, 6)
     data, _ = seen_places(observation, 60, np.random.default_rng(0))
-    place = data.conditions[PLACE]
+    place = data.conditions[FIXTURE]
     found = identify(observation, data.take(np.flatnonzero(place < 4)), ARM.nominal())
     rest = data.take([*np.flatnonzero(place == 4)[:3], *np.flatnonzero(place == 5)])
     errors = errors_of(found, rest).after
@@ -316,8 +320,8 @@ def test_a_place_of_a_few_rows_is_not_judged_by_itself() -> None:
 def test_locations_are_held_out_whole() -> None:
     data, _ = seen_places(many(Sockets, 6), 60, np.random.default_rng(0))
     labels = kept_together(many(Sockets, 6), data)
-    np.testing.assert_array_equal(labels, data.conditions[PLACE] // 2)
-    few = data.take(np.flatnonzero(data.conditions[PLACE] < 4))
+    np.testing.assert_array_equal(labels, data.conditions[FIXTURE] // 2)
+    few = data.take(np.flatnonzero(data.conditions[FIXTURE] < 4))
     assert many(Sockets, 4).cv_groups(few) is None  # two locations: by configuration
 
 
@@ -326,7 +330,7 @@ def test_locations_are_held_out_whole() -> None:
 
 def cable_file() -> tuple[SerialArm, Measurements]:
     file = data_file("irb120_cable_robotcali_1042.csv")
-    data = read_measurements(file, NAMES, IRB120.chain.prismatic, observe="cable")
+    data = read_measurements(file, NAMES, IRB120.chain.prismatic, columns=kind_named("cable").columns)
     assert len(data.warnings) == 1 and "points p1 are ignored" in data.warnings[0]
     return ARM, data
 
@@ -334,7 +338,7 @@ def cable_file() -> tuple[SerialArm, Measurements]:
 def test_a_draw_wire() -> None:
     """Three anchors: at most 0.36 mm on rows held out (0.264 is the rounding of the joints alone)."""
     arm, data = cable_file()
-    observation, seen = sighted(arm, with_sessions(data, (0, 140, 506)), arm.nominal(), ObservationOptions("cable"))
+    observation, seen = CableKind().observation(arm, with_sessions(data, (0, 140, 506)), arm.nominal())
     assert isinstance(observation, Cable) and observation.labels == ("1", "2", "3")
     assert [warning for warning in seen.warnings if warning.startswith("row 950: its point is 99")]
     before, after = [], []
@@ -357,7 +361,7 @@ def test_a_draw_wire() -> None:
 def test_anchors_that_moved_are_found() -> None:
     """From residuals alone, with rows 201 and 950 among them; and nothing is found where nothing moved."""
     arm, data = cable_file()
-    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("cable"))
+    observation, seen = CableKind().observation(arm, data, arm.nominal())
     starts = found_sessions(observation, seen, arm.nominal())
     assert len(starts) == 3 and starts[0] == 0 and abs(starts[1] - 140) <= 2 and abs(starts[2] - 506) <= 2
     spoilt = seen.points.copy()
@@ -380,7 +384,7 @@ def wire_readings(seed: int, marks: list[int], move_m: float) -> tuple[Fixtures,
     lengths += 0.3e-3 * rng.normal(size=300)
     lengths[[50, 155, 250]] += 0.08
     data = measured(NAMES, joints, observation.targets, lengths[:, None, None])
-    return observation, replace(data, conditions={PLACE: np.zeros(300)})
+    return observation, replace(data, conditions={FIXTURE: np.zeros(300)})
 
 
 def test_moved_anchors_of_a_virtual_wire() -> None:
@@ -399,10 +403,10 @@ def test_moved_anchors_of_a_virtual_wire() -> None:
 def sockets_file(distance: float | None) -> tuple[SerialArm, Sockets, Measurements]:
     robot = table_robot("panda.toml")
     file = data_file("panda_sockets_mukca_3.csv")
-    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, observe="socket")
+    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=kind_named("socket").columns)
     assert not data.warnings
     arm = robot.arm(("p1",))
-    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("socket", socket_distance_m=distance))
+    observation, seen = SocketKind(distance).observation(arm, data, arm.nominal())
     assert isinstance(observation, Sockets)
     return arm, observation, seen
 
@@ -434,9 +438,9 @@ def test_sockets_without_a_known_distance_show_it() -> None:
 def ur10_poses(meaning: str) -> Identification:
     robot = table_robot("ur10.toml")
     file = data_file("ur10_ipa_D.csv")
-    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, observe="pose")
+    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=kind_named("pose").columns)
     arm = robot.arm(("p1",))
-    observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("pose", meaning))
+    observation, seen = PoseKind(meaning).observation(arm, data, arm.nominal())
     return identify(observation, seen.take(range(0, 632, 2)), arm.nominal())
 
 
@@ -459,7 +463,7 @@ HEADER = ",".join(f"q{i}_deg" for i in range(1, 7))
 def read(tmp_path, lines: str, observe: str = "pose") -> Measurements:
     path = tmp_path / "m.csv"
     path.write_text(lines)
-    return read_measurements(path, NAMES, IRB120.chain.prismatic, observe=observe)
+    return read_measurements(path, NAMES, IRB120.chain.prismatic, columns=kind_named(observe).columns)
 
 
 def test_every_way_to_write_an_orientation(tmp_path) -> None:
@@ -484,7 +488,7 @@ def test_every_way_to_write_an_orientation(tmp_path) -> None:
         data = read(tmp_path, text)
         assert not data.warnings
         arm = SerialArm(IRB120.chain, data.targets)
-        observation, seen = sighted(arm, data, arm.nominal(), ObservationOptions("pose", meaning))
+        observation, seen = PoseKind(meaning).observation(arm, data, arm.nominal())
         turned = se3.rotation_from_quaternion(seen.inputs(observation.conditions)[0, -4:])
         np.testing.assert_allclose(turned, rotation, atol=1e-14)
         assert seen.seen.tolist() == [[True, True], [True, False]]
@@ -509,7 +513,7 @@ REFUSED = {
         "300",
         "cable",
         None,
-        "no anchor has more than 1 row; its own place takes 3 numbers.*at least 4",
+        "no anchor has more than 1 row; its own position takes 3 numbers.*at least 4",
     ),
     "no length": ("cable_mm,note", ",n", "cable", None, "no anchor has more than 0 rows"),
     "no socket": ("location", "a", "socket", None, "column socket is missing"),
@@ -522,7 +526,9 @@ REFUSED = {
 def test_what_cannot_be_observed_is_refused(columns, row, kind, meaning, what, tmp_path) -> None:
     data = read(tmp_path, f"{HEADER},{columns}\n1,2,3,4,5,6,{row}\n", kind)
     with pytest.raises(LabError, match=what):
-        sighted(ARM, data, ARM.nominal(), ObservationOptions(kind, meaning))
+        configured_kind(kind, ObservationOptions(orientation=meaning), FitInputs()).observation(
+            ARM, data, ARM.nominal()
+        )
 
 
 BLANKS = {
@@ -545,7 +551,7 @@ def test_a_row_says_which_place_it_is_of(kind, columns, rows, what, tmp_path) ->
     lines = "".join(f"{i},2,3,4,5,6,{row}\n" for i, row in enumerate(rows))
     data = read(tmp_path, f"{HEADER},{columns}\n{lines}", kind)
     with pytest.raises(LabError, match=what):
-        sighted(ARM, data, ARM.nominal(), ObservationOptions(kind))
+        kind_named(kind)().observation(ARM, data, ARM.nominal())
 
 
 ALL_TOLD = {
@@ -561,7 +567,7 @@ ALL_TOLD = {
 def test_what_needs_no_place_may_have_none(kind, columns, rows, labels, tmp_path) -> None:
     lines = "".join(f"{i},2,3,4,5,6,{row}\n" for i, row in enumerate(rows))
     data = read(tmp_path, f"{HEADER},{columns}\n{lines}", kind)
-    assert sighted(ARM, data, ARM.nominal(), ObservationOptions(kind))[0].labels == labels
+    assert kind_named(kind)().observation(ARM, data, ARM.nominal())[0].labels == labels
 
 
 # What no place holds: the result is bad
@@ -640,27 +646,27 @@ def test_two_orientations_and_two_targets_are_refused(tmp_path) -> None:
     data = read(tmp_path, f"{HEADER},{','.join(names)}\n0,0,0,0,0,0,{','.join(['1,2,3,1,0,0,0'] * 2)}\n")
     arm = SerialArm(IRB120.chain, ("p1", "p2"))
     with pytest.raises(LabError, match="p1 and p2 have orientations"):
-        sighted(arm, data, arm.nominal(), ObservationOptions("pose"))
+        PoseKind().observation(arm, data, arm.nominal())
     with pytest.raises(LabError, match="--observe plane takes one target"):
-        sighted(arm, data, arm.nominal(), ObservationOptions("plane"))
+        PlaneKind().observation(arm, data, arm.nominal())
 
 
 def test_few_rows_are_left_out_and_told(tmp_path) -> None:
     rows = "".join(f"{i},2,3,4,5,6,a,{i % 2}\n" for i in range(6)) + "1,1,1,1,1,1,b,0\n"
     data = read(tmp_path, f"{HEADER},location,socket\n{rows}", "socket")
-    observation, seen = sighted(ARM, data, ARM.nominal(), ObservationOptions("socket"))
+    observation, seen = SocketKind().observation(ARM, data, ARM.nominal())
     assert isinstance(observation, Sockets) and observation.labels == ("a.0", "a.1") and len(seen) == 6
     assert any("socket b.0 has 1 of the 2 rows" in warning for warning in seen.warnings)
     three = read(
         tmp_path, f"{HEADER},location,socket\n" + "".join(f"{i},2,3,4,5,6,a,{i % 3}\n" for i in range(6)), "socket"
     )
     with pytest.raises(LabError, match="location a has 3 sockets"):
-        sighted(ARM, three, ARM.nominal(), ObservationOptions("socket", socket_distance_m=0.05))
+        SocketKind(0.05).observation(ARM, three, ARM.nominal())
 
 
 def test_points_are_left_as_they_are() -> None:
     data = measured(NAMES, np.zeros((1, 6)), ("p1",), np.zeros((1, 1, 3)))
-    model, same = sighted(ARM, data, ARM.nominal(), ObservationOptions())
+    model, same = PointsKind().observation(ARM, data, ARM.nominal())
     assert model is ARM and same is data and isinstance(observation_of(ARM), Points)
 
 

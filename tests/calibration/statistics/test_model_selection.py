@@ -26,8 +26,9 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter
 from lab.simulation.collisions import random_poses
+from lab.simulation.observations.points import track
 from lab.simulation.random_effects import EffectSizes, random_effects
-from lab.simulation.true_robot import random_perturbation, random_tracker, track, true_robot
+from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 SIGMA = 5e-6
 SESSIONS = SessionInfo(("a", "b"))

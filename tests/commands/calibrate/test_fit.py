@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.observations.select import ObservationOptions
+from lab.calibration.observations.points import PointsKind
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.fit import Fitter
@@ -38,7 +38,7 @@ def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Me
 
 
 def fitter(data: Measurements, noise: Noise | None = None, **options) -> Fitter:
-    return Fitter(IRB120, ("p1",), data, ObservationOptions(), noise or Noise(), Fitting(**options), False, 0)
+    return Fitter(IRB120, ("p1",), data, PointsKind(), noise or Noise(), Fitting(**options), 0)
 
 
 def random_joints(count: int, seed: int) -> np.ndarray:

@@ -27,7 +27,8 @@ from lab.core.random import rng_for
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.rapid import Rapid
-from lab.simulation.true_robot import random_perturbation, random_tracker, track, true_robot
+from lab.simulation.observations.points import track
+from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 POSES = 14
 ASKED = f"design --candidates 300 --starts 1 --poses {POSES} --seed 3"

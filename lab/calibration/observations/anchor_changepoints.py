@@ -1,11 +1,11 @@
-"""Where a draw-wire's anchor was moved, from its readings alone: binary segmentation of the rows.
+"""The rows at which the anchor of a cable was moved, from the lengths alone: binary segmentation of the rows.
 
-With target and offset fitted and nominal links, the wire's length L to an anchor a is linear in a and a'a
-(trilateration): (p'p - L^2) / 2L = (2 p'a - a'a) / 2L, in metres along the wire. A segment of rows costs the
-least squares of that; rows are cut where the cost falls most, with target and offset fitted anew each time. Of
-all these the number of sessions is Schwarz's (1978), with his penalty times a margin, as wrong links make
-residuals alike from row to row; and a cut that a later one made needless goes. So moves that are not large
-beside what the drawing is wrong by stay unseen.
+With nominal links and the target and the offset fitted, the length L of the cable to an anchor a is linear in a and
+a'a (trilateration): (p'p - L^2) / 2L = (2 p'a - a'a) / 2L, in metres along the cable. The cost of a segment of rows
+is the least squares of that. Rows are cut where the cost falls most, with target and offset fitted anew each time.
+The number of sessions is chosen by Schwarz's criterion (1978) with his penalty times a margin, as the errors of
+nominal links correlate the residuals of neighbouring rows; a cut that a later one made needless is removed. Moves
+that are not large beside the nominal model's errors are therefore not detected.
 """
 
 from dataclasses import replace
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import fit_base_and_tool
-from lab.calibration.observations.fixture_kinds import Cable
-from lab.calibration.observations.fixtures import PLACE
+from lab.calibration.observations.fixtures import FIXTURE, Fixtures
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+
+__all__ = ["found_sessions", "with_sessions"]
 
 LEAST_ROWS = 15  # of a session: a few bad rows are not one
 MOST_SESSIONS = 10
@@ -28,13 +29,13 @@ FAR = 5.0  # standard deviations from which on a row is bad, if it is alone
 ALONE = 1 / 3  # of the rows around it, as many as a session has at least: more of them are a session
 
 
-def found_sessions(model: Cable, data: Measurements, nominal: Array) -> tuple[int, ...]:
-    """The rows at which a new anchor begins, the first 0, in the order in which the rows were measured.
+def found_sessions(model: Fixtures, data: Measurements, nominal: Array) -> tuple[int, ...]:
+    """The rows at which a new anchor begins, the first 0.
 
     Args:
-        model: of ``sighted`` where the file names no session: one anchor for all rows.
-        data: with it.
-        nominal: the drawing's parameters of the arm.
+        model: of a cable with one anchor for all rows.
+        data: the lengths, in the order in which they were measured.
+        nominal: ``(p,)`` nominal parameters of the arm.
     """
     n, starts = len(data), [0]
     best: tuple[float, list[int], Array, Array] | None = None
@@ -55,25 +56,25 @@ def found_sessions(model: Cable, data: Measurements, nominal: Array) -> tuple[in
 
 
 def with_sessions(data: Measurements, starts: tuple[int, ...]) -> Measurements:
-    """The measurements with sessions ``1``, ``2``, … from these rows on."""
+    """The measurements with sessions ``1``, ``2``, … that begin at these rows."""
     number = np.searchsorted(starts, np.arange(len(data)), side="right")
     return replace(data, sessions=tuple(str(i) for i in number.tolist()))
 
 
-def _trilateration(model: Cable, data: Measurements, nominal: Array, starts: list[int]) -> tuple[Array, Array]:
-    """Left sides ``(n,)`` and rows ``(n, 4)`` of the equations above about the mean point; of bad rows zero.
+def _trilateration(model: Fixtures, data: Measurements, nominal: Array, starts: list[int]) -> tuple[Array, Array]:
+    """Left sides ``(n,)`` and rows ``(n, 4)`` of the module's equations about the mean point; zero for bad rows.
 
     Target and offset are those that fit with an anchor for each session, without the bad rows.
     """
-    place = (np.searchsorted(starts, np.arange(len(data)), side="right") - 1).astype(np.float64)
+    number = (np.searchsorted(starts, np.arange(len(data)), side="right") - 1).astype(np.float64)
     numbers = tuple(range(len(starts)))
     observation = replace(model, numbers=numbers, labels=tuple(str(i) for i in numbers))
-    data = replace(data, conditions={**data.conditions, PLACE: place})
+    data = replace(data, conditions={**data.conditions, FIXTURE: number})
     inputs, weights = data.inputs(observation.conditions), np.ones((len(data), 1))
     good = np.ones(len(data), dtype=np.bool_)
     for _ in range(2):
-        seen = Observations(inputs[good], data.points[good], weights[good])
-        values = fit_base_and_tool(observation, seen, observation.nominal(nominal))
+        observed = Observations(inputs[good], data.points[good], weights[good])
+        values = fit_base_and_tool(observation, observed, observation.nominal(nominal))
         good = ~_bad((data.points - observation.points(inputs, values))[:, 0, 0])
     size = len(model.arm.names)
     points = model.arm.points(inputs[:, :-1], values[:size])[:, 0]
@@ -85,7 +86,7 @@ def _trilateration(model: Cable, data: Measurements, nominal: Array, starts: lis
 
 
 def _bad(residual: Array) -> NDArray[np.bool_]:
-    """Rows that are far off while those around them are not."""
+    """``(n,)``: rows whose residual ``(n,)`` is large while those of the rows around them are not."""
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
     far = np.abs(residual) > FAR * spread
     around = np.convolve(far, np.ones(LEAST_ROWS), mode="same") / LEAST_ROWS
@@ -93,14 +94,14 @@ def _bad(residual: Array) -> NDArray[np.bool_]:
 
 
 def _costs(left: Array, rows: Array) -> Array:
-    """Least squares ``(n,)`` of the first rows, one, two, and so on, each with an anchor of its own."""
+    """Sums of squares ``(n,)`` of the first one, two, and so on rows, each with an anchor of its own."""
     moments = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0) + 1e-9 * np.eye(rows.shape[1])
     right, squares = np.cumsum(rows * left[:, None], axis=0), np.cumsum(left**2)
     return np.asarray(squares - (right * np.linalg.solve(moments, right[..., None])[..., 0]).sum(axis=1))
 
 
 def _split_of(left: Array, rows: Array) -> tuple[int, float]:
-    """Where rows are best cut in two, and the cost that remains; 0 and the whole cost if they are too few."""
+    """The best row to cut at, and the cost that remains; 0 and the whole cost if there are too few rows."""
     ahead, back = _costs(left, rows), _costs(left[::-1], rows[::-1])[::-1]
     cuts = np.arange(LEAST_ROWS, len(left) - LEAST_ROWS + 1)
     if not len(cuts):
@@ -121,15 +122,15 @@ def _best_split(starts: list[int], left: Array, rows: Array) -> int | None:
 
 
 def _weakest(starts: list[int], left: Array, rows: Array) -> int | None:
-    """The beginning of a session whose merging with the one before raises the cost least, if it is not believed."""
+    """The start whose removal raises the cost least, where the criterion prefers it removed; None for none."""
     n = len(left)
     whole = max(_total(starts, n, left, rows), 1e-300)
     without = {start: _total([i for i in starts if i != start], n, left, rows) for start in starts[1:]}
     if not without:
         return None
     weakest = min(without, key=lambda start: without[start])
-    believed = n * np.log(without[weakest] / whole) > _penalty(n)
-    return None if believed else weakest
+    kept = n * np.log(without[weakest] / whole) > _penalty(n)
+    return None if kept else weakest
 
 
 def _penalty(rows: int) -> float:

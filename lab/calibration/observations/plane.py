@@ -1,0 +1,111 @@
+"""Touched planes: a point of the tool on planes whose positions are fitted."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.observations.fixture_kinds import FixtureKind, FixtureRows, refuse_blank
+from lab.calibration.observations.fixtures import Fixtures
+from lab.calibration.observations.kind import ObservationWords
+from lab.calibration.observations.options import FitInputs, ObservationOptions
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array, exp, left_jacobian
+from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.model import Model
+
+__all__ = ["PlaneKind", "Planes"]
+
+
+@dataclass(frozen=True)
+class Planes(Fixtures):
+    """Points that touch a plane: ``n'p - z = 0`` with the normal n = exp(rx, ry, 0) e_z and the distance z (m).
+
+    A plane has a normal in the upper half: the chart is smooth there, wherever the plane is.
+    """
+
+    group: ClassVar[str] = "plane"
+    axes: ClassVar[tuple[str, str, str]] = ("rx", "ry", "z")
+    least_rows: ClassVar[int] = 4
+    contact: ClassVar[bool] = True
+
+    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+        """Distances ``(n, 1)`` from the planes: a rotation w of a normal changes them by w'(n x p)."""
+        rotation = fixtures * np.array([1.0, 1.0, 0.0])
+        normal = exp(rotation)[..., 2]
+        observed = (normal * points).sum(axis=1, keepdims=True) - fixtures[:, 2:]
+        by_rotation = np.cross(normal, points)[:, None] @ left_jacobian(rotation)[..., :2]
+        return observed, normal[:, None], np.concatenate([by_rotation, -np.ones((len(points), 1, 1))], axis=2)
+
+    def located(self, points: Array, observed: Array) -> Array:
+        """The plane ``(3,)`` of least squares: the normal is the direction of least spread."""
+        centre = points.mean(axis=0)
+        normal = np.linalg.svd(points - centre)[2][-1]
+        return _plane(normal if normal[2] >= 0 else -normal, centre)
+
+    def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
+        """Planes ``(m, 3)`` through the points, of random normals in the upper half."""
+        normals = rng.normal(size=(len(points), 3))
+        normals[:, 2] = np.abs(normals[:, 2])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.array([_plane(normal, point) for normal, point in zip(normals, points, strict=True)])
+
+
+@dataclass(frozen=True)
+class PlaneKind(FixtureKind):
+    """Contacts with planes: by location, by session, or one for the whole file."""
+
+    name: ClassVar[str] = "plane"
+    words: ClassVar[ObservationWords] = ObservationWords(
+        measured="contacts with planes",
+        reading="contact with a plane",
+        error="distance from the plane",
+        placed="tool and planes",
+        names_targets=False,
+    )
+    columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, texts=("location",), observed="plane")
+    flags: ClassVar[type[Any] | None] = None
+    model: ClassVar[type[Fixtures]] = Planes
+
+    @classmethod
+    def configured(cls, options: ObservationOptions, fit: FitInputs) -> Self:
+        """The kind has no options.
+
+        Raises:
+            LabError: an instrument or a validation file is given.
+        """
+        fit.refuse_those_of_points(cls.name)
+        return cls()
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """``(n,)``: all, as a contact needs no column of its own."""
+        return np.ones(len(data), dtype=np.bool_)
+
+    def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
+        """The measurements as they are: contacts do not tell where a session begins."""
+        return data
+
+    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+        """The planes by location, else by session; one plane where nothing names any.
+
+        Raises:
+            LabError: some rows name their plane, and another does not.
+        """
+        column = "location" if "location" in data.other else "session"
+        labels = data.other.get("location", data.sessions)
+        if any(labels):
+            refuse_blank(data, column, labels, Planes.group)
+        return FixtureRows(labels, np.zeros((len(data), 1)))
+
+    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
+        """The planes."""
+        return Planes(arm, nominal, numbers, labels)
+
+
+def _plane(normal: Array, point: Array) -> Array:
+    """``(rx, ry, z)`` of the plane through a point ``(3,)``: e_z rotates into the normal ``(3,)`` about e_z x n."""
+    level = float(np.hypot(normal[0], normal[1]))
+    angle = float(np.arctan2(level, normal[2]))
+    ratio = angle / level if level > 1e-12 else 1.0
+    return np.array([-ratio * normal[1], ratio * normal[0], float(normal @ point)])

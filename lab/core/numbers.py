@@ -1,0 +1,27 @@
+"""Numbers that make no sense are refused, with the flag that gave them."""
+
+from lab.core.errors import LabError
+
+__all__ = ["LARGEST", "LEAST", "positive", "whole"]
+
+LEAST, LARGEST = 1e-9, 1e9  # of an option in mm or mrad
+
+
+def whole(flag: str, value: int, least: int) -> None:
+    """Refuse a count that is too small.
+
+    Raises:
+        LabError: ``value`` is below ``least``.
+    """
+    if value < least:
+        raise LabError(f"{flag} {value}: give a whole number of {least} or more")
+
+
+def positive(flag: str, value: float) -> None:
+    """Refuse what is not above zero, or is too large to be meant.
+
+    Raises:
+        LabError: ``value`` is outside ``LEAST`` to ``LARGEST``.
+    """
+    if not LEAST <= value <= LARGEST:
+        raise LabError(f"{flag} {value:g}: give a number above zero, from {LEAST:g} to {LARGEST:g}")
