@@ -1,5 +1,6 @@
 """Everything that the README and the pages of docs/ show is executed or compared."""
 
+import contextlib
 import importlib
 import json
 import re
@@ -144,7 +145,7 @@ COMMANDS = ("calibrate", "identify", "inspect", "design", "compensate", "verify"
 def test_every_flag_exists(capsys) -> None:
     exist = set()
     for command in ([], *([name] for name in COMMANDS)):
-        with pytest.raises(SystemExit):
+        with contextlib.suppress(SystemExit):
             main([*command, "--help"])
         exist |= set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
     for page in PAGES:
