@@ -19,7 +19,7 @@ class LabHelp(Directive):
 
     def run(self) -> list[nodes.Node]:
         """Run the command and show its standard output as it is."""
-        environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "PYTHONPATH": str(ROOT), "TERM": "dumb"}
+        environment = os.environ | {"COLUMNS": "84", "NO_COLOR": "1", "PYTHONPATH": str(ROOT), "TERM": "dumb"}
         done = subprocess.run(
             [sys.executable, "-m", "lab", self.arguments[0], "--help"],
             capture_output=True, text=True, check=True, env=environment,
