@@ -293,20 +293,13 @@ def _design(command: Design) -> int:
 
 def _compensate(command: Compensate) -> int:
     """Correct, write and print; 1 where a target is not reached."""
-    from lab.commands.compensate.result import correction_summary, print_correction, warnings_of, write_correction
     from lab.commands.compensate.run import run_correction
 
     asked = command.correction
     with _written(command.out, f"compensate-{asked.targets.stem}", asked.targets, asked.run) as (folder, out):
-        done = run_correction(asked)
-        write_correction(folder, done, asked)
-        from lab.commands.compensate.report import write_correction_report  # slow to import, as all that draws
-
-        write_correction_report(folder / "report.html", done, command.correction)
-    _tell(warnings_of(done), correction_summary(done) if command.json else None)
-    if not command.json:
-        print_correction(done, out)
-    return 0 if done.found.converged.all() else 1
+        result = run_correction(asked)
+        result.write(folder)
+    return _finished(result, out, command.json)
 
 
 def _verify(command: Verify) -> int:

@@ -1,155 +1,243 @@
-"""Corrected targets as files for controllers and other tools, as plain values, and in print."""
+"""Corrected targets: typed, and as plain values for their JSON files."""
 
-import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
+from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.calibrate.result import number
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.run import CompensationResult
-from lab.commands.run_folder import config, write_json
+from lab.commands.result import Result
+from lab.compensation.compensator import Compensation
 from lab.compensation.ik_results import NEAR_RAD
-from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import TargetMoves
-from lab.formats.programs.registry import refusals, target_files
+from lab.formats.programs.registry import refusals
+from lab.formats.target_csv import Targets
+from lab.kinematics.inverse.newton import PoseTarget
+from lab.payload_identification.sag_uncertainty import sag_uncertainty
 
-MOST_FAILED = 10  # that are printed
-JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
+    from lab.render.document import Document
 
-def correction_summary(done: CompensationResult) -> dict[str, Any]:
-    """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-    found, converged = done.found, done.found.converged
-    near = np.flatnonzero(converged & (found.singular_rad < NEAR_RAD))
-    names = done.run.robot.chain.joint_names
-    return {
-        "run": str(done.run.folder),
-        "robot": done.run.robot.name,
-        "tool": done.targets.tool,
-        "model": "+".join(("geometric", *done.run.groups)),
-        "targets": len(done.targets),
-        "converged": int(converged.sum()),
-        "failed": [
-            {"id": name, "reason": reason}
-            for name, reason in zip(done.targets.ids, found.reasons, strict=True)
-            if reason
-        ],
-        "correction_mm": _mean_and_max(1e3 * done.correction_m[converged]),
-        "predicted_mm": _mean_and_max(1e3 * done.predicted_m[converged]),
-        "judged_mm": None if (judged := done.run.result.get("after_mm")) is None else judged["mean"],
-        "schemes_apart_mm": number(1e3 * found.scheme_disagreement_m[converged].max()) if converged.any() else None,
-        "near_singular": [
-            {"id": done.targets.ids[i], "joint": names[found.singular_joint[i]], **_distance(done, int(i))}
-            for i in near
-        ],
-        "without_effects_mm": None if done.without_effects_m is None else 1e3 * done.without_effects_m,
-        "warnings": warnings_of(done),
-    }
+__all__ = ["CompensationResult", "NearSingular"]
 
 
-def _distance(done: CompensationResult, target: int) -> dict[str, float]:
-    """To the nearest singularity, as the joint that leads there counts it."""
-    distance = float(done.found.singular_rad[target])
-    slides = done.run.robot.chain.prismatic[done.found.singular_joint[target]]
-    return {"distance_mm": 1e3 * distance} if slides else {"distance_deg": float(np.rad2deg(distance))}
+@dataclass(frozen=True)
+class NearSingular:
+    """A target that is reached within 1 degree of a singularity.
+
+    Attributes:
+        joint: the one that would have to move most to get there.
+        distance: how far (rad; m where that joint slides).
+    """
+
+    id: str
+    joint: str
+    distance: float
+    slides: bool
 
 
-def warnings_of(done: CompensationResult) -> list[str]:
-    """What a reader should be told."""
-    said, gate = list(done.warnings), done.run.options.get("gate_mm")
-    expected = 1e3 * done.predicted_m[done.found.converged]
-    if gate is not None and len(expected) and expected.mean() > gate:
-        said.append(
-            f"the expected error is {expected.mean():.3g} mm: these targets are far from where the arm was measured"
+@dataclass(frozen=True, repr=False, eq=False)
+class CompensationResult(Result):
+    """What became of a list of targets.
+
+    Attributes:
+        options: what was asked.
+        run: the run that calibrated the arm.
+        targets: those of the file.
+        wanted: the targets, with the rotations of the last frame, in the frame in which the arm was measured.
+        found: the corrected targets.
+        arm_inputs: ``(n, joints + conditions)`` of the arm at its corrected joint positions.
+        without_effects_m: how far geometry alone is off there (root mean square), which is all that an exported
+            arm holds; None where there is nothing else.
+        notes: what a reader should be told of the inputs.
+    """
+
+    options: CompensateOptions
+    run: Calibrated
+    targets: Targets
+    wanted: PoseTarget
+    found: Compensation
+    arm_inputs: Array
+    without_effects_m: float | None
+    notes: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0 where every target is reached, else 1."""
+        return 0 if self.found.converged.all() else 1
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The targets' file and the run."""
+        return (self.options.targets, self.options.run)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader should be told."""
+        gate_mm, (mean_mm, _) = self.run.options.get("gate_mm"), self.mean_and_max_mm(self.predicted_m)
+        far: tuple[str, ...] = ()
+        if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
+            far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
+        return (*self.notes, *far, *refusals(self.run.robot.chain))
+
+    @property
+    def reached(self) -> NDArray[np.int_]:
+        """The rows of the targets that are reached."""
+        return np.flatnonzero(self.found.converged)
+
+    @property
+    def failed(self) -> tuple[tuple[str, str], ...]:
+        """The targets that are not reached: id, and why."""
+        pairs = zip(self.targets.ids, self.found.reasons, strict=True)
+        return tuple((name, reason) for name, reason in pairs if reason)
+
+    @property
+    def near_singular(self) -> tuple[NearSingular, ...]:
+        """The targets that are reached close to a singularity."""
+        chain, found = self.run.robot.chain, self.found
+        rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD))
+        return tuple(
+            NearSingular(
+                self.targets.ids[i],
+                chain.joint_names[found.singular_joint[i]],
+                float(found.singular_rad[i]),
+                chain.prismatic[found.singular_joint[i]],
+            )
+            for i in rows
         )
-    return [*said, *refusals(done.run.robot.chain)]
+
+    @property
+    def model(self) -> str:
+        """The model's groups, joined by +."""
+        return "+".join(("geometric", *self.run.groups))
+
+    @property
+    def validation_mm(self) -> float | None:
+        """The mean error (mm) at the run's validation poses; None where it has none."""
+        return None if (after := self.run.result.get("after_mm")) is None else after["mean"]
+
+    @property
+    def scheme_disagreement_mm(self) -> float | None:
+        """How far apart the schemes end at most (mm); None where no target is reached."""
+        return number(1e3 * self.found.scheme_disagreement_m[self.reached].max()) if len(self.reached) else None
+
+    def mean_and_max_mm(self, lengths: Array) -> tuple[float | None, float | None]:
+        """Mean and largest (mm) of lengths ``(n,)`` (m) over the targets that are reached; None without any."""
+        values = 1e3 * lengths[self.reached]
+        finite = values[np.isfinite(values)]
+        return (float(finite.mean()), float(finite.max())) if len(finite) else (None, None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        return {
+            "run": str(self.run.folder),
+            "robot": self.run.robot.name,
+            "tool": self.targets.tool,
+            "model": self.model,
+            "targets": len(self.targets),
+            "converged": len(self.reached),
+            "failed": [{"id": name, "reason": reason} for name, reason in self.failed],
+            "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
+            "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
+            "judged_mm": self.validation_mm,
+            "schemes_apart_mm": self.scheme_disagreement_mm,
+            "near_singular": [_near(each) for each in self.near_singular],
+            "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
+            "warnings": list(self.warnings),
+        }
+
+    def document(self) -> "Document":
+        """What a person reads: what became of the targets, how far each was moved, which are not reached."""
+        from lab.commands.compensate.document import compensation_document
+
+        return compensation_document(self)
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """A row for each target that is reached: id, joint positions (deg or mm), correction and predicted error."""
+        rows, chain = self.reached, self.run.robot.chain
+        joints = {
+            f"{name}_{'mm' if slides else 'deg'}": (1e3 * values if slides else np.rad2deg(values)).tolist()
+            for name, slides, values in zip(chain.joint_names, chain.prismatic, self.found.joints[rows].T, strict=True)
+        }
+        return {
+            "id": [self.targets.ids[i] for i in rows],
+            **joints,
+            "correction_mm": (1e3 * self.correction_m[rows]).tolist(),
+            "predicted_mm": (1e3 * self.predicted_m[rows]).tolist(),
+        }
+
+    def plot(self) -> "Figure":
+        """Draw how far the targets are moved and the error to expect, as histograms.
+
+        Raises:
+            LabError: no target is reached.
+        """
+        from lab.commands.compensate.document import corrections_picture
+        from lab.core.errors import LabError
+
+        if not len(self.reached):
+            raise LabError("no target is reached: there is nothing to draw; see failed for the reasons")
+        return corrections_picture(self).draw()
+
+    def write(self, folder: Path) -> None:
+        """Write tables, programs, the calibrated arm, ``result.json`` and ``report.html``."""
+        from lab.commands.compensate.files import write_files
+
+        write_files(folder, self)
+        self.report(folder / "report.html")
+
+    @property
+    def correction_m(self) -> Array:
+        """Correction ``(n,)``: how far each target is moved for the controller (m); NaN where it is not reached."""
+        return np.asarray(np.linalg.norm(self.found.positions - self.wanted.positions, axis=1))
+
+    @property
+    def predicted_m(self) -> Array:
+        """Predicted error ``(n,)`` at each target (m, RMS), from the parameters' covariance and the lack of fit."""
+        run = self.run
+        lacking, larger, _ = run.lacking((run.result["noise_mm"] or 0.0) / 1e3)
+        jacobian = run.arm.observe(self.arm_inputs, run.values)[1][:, self.target]
+        rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
+        known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
+        return np.asarray(np.sqrt(known + self.load_m**2))
+
+    @property
+    def load_m(self) -> Array:
+        """The part ``(n,)`` of the predicted error that is the uncertainty of an identified payload (m, RMS)."""
+        run, (arm, values) = self.run, self.run.geometry
+        joints = self.arm_inputs[:, : arm.chain.size]
+        if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
+            return np.zeros(len(joints))
+        off = sag_uncertainty(
+            run.robot.serial_arm(arm.targets),
+            values,
+            run.compliance,
+            joints,
+            run.robot.loads.gravity,
+            run.load.covariance,
+            self.target,
+        )
+        carried = self.arm_inputs[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
+        return np.asarray(np.where(carried, off, 0.0))
+
+    @property
+    def target(self) -> int:
+        """The index of the arm's target that is aimed."""
+        return self.run.arm.targets.index(self.targets.tool)
+
+    @property
+    def R_targets(self) -> Array:
+        """Rotations ``(n, 3, 3)`` of the tool in the corrected targets, in the frame of the targets' file."""
+        return np.asarray(self.found.rotations @ self.run.R_last_tool)
 
 
-def _mean_and_max(values: Array) -> dict[str, float | None]:
-    seen = values[np.isfinite(values)]
-    return {"mean": float(seen.mean()) if len(seen) else None, "max": float(seen.max()) if len(seen) else None}
-
-
-def write_correction(folder: Path, done: CompensationResult, options: CompensateOptions) -> None:
-    """The corrected targets and the arm, in every format."""
-    run, rows = done.run, np.flatnonzero(done.found.converged)
-    write_json(folder / "config.json", config("compensate", options, run.robot.sha256))
-    _write_csv(folder / JOINTS, done, rows, _joint_columns(done, rows))
-    _write_csv(folder / CARTESIAN, done, rows, _cartesian_columns(done, rows) | _joint_columns(done, rows))
-    drawing = run.nominal_inverse(done.target)  # what the corrected targets are for
-    nominal = run.robot.description(run.robot.exact_file, drawing.arm.targets, drawing.values)
-    (folder / NOMINAL).write_text(nominal, encoding="utf-8")
-    arm, values = run.geometry
-    for name in run.robot.description_files:
-        (folder / name).write_text(run.robot.description(name, arm.targets, values), encoding="utf-8")
-    if len(rows):
-        for name, content in target_files(run.robot.chain, _moves(done, rows)).items():
-            (folder / name).write_bytes(content)
-    write_json(folder / "result.json", correction_summary(done))
-
-
-def _moves(done: CompensationResult, rows: NDArray[np.int_]) -> TargetMoves:
-    """What a controller's program is made from, with the base and tool that suit the controller's links."""
-    run, drawing = done.run, done.run.nominal_inverse(done.target)
-    T_instrument_frame0 = drawing.arm.T_tracker_frame0(drawing.values)
-    ids = [done.targets.ids[i] for i in rows]
-    T_last_tool = se3.pose(run.R_last_tool, drawing.tools[done.target])
-    return TargetMoves(run.robot.name, ids, done.found.joints[rows], T_last_tool, se3.inverse(T_instrument_frame0))
-
-
-def _joint_columns(done: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:
-    chain, joints = done.run.robot.chain, done.found.joints[rows]
-    columns = {}
-    for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True):
-        columns[f"{name}_{'mm' if slides else 'deg'}"] = 1e3 * values if slides else np.rad2deg(values)
-    return columns
-
-
-def _cartesian_columns(done: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:
-    """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
-    places, tool = 1e3 * done.found.positions[rows], done.targets.tool
-    quaternions = se3.quaternion_from_rotation(done.R_targets[rows])
-    columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", places.T, strict=True)}
-    return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
-
-
-def _write_csv(path: Path, done: CompensationResult, rows: NDArray[np.int_], columns: dict[str, Array]) -> None:
-    """One row a target that is reached, with what was set there."""
-    every = columns | {name: column[rows] for name, column in done.targets.conditions.items()}
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["id", *every])
-        for i, *values in zip(rows.tolist(), *every.values(), strict=True):
-            writer.writerow([done.targets.ids[i], *(repr(float(value)) for value in values)])
-
-
-def print_correction(done: CompensationResult, folder: Path) -> None:
-    """What became of the targets, in a few lines: how far they were moved, which fail and why."""
-    console, result = Console(markup=False), correction_summary(done)
-    console.print(
-        f"{result['robot']}, {result['model'].replace('+', ' + ')}: "
-        f"{result['converged']} of {result['targets']} targets of {result['tool']} corrected"
-    )
-    if result["converged"]:
-        moved, predicted, judged = result["correction_mm"], result["predicted_mm"], result["judged_mm"]
-        console.print(f"moved by {moved['mean']:.4f} mm on average, {moved['max']:.4f} mm at most")
-        if predicted["mean"] is not None:
-            seen = "" if judged is None else f"; at poses that the run had not seen it was {judged:.4f} mm"
-            console.print(f"expected error: {predicted['mean']:.4f} mm on average{seen}")
-    if result["failed"]:
-        table = Table("target", "why it is not reached")
-        for each in result["failed"][:MOST_FAILED]:
-            table.add_row(each["id"], each["reason"])
-        console.print(table)
-        if (more := len(result["failed"]) - MOST_FAILED) > 0:
-            console.print(f"and {more} more, in result.json")
-    if near := result["near_singular"]:
-        listed = ", ".join(f"{each['id']} ({each['joint']})" for each in near[:MOST_FAILED])
-        console.print(f"reached, but within 1° of a singularity: {listed}{', …' if len(near) > MOST_FAILED else ''}")
-    console.print(f"files: {folder}", soft_wrap=True)
+def _near(each: NearSingular) -> dict[str, Any]:
+    unit, scale = ("mm", 1e3) if each.slides else ("deg", 180 / np.pi)
+    return {"id": each.id, "joint": each.joint, f"distance_{unit}": scale * each.distance}

@@ -1,85 +1,23 @@
 """Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
 from lab.commands.compensate.options import CompensateOptions
-from lab.compensation.compensator import Compensation, Compensator
+from lab.commands.compensate.result import CompensationResult
+from lab.compensation.compensator import Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import asked
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.inverse.newton import PoseTarget
-from lab.payload_identification.sag_uncertainty import sag_uncertainty
+
+__all__ = ["run_correction"]
 
 UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
-
-
-@dataclass(frozen=True)
-class CompensationResult:
-    """What became of a list of targets.
-
-    Attributes:
-        wanted: the targets, the rotations as those of the last frame.
-        settings: ``(n, joints + conditions)`` of the arm at its corrected readings.
-        without_effects_m: how far geometry alone is off there (root mean square), which is all that an exported
-            arm holds; None where there is nothing else.
-    """
-
-    run: Calibrated
-    targets: Targets
-    wanted: PoseTarget
-    found: Compensation
-    inputs: Array
-    without_effects_m: float | None
-    warnings: tuple[str, ...]
-
-    @property
-    def correction_m(self) -> Array:
-        """``(n,)`` how far each target is moved for the controller; NaN where it is not reached."""
-        return np.asarray(np.linalg.norm(self.found.positions - self.wanted.positions, axis=1))
-
-    @property
-    def predicted_m(self) -> Array:
-        """``(n,)`` root mean square error to expect at each target, of the parameters and of what the model lacks."""
-        run = self.run
-        lacking, larger, _ = run.lacking((run.result["noise_mm"] or 0.0) / 1e3)
-        jacobian = run.arm.observe(self.inputs, run.values)[1][:, self.target]
-        rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
-        known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
-        return np.asarray(np.sqrt(known + self.load_m**2))
-
-    @property
-    def load_m(self) -> Array:
-        """``(n,)`` what of that is the uncertainty of an identified load that the arm carries there."""
-        run, (arm, values) = self.run, self.run.geometry
-        joints = self.inputs[:, : arm.chain.size]
-        if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
-            return np.zeros(len(joints))
-        off = sag_uncertainty(
-            run.robot.serial_arm(arm.targets),
-            values,
-            run.compliance,
-            joints,
-            run.robot.loads.gravity,
-            run.load.covariance,
-            self.target,
-        )
-        carried = self.inputs[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
-        return np.asarray(np.where(carried, off, 0.0))
-
-    @property
-    def target(self) -> int:
-        """Which of the arm's targets is aimed."""
-        return self.run.arm.targets.index(self.targets.tool)
-
-    @property
-    def R_targets(self) -> Array:
-        """Rotations ``(n, 3, 3)`` of the tool in the corrected targets."""
-        return np.asarray(self.found.rotations @ self.run.R_last_tool)
 
 
 def run_correction(options: CompensateOptions) -> CompensationResult:
@@ -89,10 +27,10 @@ def run_correction(options: CompensateOptions) -> CompensationResult:
         run.refuse_unfit("compensation")
     chain = run.robot.chain
     targets = read_targets(options.targets, chain.joint_names, chain.prismatic, options.orientation)
-    return corrected(run, targets, str(options.targets))
+    return _corrected(options, run, targets, str(options.targets))
 
 
-def corrected(run: Calibrated, targets: Targets, source: str) -> CompensationResult:
+def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets, source: str) -> CompensationResult:
     """Correct targets for the arm of a run.
 
     Args:
@@ -135,14 +73,14 @@ def corrected(run: Calibrated, targets: Targets, source: str) -> CompensationRes
             f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
         )
     said = (*run.warnings, *targets.warnings, *warnings)
-    done = CompensationResult(run, targets, wanted, found, inputs, without, said)
+    done = CompensationResult(options, run, targets, wanted, found, inputs, without, said)
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
         words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
         if not size:
             why = "the run has no compliance, or no target carries them"
             words = f"{run.load.mass_kg:.4g} kg at the hand make no difference: {why}"
-        return replace(done, warnings=(*said, words))
+        return replace(done, notes=(*said, words))
     return done
 
 

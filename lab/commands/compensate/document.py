@@ -1,0 +1,148 @@
+"""What a person reads of corrected targets: what became of them, how far each was moved, which are not reached."""
+
+import numpy as np
+
+from lab.commands.compensate.result import CompensationResult, NearSingular
+from lab.commands.provenance import provenance_section
+from lab.core.se3 import Array
+from lab.render.document import (
+    PAGE,
+    Badge,
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    Warnings,
+)
+from lab.render.format import fixed, short
+from lab.render.plots import SizeMap, Spread, histograms, size_maps, spread_by_size
+from lab.render.style import AFTER, PREDICTED
+from lab.render.svg import cube
+
+__all__ = ["compensation_document", "corrections_picture"]
+
+_NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
+MOST_LISTED = 100  # targets, in each table
+
+
+def compensation_document(result: CompensationResult) -> Document:
+    """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
+    failed = len(result.failed)
+    verdict = Badge(f"{failed} not reached", "bad") if failed else Badge("all reached", "good")
+    count = f"{len(result.reached)} of {len(result.targets)}"
+    return Document(
+        f"{result.run.robot.name}: {count} targets of {result.targets.tool} corrected",
+        (
+            Paragraph(_lead(result), "lead"),
+            Paragraph(verdict),
+            Warnings(result.warnings),
+            Section("What became of the targets", (*_totals(result), _failed(result), _near(result))),
+            Section("How far they were moved", (*_histograms(result), *_map(result))),
+            Section("Every target", _every_target(result), shown_in=PAGE),
+            provenance_section("compensate", result.options, result.run.robot.sha256),
+        ),
+    )
+
+
+def corrections_picture(result: CompensationResult) -> Picture:
+    """How far the targets are moved, and the error to expect, as histograms."""
+    moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
+    spreads = [Spread(moved, PREDICTED, ("moved by: mean", float(moved.mean())))]
+    if len(expected):
+        spreads.append(Spread(expected, AFTER, ("expected error: mean", float(expected.mean()))))
+    return histograms("moved", spreads, "length")
+
+
+def _lead(result: CompensationResult) -> str:
+    targets = f"{len(result.targets)} targets for the arm that {result.run.folder} calibrated"
+    if not len(result.reached):
+        return f"{targets}: none of them is reached."
+    mean, largest = result.mean_and_max_mm(result.correction_m)
+    expected, _ = result.mean_and_max_mm(result.predicted_m)
+    text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
+    if expected is not None:
+        text += f"; the error to expect there is {short(expected)} mm"
+    validation = result.validation_mm
+    return text + ("." if validation is None else f" (at the run's validation poses it was {short(validation)} mm).")
+
+
+def _totals(result: CompensationResult) -> tuple[Block, ...]:
+    rows = (
+        ("moved by, mm", *map(short, result.mean_and_max_mm(result.correction_m))),
+        ("expected error, mm", *map(short, result.mean_and_max_mm(result.predicted_m))),
+    )
+    apart = result.scheme_disagreement_mm
+    schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "
+    note = Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
+    return Table(("", "mean", "largest"), rows), note
+
+
+def _failed(result: CompensationResult) -> Table:
+    return Table(("target", "why it is not reached"), result.failed, most_rows=MOST_LISTED)
+
+
+def _near(result: CompensationResult) -> Table:
+    rows = tuple((each.id, _distance(each), each.joint) for each in result.near_singular)
+    return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=MOST_LISTED)
+
+
+def _distance(near: NearSingular) -> str:
+    """The distance to a singularity, in the unit of the joint that leads there."""
+    return short(1e3 * near.distance, "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
+
+
+def _histograms(result: CompensationResult) -> tuple[Block, ...]:
+    if not len(result.reached):
+        return ()
+    caption = (
+        "How far the targets are moved (blue): without the correction the arm would miss them by about as much. Green: "
+        "the error to expect with it."
+    )
+    return (Figure("moved-figure", (corrections_picture(result),), caption),)
+
+
+def _finite(result: CompensationResult, lengths: Array) -> Array:
+    lengths = lengths[result.reached]
+    return np.asarray(lengths[np.isfinite(lengths)])
+
+
+def _map(result: CompensationResult) -> tuple[Block, ...]:
+    reached, positions = result.reached, result.targets.positions
+    if not len(reached):
+        return ()
+    rows = reached[spread_by_size(result.correction_m[reached])]
+    off = positions[~result.found.converged]
+    middle, half = cube([positions[reached]])
+    near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
+    shown = SizeMap(
+        positions[rows], result.correction_m[rows], "how far a target is moved", off[near], "not reached", "targets"
+    )
+    caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
+    if beyond := int((~near).sum()):
+        caption += f" Not reached, and too far off to be drawn: {beyond}."
+    return (Figure("where", size_maps(shown), caption),)
+
+
+def _every_target(result: CompensationResult) -> tuple[Block, ...]:
+    chain, found = result.run.robot.chain, result.found
+    moved = 1e3 * (found.positions - result.targets.positions)
+    scales = np.where(chain.prismatic, 1e3, 180 / np.pi)
+    rows = tuple(
+        (
+            result.targets.ids[i],
+            *(fixed(value, 3) for value in scales * found.joints[i]),
+            *(fixed(value, 3, signed=True) for value in moved[i]),
+        )
+        for i in result.reached
+    )
+    units = ("mm" if slides else "°" for slides in chain.prismatic)
+    joints = (f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True))
+    header = ("target", *joints, *(f"Δ{axis}, mm" for axis in "xyz"))
+    note = (
+        "Joint positions that bring the calibrated arm there, and how far the corrected target is from the wanted one."
+    )
+    table = Table(header, rows, most_rows=MOST_LISTED, rest_in="joints.csv")
+    return (Paragraph(note, "note"), table) if rows else ()
