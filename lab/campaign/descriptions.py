@@ -11,7 +11,7 @@ from lab.formats.urdf import URDF
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.closed_robot import CLOSED_MJCF, ClosedModel
-from lab.simulation.model import SerialModel
+from lab.simulation.serial_model import SerialModel
 from lab.simulation.write_mjcf import MJCF
 
 __all__ = ["CLOSED_FORMATS", "SERIAL_FORMATS"]

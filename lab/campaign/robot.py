@@ -27,7 +27,8 @@ from lab.simulation.build_serial import table_model
 from lab.simulation.closed_robot import ClosedModel, TrueMechanism, closed_model, random_values, true_mechanism
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
-from lab.simulation.model import RobotModel, SerialModel
+from lab.simulation.model import RobotModel
+from lab.simulation.serial_model import SerialModel
 from lab.simulation.true_robot import (
     GeometryErrors,
     TrueRobot,

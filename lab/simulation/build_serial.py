@@ -11,7 +11,8 @@ from lab.formats.dh_table_toml import RobotTable
 from lab.formats.link_tree import link_tree
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.link_shapes import dress, reach_of
-from lab.simulation.model import FLANGE, TRACKER, SerialModel, add_targets, add_tracker, compiled
+from lab.simulation.model import FLANGE, TRACKER, add_targets, add_tracker, compiled
+from lab.simulation.serial_model import SerialModel
 
 _SMALL_M = 1.0  # reach of an arm beside which the tracker stands at its usual place
 _PEDESTAL_M = 0.1  # of a floor-standing arm's reach, the radius of what carries it

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
 from lab.core.se3 import Array
-from lab.simulation.closed_robot import ClosedModel
 from lab.simulation.collisions import collision_flags, standing
 from lab.simulation.model import TRACKER, RobotModel
 
@@ -93,7 +92,7 @@ def path_check(robot: RobotModel) -> FreePath:
 
     Looked at so often that no point of it moves more than ``STEP_M`` in between. By one thread.
     """
-    data, reach = mujoco.MjData(robot.model), _reach(robot)
+    data, reach = mujoco.MjData(robot.model), robot.travel_per_joint()
 
     def is_free(start: Array, end: Array) -> bool:
         steps = max(1, int(np.ceil(np.abs(end - start) @ reach / STEP_M)))
@@ -162,28 +161,6 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
 
 def _tracker_body(robot: RobotModel) -> int:
     return int(robot.model.site(TRACKER).bodyid[0])
-
-
-def _reach(robot: RobotModel) -> Array:
-    """``(n,)``: how far (m) a point of the arm moves at most per rad or m of each joint, in any pose."""
-    if isinstance(robot, ClosedModel):
-        return robot.speeds()
-    model = robot.model
-    touching = (model.geom_contype | model.geom_conaffinity) != 0
-    joints = [model.joint(name) for name in robot.chain.joint_names]
-    travel = np.zeros(model.nbody)
-    for joint, slides in zip(joints, robot.chain.prismatic, strict=True):
-        far = np.abs(joint.range).max() if slides else 2 * np.linalg.norm(joint.pos)
-        travel[joint.bodyid[0]] = far
-    ball = np.zeros(model.nbody)  # about each body's origin, around it and all that it carries
-    for geom in np.flatnonzero(touching):
-        body = model.geom_bodyid[geom]
-        ball[body] = max(ball[body], np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom])
-    for body in range(model.nbody - 1, 0, -1):  # MuJoCo numbers parents before children
-        parent = model.body_parentid[body]
-        ball[parent] = max(ball[parent], np.linalg.norm(model.body_pos[body]) + travel[body] + ball[body])
-    moved = [ball[joint.bodyid[0]] + np.linalg.norm(joint.pos) for joint in joints]
-    return np.where(robot.chain.prismatic, 1.0, moved)
 
 
 def _refuse_tracker_in_arm(robot: RobotModel) -> None:

@@ -21,8 +21,7 @@ from lab.simulation.build_closed import BASE_BODY, closed_mjcf, closed_spec
 from lab.simulation.effects import Effects
 from lab.simulation.loop_constraints import closed_qpos
 from lab.simulation.model import FLANGE, TRACKER, RobotModel, compiled, coordinates
-from lab.simulation.true_robot import TrueRobot
-from lab.simulation.write_mjcf import place_tracker
+from lab.simulation.true_robot import TrueRobot, stand_before_tracker
 
 _LOOKS = 1000  # random poses
 
@@ -45,12 +44,18 @@ class ClosedModel(RobotModel):
             self.model, self.chain, joints, np.where(closed.fits, closed.posture.passive, np.nan)
         )
 
-    def speeds(self) -> Array:
-        """``(joints,)``: how far a joint moves a target (m per m or rad), the most of many random poses."""
+    def travel_per_joint(self) -> Array:
+        """How far a joint moves a target (m per m or rad), the most of many random poses."""
         arm = ClosedArm(self.chain, tuple(self.tool))
         joints = arm.structure_joints(_LOOKS, rng_for(0, "structure"))
         moved = arm.joint_derivatives(arm.observe(joints, arm.nominal(self.tool))[1])
         return np.asarray(np.linalg.norm(moved, axis=2).max(axis=(0, 1)))
+
+    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
+        """A mechanism with these parameters, its loops closed at the joint positions."""
+        passive = self.chain.assembled(joints, values).posture.passive
+        model = self.with_values(values, {}).compile()
+        return model, passive_coordinates(model, self.chain, joints, passive)
 
     def with_values(self, values: Array, tool: Mapping[str, Array]) -> mujoco.MjSpec:
         """A copy with the mechanism's parameters ``(p,)`` and these targets (m, on the platform)."""
@@ -79,7 +84,7 @@ def identified_mjcf(robot: ClosedModel, arm: ClosedArm, values: Array) -> str:
     """The identified mechanism as MJCF whose loops, closed, have the identified sites in the tracker's frame."""
     spec = robot.with_values(values, arm.places(values))
     model = compiled(robot.path, spec)
-    place_tracker(model, robot, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
+    robot.place_tracker(model, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
     carrier = spec.site(TRACKER).parent
     placed = model.body(carrier.name)
     carrier.pos, carrier.quat = placed.pos, placed.quat
@@ -114,6 +119,9 @@ class TrueMechanism(TrueRobot):
     robot: ClosedModel
     values: Array
 
+    def truth(self, targets: tuple[str, ...]) -> None:
+        """Dimensions of a mechanism are not read off its joint axes."""
+
     def with_effects(self, effects: Effects) -> Self:
         """As of any arm; nothing of it bends."""
         if effects.yielding:
@@ -134,8 +142,7 @@ class TrueMechanism(TrueRobot):
 def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> TrueMechanism:
     """The robot with other dimensions, before a tracker."""
     model = robot.with_values(values, robot.tool).compile()
-    place_tracker(model, robot, T_world_tracker)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    stand_before_tracker(model, robot, T_world_tracker)
     return TrueMechanism(
         robot=robot,
         model=model,

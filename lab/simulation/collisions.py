@@ -27,23 +27,27 @@ def standing(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None
         yield data
 
 
-def collision_flags(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[bool]:
-    """Whether the nominal arm touches itself or its surroundings, one reading of ``(n, joints)`` after the other.
+def at_contacts(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None = None) -> Iterator[mujoco.MjData]:
+    """A model's contacts at each of the coordinates ``(n, nq)``, always in the same data."""
+    data = mujoco.MjData(model) if data is None else data
+    for row in qpos:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        yield data
 
-    So does, as it were, a mechanism whose loops do not close.
+
+def collision_flags(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[bool]:
+    """Whether the nominal arm touches itself or its surroundings, one row of joint positions ``(n, joints)`` at a time.
+
+    A mechanism whose loops do not close there counts as touching.
     """
-    data = mujoco.MjData(robot.model) if data is None else data
-    stands = robot.qpos(joints)
-    lost = np.asarray(np.isnan(stands).any(axis=1))
-    for i, qpos in enumerate(stands):
-        if lost[i]:
-            yield True
-            continue
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(robot.model, data)
-        mujoco.mj_comPos(robot.model, data)
-        mujoco.mj_collision(robot.model, data)
-        yield data.ncon > 0
+    qpos = robot.qpos(joints)
+    lost = np.asarray(np.isnan(qpos).any(axis=1))
+    contacts = at_contacts(robot.model, qpos[~lost], data)
+    for open_loop in lost:
+        yield True if open_loop else next(contacts).ncon > 0
 
 
 def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:

@@ -17,7 +17,8 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.simulation.model import SerialModel, at_zero, body_pose, last_frame
+from lab.simulation.model import at_zero, body_pose
+from lab.simulation.serial_model import SerialModel, last_frame
 
 _STILL = 1e-13  # rad or m; what a step this small changes in the loads moves nothing beyond rounding
 _MOST_STEPS = 100

@@ -5,7 +5,8 @@ import numpy as np
 from lab.core import se3
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.model import SerialModel, at_zero
+from lab.simulation.model import at_zero
+from lab.simulation.serial_model import SerialModel
 
 
 def loads_of(robot: SerialModel) -> Loads:

@@ -18,7 +18,8 @@ from lab.core.se3 import Array
 from lab.formats.link_tree import link_tree
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.simulation.model import at_zero, body_pose, compiled, flange_body, let_weigh_nothing
+from lab.simulation.collisions import at_contacts
+from lab.simulation.model import at_zero, body_pose, compiled, coordinates, flange_body, let_weigh_nothing
 
 DENSITY = 1500.0  # kg/m^3 of a rod: castings are hollow, motors and gears are not
 _THICK, _TAPER = 0.06, 0.55  # radius of the first link beside the arm's reach; how much less the last one's is
@@ -159,14 +160,9 @@ def _add(body: mujoco.MjsBody, rod: Rod, T_body_frame0: Array, density: float) -
 def _let_touch(path: Path, spec: mujoco.MjSpec, chain: Chain) -> None:
     """Exclude contacts between bodies that touch in most poses."""
     model = compiled(path, spec)
-    data = mujoco.MjData(model)
-    addresses = [int(model.joint(name).qposadr[0]) for name in chain.joint_names]
     counts: dict[tuple[int, int], int] = {}
-    for reading in chain.random_joints(_POSES, rng_for(0, "structure")):
-        data.qpos[addresses] = reading
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_collision(model, data)
+    joints = chain.random_joints(_POSES, rng_for(0, "structure"))
+    for data in at_contacts(model, coordinates(model, chain.joint_names, joints)):
         pairs = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
         for a, b in {(int(a), int(b)) for a, b in pairs}:
             counts[a, b] = counts.get((a, b), 0) + 1

@@ -16,7 +16,6 @@ from lab.simulation.link_shapes import dress
 from lab.simulation.model import (
     FLANGE,
     TRACKER,
-    SerialModel,
     add_targets,
     add_tracker,
     at_zero,
@@ -26,11 +25,11 @@ from lab.simulation.model import (
     joint_axes,
     joint_name,
     joint_of,
-    last_frame,
     let_weigh_nothing,
     one_line,
     site_pose,
 )
+from lab.simulation.serial_model import SerialModel, last_frame
 
 
 def load_model(path: Path) -> SerialModel:

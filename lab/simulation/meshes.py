@@ -1,6 +1,5 @@
 """What a robot looks like: its shells as triangles, and where its bodies stand at each pose."""
 
-import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -10,10 +9,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
-from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.closed_robot import ClosedModel, passive_coordinates
-from lab.simulation.model import TRACKER, RobotModel, SerialModel, at_zero, body_pose, site_pose
-from lab.simulation.write_mjcf import place_bodies
+from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
 VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
@@ -64,7 +60,7 @@ def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -
 
     The tracker's body stands where ``values``' base, the pose of frame 0 in the tracker, puts it.
     """
-    model, qpos = _identified(robot, arm, values, joints)
+    model, qpos = robot.with_parameters(arm.targets, values, joints)
     data = mujoco.MjData(model)
     positions, rotations = np.empty((len(joints), model.nbody, 3)), np.empty((len(joints), model.nbody, 9))
     for i, coordinates in enumerate(qpos):
@@ -76,18 +72,6 @@ def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -
     if name := instrument_body(robot):
         poses[name] = np.broadcast_to(_tracker_stand(robot, arm, values), (len(joints), 4, 4))
     return poses
-
-
-def _identified(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
-    """A model with the identified parameters, and its coordinates ``(n, nq)`` at readings ``(n, joints)``."""
-    if isinstance(robot, ClosedModel):
-        passive = robot.chain.assembled(joints, values).posture.passive
-        model = robot.with_values(values, {}).compile()
-        return model, passive_coordinates(model, robot.chain, joints, passive)
-    assert isinstance(robot, SerialModel) and isinstance(arm, SerialArm)
-    model = copy.deepcopy(robot.model)
-    place_bodies(model, robot, arm, values)
-    return model, robot.qpos(joints)
 
 
 def _tracker_stand(robot: RobotModel, arm: RigidArm, values: Array) -> Array:

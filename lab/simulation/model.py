@@ -2,6 +2,7 @@
 
 import itertools
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,16 +15,14 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes
-from lab.kinematics.serial.chain import Chain
 
 FLANGE, TRACKER = "flange", "tracker"
 _DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) beside a small arm
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotModel:
+class RobotModel(ABC):
     """The drawing as MuJoCo has it.
 
     Attributes:
@@ -55,9 +54,20 @@ class RobotModel:
         said = ["its links are drawn as rods"] if self.drawn else []
         return " and ".join([*said, "weigh what rods would"] if self.weighed else said)
 
+    @abstractmethod
     def qpos(self, joints: Array) -> Array:
-        """MuJoCo's coordinates ``(n, nq)`` at readings ``(n, joints)``; NaN where the robot cannot stand so."""
-        raise NotImplementedError
+        """MuJoCo's coordinates ``(n, nq)`` at joint positions ``(n, joints)``; NaN where the robot cannot stand so."""
+
+    @abstractmethod
+    def travel_per_joint(self) -> Array:
+        """``(joints,)``: how far (m) a point of the arm moves at most per rad or m of each joint, in any pose."""
+
+    @abstractmethod
+    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
+        """A copy with the parameters ``(p,)`` of the arm with these targets, and its coordinates ``(n, nq)``.
+
+        Its base stands where this model has it; the coordinates are those at joint positions ``(n, joints)``.
+        """
 
     def values_before(self, arm: RigidArm, T_world_tracker: Array) -> Array:
         """Nominal parameters ``(p,)`` of the arm as a tracker at this pose ``(4, 4)`` sees it."""
@@ -71,27 +81,14 @@ class RobotModel:
         """Nominal pose of the tracker's frame."""
         return site_pose(self.model, at_zero(self.model), TRACKER)
 
-
-@dataclass(frozen=True, kw_only=True)
-class SerialModel(RobotModel):
-    """A serial arm.
-
-    Attributes:
-        chain: its distal Denavit-Hartenberg table.
-        bodies: the jointed bodies, base outward.
-    """
-
-    chain: Chain
-    bodies: tuple[str, ...]
-
-    @property
-    def carrier(self) -> str:
-        """The body that carries the flange's site, else the last jointed one."""
-        return flange_body(self.model, self.bodies)
-
-    def qpos(self, joints: Array) -> Array:
-        """As of any robot: a joint's coordinate is its reading."""
-        return coordinates(self.model, self.chain.joint_names, joints)
+    def place_tracker(self, model: mujoco.MjModel, T_world_tracker: Array) -> None:
+        """Move the body of a copy of the model that carries the tracker's site, so that the site gets there."""
+        body = int(model.site(TRACKER).bodyid[0])
+        if not body:
+            return
+        T_body_site = se3.inverse(body_pose(at_zero(self.model), body)) @ self.T_world_tracker
+        stand = T_world_tracker @ se3.inverse(T_body_site)
+        model.body_pos[body], model.body_quat[body] = stand[:3, 3], se3.quaternion_from_rotation(stand[:3, :3])
 
 
 def coordinates(model: mujoco.MjModel, joint_names: Sequence[str], joints: Array) -> Array:
@@ -122,13 +119,6 @@ def add_tracker(spec: mujoco.MjSpec, away: float = 1.0) -> None:
     name = next(name for n in itertools.count(1) if (name := TRACKER if n == 1 else f"{TRACKER}{n}") not in taken)
     x, y, z = _DEFAULT_TRACKER
     spec.worldbody.add_body(name=name, pos=(away * x, away * y, z)).add_site(name=TRACKER)
-
-
-def last_frame(chain: Chain, T_world_frame0: Array) -> Array:
-    """Pose ``(4, 4)`` of the table's last frame in the world, readings zero."""
-    arm = SerialArm(chain)
-    pose: Array = T_world_frame0 @ arm.flange(np.zeros((1, chain.size)), arm.nominal())[0]
-    return pose
 
 
 def at_zero(model: mujoco.MjModel) -> mujoco.MjData:

@@ -16,7 +16,8 @@ from lab.core.errors import LabError
 from lab.core.load_samples import Mounting
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics
-from lab.simulation.model import SerialModel, at_zero, body_pose, compiled, last_frame
+from lab.simulation.model import at_zero, body_pose, compiled
+from lab.simulation.serial_model import SerialModel, last_frame
 
 _LEAST_KG = 1e-6  # of all moving bodies: with less there is no dynamics
 _UPPER = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # the inertia's elements in their order in phi

@@ -15,8 +15,8 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
-from lab.simulation.model import SerialModel
 from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
+from lab.simulation.serial_model import SerialModel
 
 Path = Callable[[Array], tuple[Array, Array, Array]]
 """Times ``(n,)`` s to readings, speeds and accelerations ``(n, J)``; also a little before and after the run."""

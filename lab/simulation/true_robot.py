@@ -1,6 +1,7 @@
 """The "real" robot: a copy of the model whose bodies are a little off, and what a tracker sees of it."""
 
 import copy
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
@@ -15,8 +16,8 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.simulation.effects import BUMPED, NOTHING_SET, Effects, condition
 from lab.simulation.elastic import FlexibleArm
-from lab.simulation.model import RobotModel, SerialModel, coordinates, joint_axes
-from lab.simulation.write_mjcf import place_bodies, place_tracker
+from lab.simulation.model import RobotModel, coordinates, joint_axes
+from lab.simulation.serial_model import SerialModel
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: fl
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrueRobot:
+class TrueRobot(ABC):
     """A perturbed arm before a tracker: what may be measured, and what it truly is.
 
     Attributes:
@@ -140,12 +141,12 @@ class TrueRobot:
         first = se3.transform(se3.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
         return self.effects.bumped(self.effects.drifted(first, time_s), condition(conditions, BUMPED, poses))
 
+    @abstractmethod
     def truth(self, targets: tuple[str, ...]) -> Truth | None:
         """The parameters of the geometry, without effects, with these targets, read off the joint axes.
 
         None where axes do not tell them: of a mechanism with loops.
         """
-        return None
 
     def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
@@ -158,9 +159,9 @@ class TrueRobot:
             world[i] = data.site_xpos[sites]
         return world
 
+    @abstractmethod
     def _qpos(self, driven: Array) -> Array:
         """MuJoCo's coordinates ``(m, nq)`` where the motors put the joints ``(m, n)``; NaN where it cannot stand."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +222,7 @@ def true_robot(robot: SerialModel, perturbation: Perturbation, T_world_tracker: 
 def true_robot_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> TrueSerialRobot:
     """The robot with its bodies where a Denavit-Hartenberg chain puts them; the base stays."""
     model = copy.deepcopy(robot.model)
-    place_bodies(model, robot, arm, values)
+    robot.place_bodies(model, arm, values)
     return _before_tracker(robot, model, T_world_tracker, np.zeros(robot.chain.size))
 
 
@@ -234,11 +235,16 @@ def random_tracker(robot: RobotModel, rng: np.random.Generator) -> Array:
     return place
 
 
+def stand_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:
+    """Let a copy of a robot's model, its bodies moved, stand before a tracker at this pose ``(4, 4)`` in the world."""
+    robot.place_tracker(model, T_world_tracker)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
 def _before_tracker(
     robot: SerialModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array
 ) -> TrueSerialRobot:
-    place_tracker(model, robot, T_world_tracker)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    stand_before_tracker(model, robot, T_world_tracker)
     return TrueSerialRobot(
         robot=robot,
         model=model,
