@@ -39,8 +39,8 @@ from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.classical_recognition import ClassicalModel, classical_model_of
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.recognize import CourseModel, course_model_of
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import STRUCTURE_POSES, named
 from lab.kinematics.joints import JointSpec
@@ -225,11 +225,11 @@ def longer_rod() -> Row:
     return row | {"tilt_mrad": float(tilt.mean()), "worst_mrad": float(tilt.max())}
 
 
-def course_of(robot: str) -> tuple[Mechanism, CourseModel]:
+def course_of(robot: str) -> tuple[Mechanism, ClassicalModel]:
     """A robot's mechanism with its closed form."""
     chain = robot_of(robot).chain
     assert isinstance(chain, Mechanism)
-    course = course_model_of(chain)
+    course = classical_model_of(chain)
     assert course is not None
     return chain, course
 
@@ -269,7 +269,7 @@ def picture() -> Figure:
             chain, course = course_of(robot)
             x, y = np.meshgrid(np.linspace(*across, PIXELS), np.linspace(*up, PIXELS))
             passive = np.stack(place(x.ravel() / 1e3, y.ravel() / 1e3), axis=1)
-            joints = course.ways(passive)[:, 0]
+            joints = course.inverse_solutions(passive)[:, 0]
             away = course.distances(joints, passive)
             far = (np.min(away, axis=0) if robot == "delta" else away.parallel).reshape(x.shape)
             side = course.side(joints, passive).reshape(x.shape)
@@ -280,7 +280,7 @@ def picture() -> Figure:
             lines = axes.contour(x, y, np.where(within, far, np.nan), LINES, colors="white", linewidths=0.8)
             axes.clabel(lines, fontsize=9)
             axes.contour(x, y, side, [0], colors=SINGULAR, linewidths=3)
-            at = course.ways(np.array([place(*(np.array(stands) / 1e3))]))[:, 0]
+            at = course.inverse_solutions(np.array([place(*(np.array(stands) / 1e3))]))[:, 0]
             for leg in ClosedArm(chain).legs(at, ClosedArm(chain).nominal()):
                 axes.plot(*1e3 * leg[0, :, [0, 2] if robot == "delta" else [0, 1]], "o-", color=ROBOT, markersize=4)
             axes.set(

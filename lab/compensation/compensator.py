@@ -19,7 +19,7 @@ from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import SINGULAR_M
-from lab.kinematics.effects.arm import Arm, rigid_part
+from lab.kinematics.effects.arm import Arm
 from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, shortest_step, tool_at, within_reach
@@ -118,7 +118,7 @@ class Compensator:
         apart = self._apart(given, some.turned, found.joints[fits], *schemes)
         apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
-        rigid = rigid_part(self.arm)
+        rigid = self.arm.rigid
         distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.nominal.target)
         return Compensation(
             found.joints,

@@ -15,7 +15,6 @@ from lab.core.instruments import Instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M
-from lab.kinematics.effects.arm import rigid_part
 from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse, ordered
 from lab.kinematics.inverse.newton import PoseTarget
@@ -64,7 +63,7 @@ def compensator_of(outcome: CalibrationResult, target: str = "p1") -> Compensato
         zip(found.model.names, most_likely_parameters(found, outcome.nominal, outcome.tolerance), strict=True)
     )
     before = dict(zip(found.model.names, found.nominal_aligned, strict=True))
-    rigid = rigid_part(arm)
+    rigid = arm.rigid
     nominal = NominalInverse(rigid, np.array([before[name] for name in rigid.names]), rigid.targets.index(target))
     return Compensator(nominal, arm, np.array([likely[name] for name in arm.names]))
 

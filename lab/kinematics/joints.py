@@ -52,6 +52,11 @@ class JointSpec:
         """Joint positions ``(n,)`` to start from: zero, or the limits nearest to it."""
         return np.clip(np.zeros(self.size), self.lower, self.upper)
 
+    @property
+    def offset_lengths(self) -> tuple[str, ...]:
+        """The parameters that are lengths of a mechanism's legs and add to joint positions; a chain has none."""
+        return ()
+
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Joint positions ``(count, n)`` uniform within the limits."""
         return rng.uniform(self.lower, self.upper, (count, self.size))

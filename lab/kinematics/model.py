@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
+from lab.kinematics.serial.chain import Chain
+from lab.kinematics.skeleton import Skeleton
 
 
 class Model(Protocol):
@@ -64,6 +66,20 @@ class RigidArm(Model, Protocol):
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
         """The drawing's parameters: base at the tracker's origin, targets of ``tool`` (m), else of the default tool."""
+
+    @property
+    def rigid(self) -> "RigidArm":
+        """Its geometry alone: the arm itself."""
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The names of its groups of effects: none."""
+
+    def dh_chain(self, values: Array) -> Chain | None:
+        """The Denavit-Hartenberg chain with the links of parameters ``(p,)``; None of a robot with loops."""
+
+    def skeleton(self, joints: Array, values: Array) -> Skeleton:
+        """The arm as lines at joint positions ``(n, joints)``; parameters ``(p,)`` with the base at the origin."""
 
     def T_tracker_frame0(self, values: Array) -> Array:
         """Pose ``(4, 4)`` of the base's frame in the tracker's: what the base's parameters say."""

@@ -9,7 +9,7 @@ import numpy as np
 from lab.calibration.initial_guess import columns_of
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.effects.arm import Arm, rigid_part
+from lab.kinematics.effects.arm import Arm
 
 Kind = Literal["base", "tool", "joint", "reading"]
 
@@ -111,8 +111,8 @@ def of_targets(arm: Arm) -> list[ChangeHypothesis]:
 
 def of_joints(arm: Arm) -> list[ChangeHypothesis]:
     """The zero of each joint: it stands further than its reading says."""
-    chain, found = rigid_part(arm).chain, []
-    directions = rigid_part(arm).joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
+    chain, found = arm.rigid.chain, []
+    directions = arm.rigid.joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
         what = f"the zero of joint {k + 1} ({chain.joint_names[k]})"
         direction = directions[:, k : k + 1]

@@ -13,7 +13,6 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.target_csv import read_targets
-from lab.kinematics.effects.arm import rigid_part
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
@@ -25,7 +24,7 @@ def compensator(groups: tuple[str, ...], seed: int, robot: Robot = IRB120) -> Co
     """A drawing with its base somewhere, and an arm that is off in every parameter."""
     rng = np.random.default_rng(seed)
     arm = robot.arm_with(("p1",), groups)
-    rigid = rigid_part(arm)
+    rigid = arm.rigid
     before = somewhere(rigid, rng)
     values = np.zeros(len(arm.names))
     values[: len(rigid.names)] = perturbed(rigid, before, rng, 0.5e-3, 1.5e-3)

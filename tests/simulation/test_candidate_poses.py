@@ -15,7 +15,6 @@ from lab.core.instruments import INSTRUMENTS, FieldOfView
 from lab.core.random import rng_for
 from lab.simulation.candidate_poses import (
     MARGIN,
-    _reach,
     draw_candidates,
     feasibility,
     field_of_view,
@@ -271,7 +270,7 @@ def test_no_point_moves_further_than_the_reach_says() -> None:
         turns = data.geom_xmat[solid].reshape(-1, 3, 3)
         return np.einsum("gij,gkj->gki", turns, corners) + data.geom_xpos[solid, None]
 
-    reach, worst = _reach(MODEL), 0.0
+    reach, worst = MODEL.travel_per_joint(), 0.0
     for reading in IRB120.chain.random_joints(300, rng):
         move = rng.normal(0, 0.01, 6) * (rng.random(6) < 0.5)
         moved = np.linalg.norm(places(reading + move) - places(reading), axis=-1).max()

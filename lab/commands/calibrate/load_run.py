@@ -14,7 +14,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
-from lab.kinematics.effects.arm import Arm, ArmWithEffects, rigid_part
+from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
@@ -55,12 +55,12 @@ class Calibrated:
     @property
     def geometry(self) -> tuple[RigidArm, Array]:
         """The arm without its effects, and its parameters."""
-        arm = rigid_part(self.arm)
+        arm = self.arm.rigid
         return arm, self.values[: len(arm.names)]
 
     def nominal_inverse(self, target: int) -> NominalInverse:
         """What its controller computes with, to bring a target somewhere."""
-        arm = rigid_part(self.arm)
+        arm = self.arm.rigid
         return NominalInverse(arm, self.before[: len(arm.names)], target)
 
     @property
@@ -72,7 +72,7 @@ class Calibrated:
     @property
     def groups(self) -> tuple[str, ...]:
         """Of effects that the arm has."""
-        return tuple(effect.name for effect in self.arm.effects) if isinstance(self.arm, ArmWithEffects) else ()
+        return self.arm.groups
 
     def lacking(self, sigma_m: float) -> tuple[float, float, int | None]:
         """What the model lacks (m a coordinate), a factor of its covariance, and sigma's degrees of freedom.

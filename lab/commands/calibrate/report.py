@@ -15,7 +15,7 @@ from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.error_map import MOST_POINTS, arm_places, error_places
 from lab.commands.calibrate.figures import Spread, arm_views, changes, histograms, singular_values, size_maps
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.report_parameters import changes_of, offsets, parameters_table
+from lab.commands.calibrate.report_parameters import changes_of, parameters_table
 from lab.commands.calibrate.report_text import (
     errors_table,
     headline,
@@ -56,7 +56,7 @@ def write_report(path: Path, outcome: CalibrationResult, options: VirtualCampaig
         section("Where in the workspace the errors are", [_where(outcome, options, observed)]),
         trust(result),
         outliers_section(result),
-        section("Parameters", [parameters_table(rows), *_changes(rows, observed, offsets(outcome.robot.chain))]),
+        section("Parameters", [parameters_table(rows), *_changes(rows, observed, outcome.robot.chain.offset_lengths)]),
         section("What these poses tell apart", [*identifiability(result), _singular_values(outcome)]),
         section("The arm at its poses", [_arm(outcome)]),
         how_it_was_made(_command(options), options, outcome.robot.sha256),

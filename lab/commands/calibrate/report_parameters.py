@@ -3,8 +3,6 @@
 from typing import Any
 
 from lab.commands.calibrate.result import human_unit
-from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.joints import JointSpec
 from lab.render.html import Html, element, fixed, short, table
 
 MOST_ALIASES = 4
@@ -35,12 +33,6 @@ def changes_of(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             }
         )
     return found
-
-
-def offsets(robot: JointSpec) -> list[str]:
-    """The lengths of a mechanism's legs that are offsets of readings."""
-    rods = robot.tree.rods if isinstance(robot, Mechanism) else ()
-    return [f"{rod.name}.length" for rod in rods if rod.joint is not None]
 
 
 def _held(row: dict[str, Any]) -> str:

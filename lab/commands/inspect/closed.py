@@ -11,9 +11,6 @@ from lab.commands.calibrate.result import number
 from lab.commands.inspect.closed_shape import SINGULAR, closed_shape_of
 from lab.commands.inspect.format import joint_kind, joint_limits, limits_and_speed, printed, tidy, with_reading
 from lab.core.se3 import Array
-from lab.kinematics.closed.classical.delta import Delta
-from lab.kinematics.closed.classical.rpr2 import TwoLegs
-from lab.kinematics.closed.classical.rpr3 import ThreeLegs
 from lab.kinematics.closed.loop_closure import SINGULAR as REFUSED
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Step
@@ -84,12 +81,12 @@ def _step(mechanism: Mechanism, step: Step) -> dict[str, Any]:
 def shape_closed(mechanism: Mechanism) -> dict[str, Any]:
     """Freedoms, modes, where it gets, and how near it comes to being singular."""
     shape = closed_shape_of(mechanism)
-    flat = shape.course is not None and not isinstance(shape.course.model, Delta)
+    flat = shape.course is not None and shape.course.is_planar
     reached = None if shape.reachable is None else number(shape.reachable)
     return {
         "mobility": shape.mobility,
         "freedoms_at_home": shape.freedoms,
-        "closed_form": None if shape.course is None else {"of": shape.course.name, **_numbers(shape.course.model)},
+        "closed_form": None if shape.course is None else {"of": shape.course.name, **_numbers(shape.course.dimensions)},
         "assembly_modes": shape.modes,
         "working_modes": shape.working,
         "share_closing": tidy(shape.share),
@@ -113,17 +110,17 @@ def shape_closed(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def _numbers(model: TwoLegs | ThreeLegs | Delta) -> dict[str, Any]:
-    """Dimensions of a closed form."""
-    if isinstance(model, TwoLegs):
-        return {"span_mm": tidy(1e3 * model.span_m)}
-    if isinstance(model, ThreeLegs):
-        return {"anchors_mm": [_mm(point) for point in model.base], "pins_mm": [_mm(point) for point in model.platform]}
-    lengths = {
-        name: tidy(1e3 * getattr(model, f"{name}_m")) for name in ("base_radius", "platform_radius", "arm", "rod")
-    }
-    azimuths = [tidy(value) for value in np.degrees(model.azimuths_rad)]
-    return {**{f"{name}_mm": value for name, value in lengths.items()}, "azimuths_deg": azimuths}
+def _numbers(dimensions: dict[str, Array]) -> dict[str, Any]:
+    """Dimensions of a closed form, in mm and degrees."""
+    found: dict[str, Any] = {}
+    for name, value in dimensions.items():
+        if name.endswith("_rad"):
+            found[f"{name.removesuffix('_rad')}_deg"] = [tidy(angle) for angle in np.degrees(value)]
+        else:
+            found[f"{name.removesuffix('_m')}_mm"] = (
+                [_mm(point) for point in value] if value.ndim else tidy(1e3 * value)
+            )
+    return found
 
 
 def _mm(lengths: Array) -> list[float]:

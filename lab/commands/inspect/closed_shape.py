@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.closed.classical.delta import Delta
 from lab.kinematics.closed.classical.singularity import Distances
+from lab.kinematics.closed.classical_recognition import ClassicalModel, classical_model_of
 from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.recognize import CourseModel, course_model_of
 from lab.kinematics.joints import JointSpec
 
 TAKES = 4000  # random readings by which extents are found
@@ -56,7 +55,7 @@ class ClosedShape:
 
     mobility: int
     freedoms: int
-    course: CourseModel | None
+    course: ClassicalModel | None
     modes: int | None
     working: int | None
     share: float
@@ -72,11 +71,11 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
     closed = mechanism.assembled(taken, mechanism.drawn)
     joints, passive = taken[closed.fits], closed.posture.passive.T[closed.fits]
     home = mechanism.assembled(mechanism.home[None], mechanism.drawn).posture
-    course, places = course_model_of(mechanism), _places(mechanism, joints, passive)
+    course, places = classical_model_of(mechanism), _places(mechanism, joints, passive)
     extents = np.stack([places.min(axis=0), places.max(axis=0)], axis=1)
     search = None if course is None else _Search(mechanism, course, joints, passive)
     modes = None if course is None else np.isfinite(course.modes(mechanism.home[None])).all(axis=2).sum()
-    working = None if course is None else np.isfinite(course.ways(home.passive.T)).sum(axis=1).prod()
+    working = None if course is None else np.isfinite(course.inverse_solutions(home.passive.T)).sum(axis=1).prod()
     return ClosedShape(
         mobility=mechanism.size + len(mechanism.tree.passive) - mechanism.tree.equations,
         freedoms=mechanism.size + len(mechanism.tree.passive) - _rank(home),
@@ -123,7 +122,7 @@ class _Search:
     """
 
     mechanism: Mechanism
-    course: CourseModel
+    course: ClassicalModel
     joints: Array
     passive: Array
 
@@ -142,8 +141,7 @@ class _Search:
 
     def singularities(self) -> tuple[Nearest, ...]:
         """Of each kind that the robot has."""
-        kinds = Distances._fields if isinstance(self.course.model, Delta) else Distances._fields[:2]
-        return tuple(self._nearest(kind) for kind in kinds)
+        return tuple(self._nearest(kind) for kind in self.course.singularities)
 
     def _nearest(self, kind: str) -> Nearest:
         """By walks from the nearest poses, with random steps that shrink; each is taken where it leads nearer."""
@@ -176,7 +174,7 @@ class _Search:
 
     def _reached(self, passive: Array) -> NDArray[np.bool_]:
         """``(n,)`` whether all legs reach a pose, each the way nearest to its limits' middle, in this mode."""
-        ways = self.course.ways(passive)
+        ways = self.course.inverse_solutions(passive)
         away = np.where(np.isfinite(ways), np.abs(ways - self.course.middle), np.inf)
         readings = np.take_along_axis(ways, away.argmin(axis=1)[:, None], axis=1)[:, 0]
         reached = np.array(np.isfinite(readings).all(axis=1))

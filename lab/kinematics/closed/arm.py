@@ -19,6 +19,7 @@ from lab.kinematics.closed.loop_closure import Closed
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.parameter import Parameter, names_of, tool_parameters
 from lab.kinematics.serial.arm import chunks, padded, target_positions
+from lab.kinematics.skeleton import Skeleton
 
 STEP = 1e-5  # rad or m, of differences
 Place = tuple[int, int]  # a frame, and a step of its path
@@ -158,6 +159,27 @@ class ClosedArm:
         with np.errstate(all="ignore"):
             square = np.linalg.det(moved @ moved.swapaxes(1, 2))
             return np.stack([np.log(np.abs(square)) / 2, -np.log(np.abs(np.linalg.det(closed)))])
+
+    @property
+    def rigid(self) -> "ClosedArm":
+        """The arm itself: it has no effects."""
+        return self
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """It has no effects."""
+        return ()
+
+    def dh_chain(self, values: Array) -> None:
+        """It has loops, so it is no chain."""
+
+    def skeleton(self, joints: Array, values: Array) -> Skeleton:
+        """Lines along the legs, in the frame that the base's parameters are given in."""
+        lines, platform = self.legs(joints, values), self.platforms(joints, values)[:, None, :3, 3]
+        frames = np.concatenate([*lines, platform], axis=1)
+        origins = np.concatenate([np.zeros((len(joints), 1, 3)), frames], axis=1)
+        measured = tuple(rod.joint is not None for rod in self.chain.tree.rods)
+        return Skeleton(lines, lines, frames, origins, self.rods(joints, values), measured)
 
     def column_priority(self) -> tuple[int, ...]:
         """The base, the mechanism's parameters as they come, then the targets."""

@@ -77,6 +77,11 @@ class Mechanism(JointSpec):
         lengths[list(tree.lengths)] = values[first : first + len(tree.lengths)]
         return Dimensions(values[:6], tuple(steps), lengths, self.sign)
 
+    @property
+    def offset_lengths(self) -> tuple[str, ...]:
+        """The lengths of the legs that joints measure."""
+        return tuple(f"{rod.name}.length" for rod in self.tree.rods if rod.joint is not None)
+
     def offset_of(self, joint: int) -> str:
         """The name of the constant that a joint's reading adds to."""
         for f, s in self.tree.constants:

@@ -44,6 +44,16 @@ class ArmWithEffects:
         object.__setattr__(self, "targets", self.arm.targets)
         object.__setattr__(self, "conditions", tuple(conditions))
 
+    @property
+    def rigid(self) -> RigidArm:
+        """Its geometry alone, whose parameters come first."""
+        return self.arm
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The names of its groups of effects."""
+        return tuple(effect.name for effect in self.effects)
+
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
         """The drawing's parameters: those of the arm, and no effect."""
         drawn = self.arm.nominal(tool)
@@ -156,11 +166,6 @@ def _some(condition: str, count: int, rng: np.random.Generator) -> Array:
 
 
 Arm = RigidArm | ArmWithEffects
-
-
-def rigid_part(arm: Arm) -> RigidArm:
-    """The geometry of an arm, whose parameters come first."""
-    return arm.arm if isinstance(arm, ArmWithEffects) else arm
 
 
 def affected(arm: RigidArm, effects: Sequence[Effect]) -> Arm:

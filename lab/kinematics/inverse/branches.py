@@ -14,7 +14,6 @@ from lab.kinematics.inverse.analytic.select import ClosedForm, Solutions, closed
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
-from lab.kinematics.serial.arm import SerialArm
 
 SAMPLES = 20_000  # random poses among which a search starts
 SEARCHED = 8  # from the nearest of which
@@ -39,9 +38,8 @@ class NominalInverse:
     closed_form: ClosedForm | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        form = None
-        if isinstance(self.arm, SerialArm):
-            form = closed_form_of(self.arm.chain.with_table(self.arm.split(self.values)[1]))
+        chain = self.arm.dh_chain(self.values)
+        form = None if chain is None else closed_form_of(chain)
         object.__setattr__(self, "closed_form", form)
 
     def ways(self, wanted: PoseTarget, reference: Array) -> Solutions:

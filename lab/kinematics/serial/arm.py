@@ -19,6 +19,7 @@ from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
 from lab.kinematics.serial.chain import COLUMNS, Chain
+from lab.kinematics.skeleton import Skeleton
 
 CHUNK = 2048  # poses at a time: what fits the processor's cache
 DEFAULT_TOOL = {"p1": (0.030, 0.020, 0.100), "p2": (-0.025, 0.030, 0.080), "p3": (0.0, -0.040, 0.090)}
@@ -180,12 +181,51 @@ class SerialArm:
 
     def frame(self, joints: Array, values: Array, size: int) -> Array:
         """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at joint positions ``(n, joints)``."""
-        part = SerialArm(self.chain.with_table(self.split(values)[1]).first(size))
+        part = SerialArm(self.dh_chain(values).first(size))
         return part.flange(joints[:, :size], part.nominal())
 
     def motions(self, values: Array) -> list[Motion]:
         """The chain's elementary motions with every joint position zero, base first."""
         return self._walk(np.zeros((1, self.chain.size)), values)[0]
+
+    @property
+    def rigid(self) -> "SerialArm":
+        """The arm itself: it has no effects."""
+        return self
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """It has no effects."""
+        return ()
+
+    def dh_chain(self, values: Array) -> Chain:
+        """The chain with the links of these parameters ``(p,)``."""
+        return self.chain.with_table(self.split(values)[1])
+
+    def skeleton(self, joints: Array, values: Array) -> Skeleton:
+        """The chain as one line with corners, in frame 0."""
+        line = self.corners(joints, values)
+        frames = line[:, ::2]
+        return Skeleton([line], [frames], frames, frames, np.empty((len(joints), 0, 2, 3)), ())
+
+    def corners(self, joints: Array, values: Array) -> Array:
+        """The chain in frame 0 as a strip of lines ``(n, 2 joints + 1, 3)``; every other corner is a frame's origin.
+
+        A link runs along its joint's axis and then along the common normal (a Craig one the other
+        way round): between two origins there is the corner where it turns.
+        """
+        table = self.split(values)[1]
+        corners = [np.zeros((len(joints), 3))]
+        for size in range(1, self.chain.size + 1):
+            Ts = self.frame(joints, values, size)
+            origin, (_, d, a, _, beta) = Ts[:, :3, 3], table[size - 1]
+            if self.chain.convention == "distal":
+                corner = origin - a * (np.cos(beta) * Ts[:, :3, 0] + np.sin(beta) * Ts[:, :3, 2])  # x before beta
+            else:
+                reading = joints[:, size - 1] * self.chain.sign[size - 1] if self.chain.prismatic[size - 1] else 0.0
+                corner = origin - np.atleast_1d(d + reading)[:, None] * Ts[:, :3, 2]
+            corners += [corner, origin]
+        return np.stack(corners, axis=1)
 
     def column_priority(self) -> tuple[int, ...]:
         """All columns in the order of preference that gives the canonical gauge (``gauge``)."""

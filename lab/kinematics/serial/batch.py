@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 from typing import Protocol
 
 import numpy as np
@@ -27,9 +28,10 @@ class Stacked(Protocol):
         """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
 
 
+@singledispatch
 def stacked(arm: RigidArm) -> Stacked:
-    """Many arms of this nominal model."""
-    return StackedArm(arm) if isinstance(arm, SerialArm) else SequentialBatch(arm)
+    """Many arms of this nominal model: one after the other, unless its kind registers something quicker."""
+    return SequentialBatch(arm)
 
 
 @dataclass(frozen=True)
@@ -110,3 +112,8 @@ class StackedArm:
         x, y, z = frame
         points = np.stack([end + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
         return motions + links, points, frame
+
+
+@stacked.register
+def _(arm: SerialArm) -> Stacked:
+    return StackedArm(arm)

@@ -11,7 +11,6 @@ from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.fit import Fitter
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.groups import SessionInfo
 from lab.kinematics.gauge import base_set
 
@@ -24,7 +23,7 @@ def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Me
     rng = np.random.default_rng(seed)
     course = SessionInfo(tuple(dict.fromkeys(sessions or ())))
     arm = IRB120.arm_with(("p1",), groups, course)
-    rigid = arm.arm if isinstance(arm, ArmWithEffects) else arm
+    rigid = arm.rigid
     values = arm.nominal(IRB120.tool)
     values[: len(rigid.names)] = somewhere(rigid, rng)
     kept = list(base_set(rigid, values[: len(rigid.names)]).kept)

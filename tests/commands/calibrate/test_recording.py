@@ -17,7 +17,6 @@ from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.format import format_magnification
 from lab.render.scene import MOST_POSES, drawn_rows, magnification
-from lab.render.skeleton import chain_corners
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.meshes import body_poses, shells
 from lab.simulation.model import FLANGE
@@ -211,7 +210,7 @@ def test_a_chain_is_drawn_along_its_offsets(convention):
     slides = (False, True, False, False, True, False)
     chain = replace(chain, convention=convention, table=table, prismatic=slides, parallel=(True,) * 6)
     joints = chain.random_joints(20, rng)
-    strip = chain_corners(SerialArm(chain), SerialArm(chain).nominal(), joints)
+    strip = SerialArm(chain).corners(joints, SerialArm(chain).nominal())
     assert strip.shape == (20, 13, 3)
     along = np.abs(table[:, 1] + np.where(chain.prismatic, joints * chain.sign, 0.0))
     common = np.broadcast_to(np.abs(table[:, 2]), along.shape)

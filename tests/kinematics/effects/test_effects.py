@@ -45,7 +45,7 @@ def loads_on(chain: Chain, rng: np.random.Generator) -> Loads:
 
 def true_values(arm: SerialArm | ArmWithEffects, rng: np.random.Generator) -> Array:
     """An arm before a tracker: base set off by 0.5 mm and mrad, effects of the size that arms have."""
-    rigid = arm.arm if isinstance(arm, ArmWithEffects) else arm
+    rigid = arm.rigid
     values = arm.nominal()
     values[: len(rigid.names)] = somewhere(rigid, rng)
     kept = list(base_set(rigid, values[: len(rigid.names)]).kept)

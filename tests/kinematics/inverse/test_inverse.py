@@ -21,7 +21,7 @@ from lab.kinematics.serial.chain import Chain
 def test_newton_ends_where_the_arm_is(groups: tuple[str, ...]) -> None:
     rng = np.random.default_rng(8)
     arm = IRB120.arm_with(("p1",), groups)
-    rigid = arm.arm if isinstance(arm, ArmWithEffects) else arm
+    rigid = arm.rigid
     values = np.zeros(len(arm.names))
     values[: len(rigid.names)] = perturbed(rigid, somewhere(rigid, rng), rng, 0.5e-3, 1.5e-3)
     values[len(rigid.names) :] = [1e-5 if "compliance" in name else 2e-4 for name in arm.names[len(rigid.names) :]]

@@ -1,8 +1,9 @@
-"""Whether a mechanism, as drawn, is a 2-RPR, a 3-RPR or a Delta, and what its numbers mean to their closed forms.
+"""Whether a mechanism's nominal model is a 2-RPR, a 3-RPR or a Delta, and what its numbers mean to their closed forms.
 
 It is read off its frames at passive values of zero: there slides have their directions, and each leg its two ends.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import product
 
@@ -19,77 +20,190 @@ from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import Tree
 
-ALIKE = 1e-9  # m, and of unit vectors: dimensions of a drawing that differ by less are one
+__all__ = ["ClassicalModel", "classical_model_of"]
+
+_ALIKE = 1e-9  # m, and of unit vectors: nominal dimensions that differ by less are one
 
 _Motion = tuple[int, int]  # frame and step
 
 
 @dataclass(frozen=True)
-class CourseModel:
-    """A mechanism's closed form; readings ``(n, joints)`` and passive values ``(n, z)`` are the mechanism's.
+class ClassicalModel(ABC):
+    """A mechanism's closed form, in the mechanism's own joint positions and passive values.
+
+    Joint positions are ``(n, joints)`` and passive values ``(n, z)`` of the mechanism. The kind of the closed form
+    answers by its methods.
 
     Attributes:
-        order: ``(legs,)`` the joint of each leg of the model.
-        sense, zero: ``(legs,)`` what the model takes of a leg's joint is zero + sense x reading.
-        axes, origin: ``(z, z)`` and ``(z,)``: the model's pose is axes @ (passive - origin).
-        middle: ``(joints,)`` readings of joints that turn are given within half a turn of these.
-        drawn: ``(z,)`` passive values of a platform that turns are given within half a turn of these.
+        order: ``(legs,)`` the joint of each leg of the closed form.
+        sense, zero: ``(legs,)`` what the closed form takes of a leg's joint is zero + sense x joint position.
+        axes, origin: ``(z, z)`` and ``(z,)``: the closed form's pose is axes @ (passive - origin).
+        middle: ``(joints,)`` positions of joints that turn are given within half a turn of these.
+        nominal: ``(z,)`` passive values of a platform that turns are given within half a turn of these.
     """
 
-    model: TwoLegs | ThreeLegs | Delta
     order: tuple[int, ...]
     sense: Array
     zero: Array
     axes: Array
     origin: Array
     middle: Array
-    drawn: Array
+    nominal: Array
 
     @property
+    @abstractmethod
     def name(self) -> str:
         """What people call it."""
-        return {TwoLegs: "2-RPR", ThreeLegs: "3-RPR", Delta: "Delta"}[type(self.model)]
 
+    @property
+    @abstractmethod
+    def is_planar(self) -> bool:
+        """Whether it moves in a plane."""
+
+    @property
+    @abstractmethod
+    def dimensions(self) -> dict[str, Array]:
+        """Its dimensions by name, which ends in the unit: ``_m`` or ``_rad``."""
+
+    @property
+    def singularities(self) -> tuple[str, ...]:
+        """The kinds of singularities that it has, as ``Distances`` names them."""
+        return Distances._fields[:2] if self.is_planar else Distances._fields
+
+    @abstractmethod
     def modes(self, joints: Array) -> Array:
         """Passive values ``(n, m, z)`` of every way to assemble it; NaN where there are fewer, or none."""
-        found = np.asarray(self.model.direct(self._taken(joints)) @ self.axes + self.origin)
-        if isinstance(self.model, ThreeLegs):
-            found[..., 2] = self.drawn[2] + wrapped(found[..., 2] - self.drawn[2])
-        return found
 
-    def ways(self, passive: Array) -> Array:
-        """Readings ``(n, w, joints)``: those of a leg are in a column, its ways one below the other, NaN if none."""
-        found = self.model.inverse(self._pose(passive))
-        found = found if found.ndim == 3 else found[:, None]
-        readings = np.empty_like(found)
-        readings[..., self.order] = (found - self.zero) * self.sense
-        if isinstance(self.model, Delta):
-            return self.middle + wrapped(readings - self.middle)
-        return readings
+    @abstractmethod
+    def inverse_solutions(self, passive: Array) -> Array:
+        """Joint positions ``(n, w, joints)``: a leg's are in a column, one solution below the other, NaN if none."""
 
+    @abstractmethod
     def distances(self, joints: Array, passive: Array) -> Distances:
-        """From what is singular, at passive values that go with the readings."""
-        if isinstance(self.model, Delta):
-            return self.model.distances(self._pose(passive), self._taken(joints))
-        return self.model.distances(self._pose(passive))
+        """From what is singular, at passive values that go with the joint positions."""
 
     def side(self, joints: Array, passive: Array) -> Array:
         """``(n,)`` on which side of parallel singularities it is, 1 or -1: the sign of det A; else 0 or NaN."""
-        if isinstance(self.model, Delta):
-            rows = self.model.matrices(self._pose(passive), self._taken(joints))[0]
-        else:
-            rows = self.model.matrices(self._pose(passive))[0]
         with np.errstate(invalid="ignore"):  # of what is not closed
-            return np.asarray(np.sign(np.linalg.det(rows)))
+            return np.asarray(np.sign(np.linalg.det(self._parallel_matrix(joints, passive))))
 
-    def _taken(self, joints: Array) -> Array:
+    @abstractmethod
+    def _parallel_matrix(self, joints: Array, passive: Array) -> Array:
+        """A ``(n, k, k)`` of A dX + B dq = 0."""
+
+    def _of_legs(self, joints: Array) -> Array:
+        """What the closed form takes of the legs' joints, ``(n, legs)``."""
         return self.zero + self.sense * joints[:, self.order]
 
+    def _of_joints(self, legs: Array) -> Array:
+        """Joint positions ``(..., joints)`` of what the closed form gives of the legs."""
+        joints = np.empty_like(legs)
+        joints[..., self.order] = (legs - self.zero) * self.sense
+        return joints
+
     def _pose(self, passive: Array) -> Array:
+        """The closed form's pose ``(n, z)``."""
         return np.asarray((passive - self.origin) @ self.axes.T)
 
+    def _passive(self, poses: Array) -> Array:
+        """Passive values ``(..., z)`` of the closed form's poses."""
+        return np.asarray(poses @ self.axes + self.origin)
 
-def course_model_of(mechanism: Mechanism) -> CourseModel | None:
+
+@dataclass(frozen=True)
+class ClassicalRpr2(ClassicalModel):
+    """A mechanism that is a 2-RPR."""
+
+    model: TwoLegs
+    name = "2-RPR"
+    is_planar = True
+
+    @property
+    def dimensions(self) -> dict[str, Array]:
+        """How far the anchors are apart."""
+        return {"span_m": np.array(self.model.span_m)}
+
+    def modes(self, joints: Array) -> Array:
+        """Both, mirrored at the line through the anchors."""
+        return self._passive(self.model.direct(self._of_legs(joints)))
+
+    def inverse_solutions(self, passive: Array) -> Array:
+        """One: the lengths of the legs."""
+        return self._of_joints(self.model.inverse(self._pose(passive))[:, None])
+
+    def distances(self, joints: Array, passive: Array) -> Distances:
+        """Of the pose alone."""
+        return self.model.distances(self._pose(passive))
+
+    def _parallel_matrix(self, joints: Array, passive: Array) -> Array:
+        return self.model.matrices(self._pose(passive))[0]
+
+
+@dataclass(frozen=True)
+class ClassicalRpr3(ClassicalModel):
+    """A mechanism that is a 3-RPR."""
+
+    model: ThreeLegs
+    name = "3-RPR"
+    is_planar = True
+
+    @property
+    def dimensions(self) -> dict[str, Array]:
+        """The anchors in the base and the pins on the platform, in its plane."""
+        return {"anchors_m": self.model.base, "pins_m": self.model.platform}
+
+    def modes(self, joints: Array) -> Array:
+        """Up to six, the platform turned as near to the nominal position as it can be."""
+        found = self._passive(self.model.direct(self._of_legs(joints)))
+        found[..., 2] = self.nominal[2] + wrapped(found[..., 2] - self.nominal[2])
+        return found
+
+    def inverse_solutions(self, passive: Array) -> Array:
+        """One: the lengths of the legs."""
+        return self._of_joints(self.model.inverse(self._pose(passive))[:, None])
+
+    def distances(self, joints: Array, passive: Array) -> Distances:
+        """Of the pose alone."""
+        return self.model.distances(self._pose(passive))
+
+    def _parallel_matrix(self, joints: Array, passive: Array) -> Array:
+        return self.model.matrices(self._pose(passive))[0]
+
+
+@dataclass(frozen=True)
+class ClassicalDelta(ClassicalModel):
+    """A mechanism that is a Delta."""
+
+    model: Delta
+    name = "Delta"
+    is_planar = False
+
+    @property
+    def dimensions(self) -> dict[str, Array]:
+        """Radii of the base and the platform, lengths of the arms and the rods, and where the arms are."""
+        lengths = ("base_radius_m", "platform_radius_m", "arm_m", "rod_m")
+        return {name: np.array(getattr(self.model, name)) for name in lengths} | {
+            "azimuths_rad": self.model.azimuths_rad
+        }
+
+    def modes(self, joints: Array) -> Array:
+        """Both, with the platform on either side of the elbows."""
+        return self._passive(self.model.direct(self._of_legs(joints)))
+
+    def inverse_solutions(self, passive: Array) -> Array:
+        """Both ways of each leg, within half a turn of the limits' middle."""
+        joints = self._of_joints(self.model.inverse(self._pose(passive)))
+        return np.asarray(self.middle + wrapped(joints - self.middle))
+
+    def distances(self, joints: Array, passive: Array) -> Distances:
+        """Of the pose and the arms that go with it."""
+        return self.model.distances(self._pose(passive), self._of_legs(joints))
+
+    def _parallel_matrix(self, joints: Array, passive: Array) -> Array:
+        return self.model.matrices(self._pose(passive), self._of_legs(joints))[0]
+
+
+def classical_model_of(mechanism: Mechanism) -> ClassicalModel | None:
     """The closed form of a mechanism, wherever it is placed; None where it is none of the three."""
     tree = mechanism.tree
     zeros = np.zeros((1, mechanism.size)), np.zeros((len(tree.passive), 1))
@@ -100,7 +214,7 @@ def course_model_of(mechanism: Mechanism) -> CourseModel | None:
         return None
     slides = tuple(tree.step(*step).is_turn for step in tree.passive)
     directions = np.stack([posture.steps[f][s][0][:3, 0] for f, s in tree.passive])
-    if not np.allclose(directions[:3] @ directions[:3].T, np.eye(min(len(slides), 3)), atol=ALIKE):
+    if not np.allclose(directions[:3] @ directions[:3].T, np.eye(min(len(slides), 3)), atol=_ALIKE):
         return None
     try:
         if slides == (False, False) and len(found) == 2:
@@ -154,38 +268,37 @@ def _of_measured_lengths(mechanism: Mechanism, legs: list[_Leg]) -> tuple[tuple[
     return order, mechanism.sign[list(order)], np.array([rod.length_m for rod in rods])
 
 
-def _two_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array) -> CourseModel | None:
+def _two_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array) -> ClassicalModel | None:
     """The platform does not turn, so that legs to different places on it are legs to one pin from moved anchors."""
     measured = _of_measured_lengths(mechanism, legs)
     anchors = np.stack([leg.near - leg.far for leg in legs])
-    if measured is None or np.abs(anchors @ np.cross(*directions)).max() > ALIKE:
+    if measured is None or np.abs(anchors @ np.cross(*directions)).max() > _ALIKE:
         return None
     first, second = anchors @ directions.T
     model = TwoLegs(float(np.hypot(*(second - first))))
     along = (second - first) / model.span_m
-    return CourseModel(model, *measured, np.stack([along, left(along)]), first, *_ranges(mechanism))
+    return ClassicalRpr2(*measured, np.stack([along, left(along)]), first, *_ranges(mechanism), model)
 
 
-def _three_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array, pivot: Array) -> CourseModel | None:
+def _three_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array, pivot: Array) -> ClassicalModel | None:
     """The platform's frame is where it turns about."""
     measured = _of_measured_lengths(mechanism, legs)
     normal = np.cross(*directions[:2])
     heights = np.array([(leg.near - leg.far) @ normal for leg in legs])
-    if measured is None or max(np.abs(heights).max(), 1 - abs(directions[2] @ normal)) > ALIKE:
+    if measured is None or max(np.abs(heights).max(), 1 - abs(directions[2] @ normal)) > _ALIKE:
         return None
     base, platform = (np.stack([(end - pivot) @ directions[:2].T for end in ends])
                       for ends in ([leg.near for leg in legs], [leg.far for leg in legs]))  # fmt: skip
     turn = np.sign(directions[2] @ normal)
-    return CourseModel(
-        ThreeLegs(base, platform), *measured, np.diag([1.0, 1.0, turn]), np.zeros(3), *_ranges(mechanism)
-    )
+    model = ThreeLegs(base, platform)
+    return ClassicalRpr3(*measured, np.diag([1.0, 1.0, turn]), np.zeros(3), *_ranges(mechanism), model)
 
 
-def _delta(mechanism: Mechanism, posture: Configuration, legs: list[_Leg], directions: Array) -> CourseModel | None:
+def _delta(mechanism: Mechanism, posture: Configuration, legs: list[_Leg], directions: Array) -> ClassicalModel | None:
     """Hips on a level circle about its centre, rods' ends on another, arms that turn about tangents of the first."""
     tree, lengths = mechanism.tree, [rod.length_m for rod in mechanism.tree.rods]
     movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1 and tree.step(*leg.moves[0]).is_turn]
-    if len(movers) < 3 or np.ptp(lengths) > ALIKE:
+    if len(movers) < 3 or np.ptp(lengths) > _ALIKE:
         return None
     axes = np.stack([posture.steps[f][s][0][:3, 0] for f, s in movers])
     levers = np.stack([leg.near - _origin(posture, mover) for leg, mover in zip(legs, movers, strict=True)])
@@ -194,11 +307,11 @@ def _delta(mechanism: Mechanism, posture: Configuration, legs: list[_Leg], direc
     sizes = np.linalg.norm(arms, axis=1)
     normals = np.cross(axes[[0, 1, 2]], axes[[1, 2, 0]])
     up = normals[np.argmax(np.linalg.norm(normals, axis=1))]
-    if np.ptp(sizes) > ALIKE or np.linalg.norm(up) < ALIKE:
+    if np.ptp(sizes) > _ALIKE or np.linalg.norm(up) < _ALIKE:
         return None
     drawn = np.array([tree.step(*step).value for step in tree.passive])
     up = up / np.linalg.norm(up) * (-1.0 if (ends[0] + drawn @ directions - hips[0]) @ up > 0 else 1.0)
-    if np.abs(axes @ up).max() > ALIKE:
+    if np.abs(axes @ up).max() > _ALIKE:
         return None
     for signs in product((1.0, -1.0), repeat=3):
         outward = np.array(signs)[:, None] * np.cross(axes, up)
@@ -217,16 +330,16 @@ def _delta(mechanism: Mechanism, posture: Configuration, legs: list[_Leg], direc
     zero = np.arctan2(-(arms @ up), (arms * outward).sum(axis=1))
     model = Delta(base_radius, platform_radius, float(sizes[0]), float(lengths[0]), azimuths)
     rows = np.stack([x, y, up]) @ directions.T
-    return CourseModel(model, order, sense, zero, rows, -directions @ (middle - centre), *_ranges(mechanism))
+    return ClassicalDelta(order, sense, zero, rows, -directions @ (middle - centre), *_ranges(mechanism), model)
 
 
 def _circle(points: Array, outward: Array) -> tuple[Array, float]:
     """Centre and radius of the circle that points ``(3, 3)`` lie on, in these directions; a radius of NaN if none."""
     unknowns = np.concatenate([np.tile(np.eye(3), (3, 1)), outward.reshape(9, 1)], axis=1)
     found = np.linalg.lstsq(unknowns, points.ravel(), rcond=None)[0]
-    if np.abs(unknowns @ found - points.ravel()).max() > ALIKE:
+    if np.abs(unknowns @ found - points.ravel()).max() > _ALIKE:
         return found[:3], np.nan
-    return found[:3], 0.0 if abs(found[3]) < ALIKE else float(found[3])
+    return found[:3], 0.0 if abs(found[3]) < _ALIKE else float(found[3])
 
 
 def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:

@@ -10,8 +10,8 @@ from helpers.robots import ROOT
 from lab.core.errors import LabError
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.classical.delta import AZIMUTHS_RAD, Delta
+from lab.kinematics.closed.classical_recognition import ClassicalModel, classical_model_of
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.recognize import CourseModel, course_model_of
 from lab.kinematics.closed.structure import BASE, Frame, Step
 
 MODELS = ROOT / "models"
@@ -23,8 +23,8 @@ def drawn(name: str) -> Mechanism:
     return read_mechanism(MODELS / f"{name}.toml").mechanism
 
 
-def known(mechanism: Mechanism) -> CourseModel:
-    course = course_model_of(mechanism)
+def known(mechanism: Mechanism) -> ClassicalModel:
+    course = classical_model_of(mechanism)
     assert course is not None
     return course
 
@@ -34,7 +34,7 @@ def missed(mechanism: Mechanism, poses: int) -> tuple[float, float]:
     course, joints = known(mechanism), mechanism.random_joints(poses, np.random.default_rng(1))
     passive = mechanism.assembled(joints, mechanism.drawn).posture.passive.T
     direct = np.nanmin(np.abs(course.modes(joints) - passive[:, None]).max(axis=2), axis=1)
-    inverse = np.nanmin(np.abs(course.ways(passive) - joints[:, None]), axis=1)
+    inverse = np.nanmin(np.abs(course.inverse_solutions(passive) - joints[:, None]), axis=1)
     return float(direct.max()), float(inverse.max())
 
 
@@ -159,15 +159,15 @@ def moved(mechanism: Mechanism, name: str, by: float) -> Mechanism:
 
 @pytest.mark.parametrize("name", ["rod2.length", "elbow1.x", "arm3.z", "arm1.y", "arm2.rx", "arm2.rz", "wrist1.x"])
 def test_a_delta_with_one_number_off_is_none(name: str) -> None:
-    assert course_model_of(moved(drawn("delta/mechanism"), name, 1e-6)) is None
+    assert classical_model_of(moved(drawn("delta/mechanism"), name, 1e-6)) is None
 
 
 def test_six_rods_and_other_robots_are_none() -> None:
-    assert course_model_of(drawn("delta/six_rods")) is None
+    assert classical_model_of(drawn("delta/six_rods")) is None
     planar = drawn("rpr3/mechanism")
     out_of_plane = replace(planar.tree.frames[0], path=(*planar.tree.frames[0].path, Step("z", 0.01)))
     assert (
-        course_model_of(replace(planar, tree=replace(planar.tree, frames=(out_of_plane, *planar.tree.frames[1:]))))
+        classical_model_of(replace(planar, tree=replace(planar.tree, frames=(out_of_plane, *planar.tree.frames[1:]))))
         is None
     )
     delta = drawn("delta/mechanism")
@@ -180,13 +180,13 @@ def test_six_rods_and_other_robots_are_none() -> None:
             delta.tree, frames=(sliding, *(f if f.name != "arm1" else sliding for f in delta.tree.frames[1:]))
         ),
     )
-    assert course_model_of(slide) is None
+    assert classical_model_of(slide) is None
 
 
 def test_legs_alike_are_none_or_refused() -> None:
     planar = drawn("rpr3/mechanism")
     rods = (*planar.tree.rods[:2], replace(planar.tree.rods[2], ends=planar.tree.rods[0].ends))
     alike = replace(planar, tree=replace(planar.tree, rods=rods))
-    assert course_model_of(alike) is None
+    assert classical_model_of(alike) is None
     with pytest.raises(LabError, match="singular"):
         alike.refuse_open()
