@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.pose_data import seen_poses
+from helpers.pose_data import measured_poses
 from helpers.robots import IRB120, RX130, data_file, table_robot
 
 from lab.calibration.gauss_newton import Fit, fit
@@ -27,7 +27,7 @@ TABLE = {  # of 40 robots: global in mm, ratio; and where the ratio of twelve li
 
 def both_ways(seed: int, sigma_m: float, sigma_rad: float, arm: SerialArm = ARM) -> tuple[Poses, Fit, Fit, Array]:
     """The sighting, the global and the sequential fit, and the truth."""
-    observation, data, true = seen_poses(arm, 60, seed, sigma_m, sigma_rad)
+    observation, data, true = measured_poses(arm, 60, seed, sigma_m, sigma_rad)
     observation = Poses(arm, "p1", sigma_rad / sigma_m if sigma_m else 1.0)
     noise = Noise(sigma_m=sigma_m or None)
     found = identify(observation, data, arm.nominal(), noise)
@@ -51,7 +51,7 @@ def test_exact_poses_come_out_exactly(arm: SerialArm) -> None:
 
 
 def test_orientations_see_fifteen_angles_and_not_the_sixteenth() -> None:
-    observation, data, _ = seen_poses(ARM, 60, 0)
+    observation, data, _ = measured_poses(ARM, 60, 0)
     found = identify(observation, data, ARM.nominal())
     seen, _ = weighed(observation, data, Noise())
     split = split_of(observation, seen, found.fit.free, found.nominal_aligned)
@@ -69,7 +69,7 @@ def test_the_table_of_noises(sigma_rad: float) -> None:
     exact, ratio, about = TABLE[sigma_rad]
     together, apart, repaired = [], [], []
     for seed in range(12):
-        observation, data, true = seen_poses(ARM, 60, seed, SIGMA, sigma_rad)
+        observation, data, true = measured_poses(ARM, 60, seed, SIGMA, sigma_rad)
         observation = Poses(ARM, "p1", sigma_rad / SIGMA)
         seen, _ = weighed(observation, data, Noise(sigma_m=SIGMA))
         found = identify(observation, data, ARM.nominal(), Noise(sigma_m=SIGMA))
@@ -85,13 +85,13 @@ def test_the_table_of_noises(sigma_rad: float) -> None:
 
 
 def test_identify_takes_it_as_a_wish() -> None:
-    observation, data, true = seen_poses(ARM, 40, 1)
+    observation, data, true = measured_poses(ARM, 40, 1)
     found = identify(observation, data, ARM.nominal(), request=IdentifyOptions(solve=fit_sequentially))
     assert found.status == "converged" and np.abs(found.values - true).max() < 1e-11
 
 
 def test_it_takes_orientations() -> None:
-    observation, data, _ = seen_poses(ARM, 40, 0)
+    observation, data, _ = measured_poses(ARM, 40, 0)
     with pytest.raises(LabError, match="--observe pose"):
         identify(ARM, type(data)(**{**data.__dict__, "points": data.points[:, :1], "targets": ("p1",)}),
                  ARM.nominal(), request=IdentifyOptions(solve=fit_sequentially))  # fmt: skip

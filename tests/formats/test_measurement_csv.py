@@ -8,7 +8,7 @@ from helpers.robots import IRB120, VERSATRAN, data_file
 
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.formats.measurement_csv import read_measurements, write_measurements
+from lab.formats.measurement_csv import ObservedColumns, read_measurements, write_measurements
 
 NAMES, SLIDES = IRB120.chain.joint_names, IRB120.chain.prismatic
 
@@ -106,3 +106,21 @@ def test_real_files_are_understood() -> None:
     assert len(probe) == 632 and len(probe.warnings) == 1
     assert all(name in probe.warnings[0] for name in ("rx_deg", "ry_deg", "rz_deg"))
     assert set(probe.other) == {"rx_deg", "ry_deg", "rz_deg"} and set(probe.conditions) == {"temp_C"}
+
+
+def test_a_kind_of_observation_has_columns_of_its_own(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(
+        "q1_deg,q2_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz,range_mm,mirror\n1,2,3,4,5,1,0,0,0,100,a\n1,2,,,,,,,,,b\n"
+    )
+    columns = ObservedColumns(positions=False, numbers=("range_mm",), texts=("mirror",), observed="range")
+    data = read_measurements(path, ("a", "b"), (False, False), columns=columns)
+    np.testing.assert_array_equal(data.conditions["range_mm"], [100.0, np.nan])
+    assert data.other["mirror"] == ("a", "b") and "range_mm" not in data.other
+    ignored = [warning.removeprefix(f"{path}: ") for warning in data.warnings]
+    assert ignored == [
+        "orientation columns qw, qx, qy, qz are ignored: --observe range",
+        "points p1 are ignored: --observe range",
+    ]
+    points = read_measurements(path, ("a", "b"), (False, False))
+    assert "range_mm" in points.other and "range_mm, mirror have no meaning here" in points.warnings[-1]

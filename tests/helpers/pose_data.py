@@ -24,10 +24,10 @@ def off_by(
     return true
 
 
-def seen_poses(
+def measured_poses(
     arm: SerialArm, count: int, seed: int, sigma_m: float = 0.0, sigma_rad: float = 0.0
 ) -> tuple[Poses, Measurements, Array]:
-    """A sighting, its measurements with noise, and the true values."""
+    """The observation, its measurements with noise, and the true values."""
     rng = np.random.default_rng(seed)
     observation = Poses(arm, "p1")
     start = observation.nominal(arm.nominal())

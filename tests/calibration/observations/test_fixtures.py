@@ -1,0 +1,126 @@
+"""Cables, sockets and planes: derivatives, ranks, exact recovery, fixtures that were not fitted."""
+
+import numpy as np
+import pytest
+from helpers.fixture_data import many, measured_fixtures, true_values
+from helpers.observed_files import HEADER
+from helpers.robots import IRB120, assert_derivatives
+
+from lab.calibration.identify import identify
+from lab.calibration.observations.cable import Cable
+from lab.calibration.observations.fixtures import FIXTURE, Fixtures
+from lab.calibration.observations.plane import Planes
+from lab.calibration.observations.socket import Sockets
+from lab.calibration.validation import errors_of
+from lab.campaign.option_groups import Fitting
+from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.calibrate.run import run_measured
+from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
+
+ARM = SerialArm(IRB120.chain)
+KINDS: dict[str, type[Fixtures]] = {"cable": Cable, "socket": Sockets, "plane": Planes}
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_derivatives_at_fixtures(kind) -> None:
+    rng = np.random.default_rng(0)
+    observation = many(kind, 3)
+    true = true_values(observation, rng)
+    inputs = np.column_stack([IRB120.chain.random_joints(7, rng), [0, 1, 2, 2, 0, 1, 0]])
+    observed, jacobian = observation.observe(inputs, true)
+    np.testing.assert_array_equal(observed, observation.points(inputs, true))
+    assert_derivatives(lambda values: observation.points(inputs, values), jacobian, true)
+
+
+RANKS = {
+    ("cable", 1, None): 21 + 3 + 1,  # 27 of a point less the base, which the anchor is; an offset
+    ("cable", 3, None): 21 + 9 + 1,
+    ("socket", 2, None): 21 + 6 - 1,  # the scale is not seen
+    ("socket", 2, 0.05): 21 + 6,
+    ("socket", 4, 0.05): 21 + 12,
+    ("plane", 3, None): 21 + 9 - 1,
+}
+
+
+@pytest.mark.parametrize(("kind", "places", "distance"), RANKS)
+def test_ranks_at_fixtures(kind: str, places: int, distance: float | None) -> None:
+    more = {} if distance is None else {"distance_m": distance}
+    observation = many(KINDS[kind], places, **more)
+    values = true_values(observation, np.random.default_rng(0))
+    structure = base_set(observation, values, known=observation.extra_residuals(observation.rank_point(values))[1])
+    assert len(structure.kept) == RANKS[kind, places, distance]
+    fixed = {observation.names[i] for i in structure.fixed}
+    assert {f"base.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")} <= fixed
+    assert ("link4.d" in fixed) == (kind != "cable" and distance is None)  # 302 mm: the longest link is the scale
+
+
+def test_structure_poses_touch() -> None:
+    for kind in (Sockets, Planes):
+        observation = many(kind, 4)
+        inputs = observation.structure_joints(60, np.random.default_rng(0))
+        values = observation.rank_point(observation.nominal(observation.nominal_arm))
+        assert inputs.shape == (60, 7) and np.abs(observation.points(inputs, values)).max() < 1e-11
+        assert set(inputs[:, -1]) == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize(("kind", "places", "rows", "distance"),
+                         [(Cable, 2, 80, None), (Sockets, 4, 60, None), (Planes, 3, 120, None)])  # fmt: skip
+def test_exact_fixtures_give_the_truth(kind, places: int, rows: int, distance: float | None) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        observation = many(kind, places)
+        data, true = measured_fixtures(observation, rows, rng)
+        found = identify(observation, data, ARM.nominal())
+        assert found.status == "converged" and not found.unobservable and found.plausible
+        assert np.abs(found.values - true).max() < 1e-11
+
+
+def test_fixtures_that_were_not_fitted_are_placed_by_their_own_rows() -> None:
+    for kind in (Sockets, Planes, Cable):
+        rng = np.random.default_rng(0)
+        observation = many(kind, 6)
+        data, _ = measured_fixtures(observation, 180, rng)
+        known = data.conditions[FIXTURE] < 4
+        found = identify(observation, data.take(np.flatnonzero(known)), ARM.nominal())
+        assert len(found.model.numbers) == 4 and len(found.values) == len(observation.names) - 6
+        errors = errors_of(found, data)
+        assert errors.after.shape == (180, 1) and np.nanmax(errors.after) < 1e-7
+        assert np.nanmean(errors.before) > 1e-4
+
+
+def test_a_fixture_of_a_few_rows_is_not_judged_by_itself() -> None:
+    """One ball in a socket sits exactly in the mean of itself: that says nothing."""
+    observation = many(Sockets, 6)
+    data, _ = measured_fixtures(observation, 60, np.random.default_rng(0))
+    place = data.conditions[FIXTURE]
+    found = identify(observation, data.take(np.flatnonzero(place < 4)), ARM.nominal())
+    rest = data.take([*np.flatnonzero(place == 4)[:3], *np.flatnonzero(place == 5)])
+    errors = errors_of(found, rest).after
+    assert np.isnan(errors[:3]).all() and np.isfinite(errors[3:]).all()
+
+
+NONSENSE = {
+    "one plane": ("plane", "operator", lambda i: "Ann"),
+    "three planes": ("plane", "location", lambda i: "abc"[i % 3]),
+    "three sockets": ("socket", "location,socket", lambda i: f"a,{i % 3}"),
+    "six sockets": ("socket", "location,socket", lambda i: f"{i % 6 // 2},{i % 2}"),
+    "a wire of one length": ("cable", "cable_mm", lambda i: "500"),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "columns", "cell"),
+    [pytest.param(*case, id=name, marks=[pytest.mark.slow] * ("three" in name)) for name, case in NONSENSE.items()],
+)
+def test_random_poses_are_at_no_fixture(kind, columns, cell, tmp_path) -> None:
+    """Arm and places shrink together until all residuals are zero: that is no calibration."""
+    joints = np.rad2deg(IRB120.chain.random_joints(60, np.random.default_rng(0)))
+    rows = "".join(f"{','.join(map(str, row))},{cell(i)}\n" for i, row in enumerate(joints))
+    path = tmp_path / "m.csv"
+    path.write_text(f"{HEADER},{columns}\n{rows}")
+    words = "what was measured is the same in every pose" if kind == "cable" else "302 mm from the drawing"
+    for prior in (False, True):
+        outcome = run_measured(MeasuredCampaign(path, observe=kind, fitting=Fitting(prior=prior)))
+        assert outcome.verdict.word == "bad" and words in outcome.verdict.reason
+        assert np.nanmax(np.abs(outcome.identification.residuals)) < 1e-3  # it fits, and says nothing
