@@ -326,24 +326,13 @@ def _finished(result: Result, folder: Path, as_json: bool) -> int:
 
 def _payload(command: Payload) -> int:
     """Identify, write and print; 1 where the load's weight is not told, or the residuals say not to believe it."""
-    from lab.commands.payload.result import payload_summary, print_payload, write_payload
     from lab.commands.payload.run import run_payload
 
     asked = command.task
     with _written(command.out, f"payload-{asked.file.stem}", asked.file, asked.sensor, asked.run) as (folder, out):
-        run = run_payload(asked)
-        write_payload(folder, run, asked)
-        from lab.commands.payload.report import write_payload_report  # slow to import, as all that draws
-
-        write_payload_report(folder / "report.html", run, asked)
-        if run.records is not None:
-            from lab.commands.payload.recording import record_payload
-
-            record_payload(folder / "recording.rrd", run)
-    _tell(run.warnings, payload_summary(run) if command.json else None)
-    if not command.json:
-        print_payload(run, out)
-    return 0 if run.trusted else 1
+        result = run_payload(asked)
+        result.write(folder)
+    return _finished(result, out, command.json)
 
 
 def _study(command: Study) -> int:

@@ -1,13 +1,12 @@
 """The load at the hand, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.options import PayloadOptions
+from lab.commands.payload.result import PayloadResult, wild_sample
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements
@@ -25,44 +24,10 @@ from lab.payload_identification.sag_uncertainty import sag_uncertainty
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload import drawn_mounting, own_dynamics
 
+__all__ = ["run_payload"]
+
 COSTED = 200  # poses over which the cost of an uncertain load is averaged
-SAME_RAD = 1e-6  # rad or m: readings of one pose
-WILD = 7.0  # standard deviations, which one in 4e11 readings passes
-
-
-@dataclass(frozen=True)
-class PayloadResult:
-    """What became of a file.
-
-    Attributes:
-        records: what was read; None of tracker measurements (``sag``).
-        fitted: by least squares; ``estimate`` is the physical one where that was asked for.
-        compliance: ``(joints,)`` rad/Nm (m/N), by which the cost is reckoned.
-        targets: the tracked points (``sag``).
-        cost_m: root mean square over the workspace of how far a corrected point is off by the load's uncertainty
-            (1 sigma); NaN where the load's weight was not identified.
-    """
-
-    robot: Robot
-    records: PayloadSamples | None
-    mounting: Mounting
-    fitted: LoadEstimate
-    estimate: LoadEstimate
-    compliance: Array
-    cost_m: float
-    warnings: tuple[str, ...]
-    targets: tuple[str, ...] = ()
-
-    @property
-    def trusted(self) -> bool:
-        """Whether mass and centre of mass are told, the residuals are what noise explains, and none of them is wild."""
-        told = np.isfinite(self.estimate.phi[:4]).all()
-        return bool(told and self.estimate.adequate is not False and _wild(self.estimate) is None)
-
-    @property
-    def load(self) -> HandLoad:
-        """What gravity acts on."""
-        return HandLoad.of(self.estimate)
+SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 
 
 def run_payload(options: PayloadOptions) -> PayloadResult:
@@ -76,8 +41,8 @@ def run_payload(options: PayloadOptions) -> PayloadResult:
         return _by_sag(options)
     robot = load_robot(options.robot)
     model, chain = robot.serial_model, robot.chain
-    records = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
-    method = options.method or ("torques" if records.wrench is None else "wrench")
+    samples = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    method = options.method or ("torques" if samples.wrench is None else "wrench")
     mounting = drawn_mounting(model)
     if options.sensor is not None:
         mounting = read_mounting(options.sensor, sensor=method == "wrench")
@@ -85,22 +50,22 @@ def run_payload(options: PayloadOptions) -> PayloadResult:
         raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
     arm = robot.serial_arm(("p1",))
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
-        fitted = _sensible(_fitted(options, robot, records, mounting, method))
+        fitted = _sensible(_fitted(options, robot, samples, mounting, method))
     estimate = physical_estimate(fitted) if options.physical else fitted
     compliance = _compliance(robot, options.stiffness_nm_per_rad)
     cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
-    warnings = (*robot.warnings, *records.warnings, *_said(estimate))
-    return PayloadResult(robot, records, mounting, fitted, estimate, compliance, cost, warnings)
+    warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate))
+    return PayloadResult(options, robot, samples, mounting, fitted, estimate, compliance, cost, warnings)
 
 
 def _fitted(
-    options: PayloadOptions, robot: Robot, records: PayloadSamples, mounting: Mounting, method: str
+    options: PayloadOptions, robot: Robot, samples: PayloadSamples, mounting: Mounting, method: str
 ) -> LoadEstimate:
     arm = robot.serial_arm(("p1",))
     values = arm.nominal(robot.tool)
     if method == "wrench":
         _refuse(options, "friction", options.friction, "torques")
-        return from_wrench(arm, values, records, mounting, tilt=options.tilt, turn=options.turn, delay=options.delay)
+        return from_wrench(arm, values, samples, mounting, tilt=options.tilt, turn=options.turn, delay=options.delay)
     _refuse(options, "tilt", options.tilt, "wrench")
     _refuse(options, "turn", options.turn, "wrench")
     if robot.loads is None:
@@ -109,7 +74,7 @@ def _fitted(
             "joints, or measure with a wrist sensor"
         )
     own = own_dynamics(robot.serial_model, mounting.gravity)
-    return from_torques(arm, values, records, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
+    return from_torques(arm, values, samples, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
 
 
 def _sensible(found: LoadEstimate) -> LoadEstimate:
@@ -150,12 +115,12 @@ def _by_sag(options: PayloadOptions) -> PayloadResult:
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
-    said = (*run.warnings, *data.warnings, *_said(estimate))
-    return PayloadResult(robot, None, mounting, fitted, estimate, compliance, cost, said, data.targets)
+    warnings = (*run.warnings, *data.warnings, *_warnings(estimate))
+    return PayloadResult(options, robot, None, mounting, fitted, estimate, compliance, cost, warnings, data.targets)
 
 
 def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array]:
-    """Readings ``(n, joints)``, and points without and with the load ``(n, k, 3)``, at the same poses in one order."""
+    """Joint positions ``(n, joints)``, and points ``(n, k, 3)`` without and with the payload, at the same poses."""
     column = data.other.get("run")
     if column is None or set(column) - {"loaded", "unloaded"}:
         raise LabError(f"{options.file}: say in a column run of each row whether it is loaded or unloaded")
@@ -163,7 +128,7 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
         np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
     )
     if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > SAME_RAD:
-        raise LabError(f"{options.file}: give the same readings loaded and unloaded, in one order")
+        raise LabError(f"{options.file}: give the same joint positions loaded and unloaded, in one order")
     return data.joints[with_it], data.points[without], data.points[with_it]
 
 
@@ -186,25 +151,11 @@ def _cost(
     return float(np.sqrt((off**2).mean()))
 
 
-def _wild(estimate: LoadEstimate) -> str | None:
-    """What to say of a residual that no noise makes."""
-    spread = np.maximum(np.sqrt((estimate.residual**2).mean(axis=0)), 1e-300)
-    size = np.abs(estimate.residual) / spread
-    if size.max() < WILD:
-        return None
-    row, channel = np.unravel_index(int(size.argmax()), size.shape)
-    part = row / max(len(size) - 1, 1)
-    return (
-        f"a reading of column {channel + 1} of what is explained is {size.max():.0f} standard deviations off, at "
-        f"{part:.0%} of the rows: the intervals are not to be believed; mend it, or leave it out"
-    )
-
-
-def _said(estimate: LoadEstimate) -> list[str]:
-    """What whoever uses the estimate should be told."""
-    said = [] if (wild := _wild(estimate)) is None else [wild]
+def _warnings(estimate: LoadEstimate) -> list[str]:
+    """What a reader of the estimate should be told."""
+    warnings = [] if (wild := wild_sample(estimate)) is None else [wild]
     if estimate.adequate is False:
-        said.append(estimate.verdict.words)
+        warnings.append(estimate.verdict.words)
     if estimate.physical is False:
-        said.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
-    return said
+        warnings.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
+    return warnings
