@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.batch import aligned, fit_many
+from lab.calibration.batch_points import align, fit_points
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, fit_base_and_tool, identify
 from lab.calibration.observations.points import PointsKind
@@ -198,7 +198,7 @@ def stacked() -> dict[str, float]:
     points = np.array([tracker.sample(exact, rng_for(7, "noise", draw)) for draw in range(1000)])
 
     def solve(frozen: bool) -> None:
-        found = fit_many(many, aligned(many, joints, points, nominal), nominal, free, frozen=frozen)
+        found = fit_points(align(many, joints, points, nominal), nominal, free, frozen=frozen)
         assert found.converged.all()
 
     return {

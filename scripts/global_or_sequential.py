@@ -21,7 +21,8 @@ from matplotlib.figure import Figure
 from scipy.special import elliprg
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.batch_poses import MAX_STEPS, SeenPoses, StackedPoses, fit_poses
+from lab.calibration.batch import MAX_STEPS
+from lab.calibration.batch_poses import MeasuredPoses, StackedPoseArm, fit_poses
 from lab.campaign.option_groups import Flag
 from lab.campaign.robot import load_robot
 from lab.commands.design.figures import save
@@ -87,8 +88,8 @@ class Campaigns:
         points: where they truly lead, ``(b, m, 3)`` m.
     """
 
-    drawing: StackedPoses
-    exact: SeenPoses
+    drawing: StackedPoseArm
+    exact: MeasuredPoses
     noise: Array
     fresh: Array
     points: Array
@@ -98,7 +99,7 @@ class Campaigns:
         """The drawing's parameters, for every arm."""
         return np.tile(self.drawing.nominal(), (len(self.exact), 1))
 
-    def seen(self, sigma_m: float, sigma_rad: float | Array) -> SeenPoses:
+    def seen(self, sigma_m: float, sigma_rad: float | Array) -> MeasuredPoses:
         """With noise, per axis; that of rotations about the axes of the target's frame."""
         points = self.exact.points + sigma_m * self.noise[..., :3]
         return replace(
@@ -116,7 +117,7 @@ def campaigns(options: Options) -> Campaigns:
     if options.poses < FEWEST or options.robots < 2:
         raise LabError(f"give --poses {FEWEST} or more, for 27 unknowns from positions alone, and two --robots or more")
     arm = load_robot("rx130").arm(("p1",))
-    real, drawing = StackedPoses(arm), StackedPoses(SerialArm(with_y3(arm.chain)))
+    real, drawing = StackedPoseArm(arm), StackedPoseArm(SerialArm(with_y3(arm.chain)))
     size, seed = options.robots, options.seed
     off = np.where([each.is_angle for each in real.parameters], OFF_RAD, OFF_M)
     truth = real.nominal() + off * rng_for(seed, "arm").standard_normal((size, len(off)))
@@ -125,7 +126,7 @@ def campaigns(options: Options) -> Campaigns:
         for purpose, count in (("poses", options.poses), ("fresh", options.fresh))
     )
     noise = rng_for(seed, "noise").standard_normal((size, options.poses, 6))
-    exact = SeenPoses(still(joints), *real.poses(joints, truth))
+    exact = MeasuredPoses(still(joints), *real.poses(joints, truth))
     return Campaigns(drawing, exact, noise, still(fresh), real.poses(fresh, truth)[0])
 
 
@@ -155,7 +156,7 @@ def still(joints: Array) -> Array:
 
 def fitted(
     campaign: Campaigns,
-    seen: SeenPoses,
+    seen: MeasuredPoses,
     start: Array,
     names: Sequence[str],
     sigma_m: float = np.inf,
@@ -164,22 +165,24 @@ def fitted(
 ) -> Array:
     """Least squares over these parameters; positions or orientations without a sigma are left out."""
     model, weight = campaign.drawing, 1 / np.asarray(sigma_rad)
-    values, settled = fit_poses(
-        model, seen, start, model.columns(names), position_weight=1 / sigma_m, rotation_weight=weight, steps=steps
+    found = fit_poses(
+        model, seen, start, model.columns(names), position_weight=1 / sigma_m, rotation_weight=weight, max_steps=steps
     )
-    if steps == MAX_STEPS and not settled.all():
-        raise LabError(f"Gauss-Newton did not settle for {(~settled).sum()} robots: give more --poses")
-    return values
+    if steps == MAX_STEPS and not found.converged.all():
+        raise LabError(f"Gauss-Newton did not settle for {(~found.converged).sum()} robots: give more --poses")
+    return found.values
 
 
-def sequential(campaign: Campaigns, seen: SeenPoses, sigma_rad: float | Array = 1.0, *, literal: bool = False) -> Array:
+def sequential(
+    campaign: Campaigns, seen: MeasuredPoses, sigma_rad: float | Array = 1.0, *, literal: bool = False
+) -> Array:
     """Angles from orientations alone, then lengths from positions alone; literally 16 angles, then 14 lengths."""
     angles, lengths = ((*ANGLES, OFFSET), [name for name in LENGTHS if name != Y3]) if literal else (ANGLES, LENGTHS)
     turned = fitted(campaign, seen, campaign.start, angles, sigma_rad=sigma_rad)
     return fitted(campaign, seen, turned, lengths, sigma_m=1.0)
 
 
-def alternated(campaign: Campaigns, seen: SeenPoses) -> tuple[Array, Array]:
+def alternated(campaign: Campaigns, seen: MeasuredPoses) -> tuple[Array, Array]:
     """Errors of angles and lengths from positions alone, in turn from the drawing: after one round, and after ten."""
     values, errors = campaign.start, []
     for _ in range(ROUNDS):

@@ -1,59 +1,63 @@
-"""Many identifications at once: campaigns with arms of one drawing at the same poses, solved in blocks.
+"""Gauss-Newton for many campaigns at once: arms of one nominal model, solved in blocks by normal equations.
 
+What was measured, and how the arms predict it, is a part (``BatchObservation``): positions at poses that all
+campaigns share (``batch_points``), or positions and orientations at joint positions of their own (``batch_poses``).
 A block always holds as many campaigns, the last one padded: a matrix product's last bits change with its size.
-The base is no unknown of size here: each campaign's points are first turned onto the drawing (``aligned``), so that
-every fit begins with the base at rest, and one Jacobian can serve all.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core import se3
+from lab.core.newton import newton
 from lab.core.se3 import Array
-from lab.kinematics.serial.batch import Stacked
 
-BLOCK = 50
+__all__ = ["BLOCK", "MAX_STEPS", "BatchFits", "BatchObservation", "fit_batch"]
+
+BLOCK = 50  # campaigns solved together: what fits the processor's cache
 MAX_STEPS = 20
-SETTLED_M = 1e-9  # root mean square move of the predicted points: the step is still taken
-CHORD_SETTLED_M = 1e-8  # the same of the chord method, which gains two digits a step
+SETTLED = 1e-9  # m or rad: a step below is still taken, so that what remains is its square
+CHORD_SETTLED = 1e-8  # of the chord method, which gains two digits a step
+RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
 
 
-@dataclass(frozen=True)
-class Campaigns:
-    """What was measured in some campaigns at the same poses, each turned onto the drawing.
-
-    Attributes:
-        joints: ``(n, joints)``.
-        points: ``(b, k, 3, n)`` m.
-        Ts_instrument_drawing: ``(b, 4, 4)``, how they were turned: the drawing's frame 0 in the instrument's.
-        whiten: ``(b, k, 3, 3, n)``, of the points as they are turned; None where all coordinates weigh alike.
-    """
-
-    joints: Array
-    points: Array
-    Ts_instrument_drawing: Array
-    whiten: Array | None = None
+class BatchObservation(Protocol):
+    """What was measured in b campaigns, with the arms that predict it from parameters ``(b, p)``."""
 
     def __len__(self) -> int:
-        return len(self.points)
+        """How many campaigns there are."""
 
-    def block(self, rows: NDArray[np.int_]) -> "Campaigns":
-        """Some of them."""
-        whiten = None if self.whiten is None else self.whiten[rows]
-        return Campaigns(self.joints, self.points[rows], self.Ts_instrument_drawing[rows], whiten)
+    def take(self, rows: NDArray[np.int_]) -> Self:
+        """Some of the campaigns, also more than once."""
+
+    def residual(self, values: Array) -> Array:
+        """Whitened residual ``(b, r)``, measured less predicted."""
+
+    def linearized(self, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+        """Whitened derivatives ``(b, f, r)`` of the prediction by the ``free`` parameters, and the residual."""
+
+    def settled(self, step: Array, squares: Array, tolerance: float) -> NDArray[np.bool_]:
+        """``(b,)`` which steps ``(b, f)`` are the last ones.
+
+        Args:
+            step: of the free parameters, m and rad.
+            squares: ``(b,)`` of the moves of the whitened prediction.
+            tolerance: m or rad.
+        """
 
 
 @dataclass(frozen=True)
-class Fits:
+class BatchFits:
     """Where the fits ended.
 
     Attributes:
-        values: ``(b, p)``, the base relative to ``Ts_instrument_drawing``.
-        converged, steps: ``(b,)``.
-        information: ``(b, f, f)`` J' J of the free parameters, whitened where that was asked for.
+        values: ``(b, p)`` the parameters.
+        converged: ``(b,)``.
+        steps: ``(b,)`` how many were taken.
+        information: ``(b, f, f)`` J' J of the free parameters, whitened as the observation is.
     """
 
     values: Array
@@ -62,126 +66,82 @@ class Fits:
     information: Array
 
 
-def aligned(arm: Stacked, joints: Array, points: Array, nominal: Array) -> Campaigns:
-    """Campaigns turned onto the drawing: by the rotation that fits their points best (Kabsch 1976), and the means.
-
-    Args:
-        points: ``(b, n, k, 3)`` m in the instrument's frame.
-        nominal: parameters ``(p,)`` of the drawing.
-    """
-    drawn = _still(arm, joints, nominal)  # (k, 3, n)
-    seen = points.transpose(0, 2, 3, 1)  # (b, k, 3, n)
-    centre, middle = drawn.mean(axis=(0, 2)), seen.mean(axis=(1, 3))
-    moment = np.einsum("bkin,kjn->bij", seen - middle[:, None, :, None], drawn - centre[:, None])
-    u, _, vt = np.linalg.svd(moment)
-    flip = np.ones((len(points), 3))
-    flip[:, 2] = np.linalg.det(u @ vt)
-    turns = (u * flip[:, None]) @ vt
-    Ts = se3.pose(turns, middle - turns @ centre)
-    return Campaigns(joints, in_drawing(points, Ts), Ts)
-
-
-def in_drawing(points: Array, Ts_instrument_drawing: Array) -> Array:
-    """Points ``(b, n, k, 3)`` (or of all alike ``(n, k, 3)``) turned onto the drawing, ``(b, k, 3, n)``."""
-    moved = (points - Ts_instrument_drawing[:, None, None, :3, 3]) @ Ts_instrument_drawing[:, None, :3, :3]
-    return moved.transpose(0, 2, 3, 1)
-
-
-def fit_many(
-    arm: Stacked,
-    campaigns: Campaigns,
-    nominal: Array,
+def fit_batch(
+    observed: BatchObservation,
+    start: Array,
     free: Sequence[int],
     *,
     frozen: bool = False,
+    shortest: bool = False,
+    max_steps: int = MAX_STEPS,
     block: int = BLOCK,
-) -> Fits:
-    """Gauss-Newton from the drawing for every campaign, block by block.
+) -> BatchFits:
+    """Least squares over the free parameters of every campaign, block by block, the others held.
 
     Args:
-        nominal: parameters ``(p,)`` of the drawing.
-        frozen: take the drawing's Jacobian for all steps (the chord method).
-        block: how many are solved together.
+        start: ``(b, p)``, or ``(p,)`` for all alike.
+        frozen: take the Jacobian at the start of the first campaign for all steps (the chord method).
+        shortest: where the measurements do not tell the parameters apart, take the shortest step in unit columns;
+            else they must tell them apart.
+        max_steps: take so many at most.
+        block: how many campaigns are solved together.
     """
-    count = len(campaigns)
+    count = len(observed)
     order = np.arange(-(-count // block) * block)
     order[count:] = 0
-    solve = _chord if frozen else _newton
-    start = nominal.copy()
-    start[:6] = 0.0
-    parts = [
-        solve(arm, campaigns.block(order[at : at + block]), start, list(free)) for at in range(0, len(order), block)
-    ]
-    values, converged, steps, information = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
-    return Fits(values, converged, steps, information)
+    starts = np.broadcast_to(start, (count, np.shape(start)[-1]))
+    parts = []
+    for first in range(0, len(order), block):
+        rows = order[first : first + block]
+        some, values, unknowns = observed.take(rows), starts[rows].copy(), list(free)
+        if frozen:
+            parts.append(_chord(some, values, unknowns, max_steps))
+        else:
+            parts.append(_gauss_newton(some, values, unknowns, shortest, max_steps))
+    return BatchFits(*(np.concatenate(part)[:count] for part in zip(*parts, strict=True)))
 
 
-Part = tuple[Array, NDArray[np.bool_], NDArray[np.int_], Array]
+_Part = tuple[Array, NDArray[np.bool_], NDArray[np.int_], Array]
 
 
-def _newton(arm: Stacked, block: Campaigns, start: Array, free: list[int]) -> Part:
-    """Full Gauss-Newton by normal equations of unit columns: a base set's condition leaves them ten digits."""
-    values = np.tile(start, (len(block), 1))
-    converged, steps = np.zeros(len(block), dtype=np.bool_), np.zeros(len(block), dtype=np.int_)
+def _gauss_newton(block: BatchObservation, values: Array, free: list[int], shortest: bool, max_steps: int) -> _Part:
+    """Normal equations of unit columns: the condition of a base set leaves them ten digits."""
     information = np.empty((len(block), len(free), len(free)))
-    for _ in range(MAX_STEPS):
-        rows, residual = _linearized(arm, block, values, free)
-        scale = np.sqrt(np.einsum("bfr,bfr->bf", rows, rows))
-        rows /= scale[:, :, None]
-        square = rows @ rows.swapaxes(1, 2)
-        step = np.linalg.solve(square, rows @ residual[:, :, None])[:, :, 0]
-        moved = np.sqrt(np.einsum("bf,bfg,bg->b", step, square, step) / block.joints.shape[0])
-        going = ~converged
-        values[:, free] += np.where(going[:, None], step / scale, 0.0)
+
+    def step(unknowns: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        values[:, free] = unknowns
+        columns, residual = block.linearized(values, free)
+        scale = np.sqrt(np.einsum("bfr,bfr->bf", columns, columns))
+        scale[scale == 0] = 1.0
+        columns /= scale[:, :, None]
+        square = columns @ columns.swapaxes(1, 2)
+        right = columns @ residual[:, :, None]
+        if shortest:
+            solution = np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True) @ right
+        else:
+            solution = np.linalg.solve(square, right)
+        scaled = solution[:, :, 0]
+        squares = np.einsum("bf,bfg,bg->b", scaled, square, scaled)
         information[going] = (square * scale[:, :, None] * scale[:, None, :])[going]
-        steps += going
-        converged |= moved < SETTLED_M * _metre(block)
-        if converged.all():
-            break
-    return values, converged, steps, information
+        return scaled / scale, block.settled(scaled / scale, squares, SETTLED)
+
+    found = newton(step, values[:, free], max_steps)
+    values[:, free] = found.values
+    return values, found.converged, found.iterations, information
 
 
-def _chord(arm: Stacked, block: Campaigns, start: Array, free: list[int]) -> Part:
-    """Gauss-Newton with the Jacobian at the start for all steps: x += pinv(J0) r."""
-    assert block.whiten is None
-    _, jacobian = arm.observe(block.joints, start[None], free)  # (f, 3, k, 1, n)
-    rows = jacobian[:, :, :, 0].transpose(0, 2, 1, 3).reshape(len(free), -1)
+def _chord(block: BatchObservation, values: Array, free: list[int], max_steps: int) -> _Part:
+    """The Jacobian at the first campaign's start for all campaigns and steps: x += pinv(J0) r."""
+    first = np.zeros(1, dtype=np.int_)
+    rows = block.take(first).linearized(values[first], free)[0][0]  # (f, r)
     scale = np.linalg.norm(rows, axis=1)
     inverse = np.linalg.pinv((rows / scale[:, None]).T) / scale[:, None]  # (f, r)
-    values = np.tile(start, (len(block), 1))
-    converged, steps = np.zeros(len(block), dtype=np.bool_), np.zeros(len(block), dtype=np.int_)
-    for _ in range(MAX_STEPS):
-        residual = (block.points - arm.points(block.joints, values)).reshape(len(block), -1)
-        step = residual @ inverse.T
-        moved = np.sqrt(((step @ rows) ** 2).sum(axis=1) / block.joints.shape[0])
-        going = ~converged
-        values[:, free] += np.where(going[:, None], step, 0.0)
-        steps += going
-        converged |= moved < CHORD_SETTLED_M
-        if converged.all():
-            break
-    return values, converged, steps, np.tile(rows @ rows.T, (len(block), 1, 1))
 
+    def step(unknowns: Array, _: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        values[:, free] = unknowns
+        change = block.residual(values) @ inverse.T
+        return change, block.settled(change, ((change @ rows) ** 2).sum(axis=1), CHORD_SETTLED)
 
-def _linearized(arm: Stacked, block: Campaigns, values: Array, free: list[int]) -> tuple[Array, Array]:
-    """Whitened Jacobian rows ``(b, f, r)`` and residual ``(b, r)``."""
-    points, jacobian = arm.observe(block.joints, values, free)
-    residual = block.points - points  # (b, k, 3, n)
-    rows = jacobian.transpose(3, 0, 2, 1, 4)  # (b, f, k, 3, n)
-    if block.whiten is not None:
-        residual = np.einsum("bkijn,bkjn->bkin", block.whiten, residual)
-        rows = np.einsum("bkijn,bfkjn->bfkin", block.whiten, rows)
-    return rows.reshape(len(values), len(free), -1), residual.reshape(len(values), -1)
-
-
-def _metre(block: Campaigns) -> float:
-    """What a metre weighs."""
-    return 1.0 if block.whiten is None else float(np.sqrt((block.whiten**2).sum() / block.points.size))
-
-
-def _still(arm: Stacked, joints: Array, nominal: Array) -> Array:
-    """The drawing's points ``(k, 3, n)`` in frame 0."""
-    values = nominal.copy()
-    values[:6] = 0.0
-    still: Array = arm.points(joints, values[None])[0]
-    return still
+    found = newton(step, values[:, free], max_steps)
+    values[:, free] = found.values
+    return values, found.converged, found.iterations, np.tile(rows @ rows.T, (len(block), 1, 1))

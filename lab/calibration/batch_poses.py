@@ -1,34 +1,32 @@
-"""Many campaigns of measured poses at once: arms of one drawing, each with its own parameters and its own readings.
+"""Poses of a target in many campaigns, as ``batch`` fits them: each arm has its own parameters and joint positions.
 
-The residuals are those of ``sightings.poses``: a target's position, and log(R_measured' R_predicted) of a frame that is
-fixed to it. What is fitted, and to which of the two, is the caller's choice: together, or one after the other.
+The residuals are those of ``observations.full_pose``: a target's position, and log(R_measured' R_predicted) of a frame
+that is fixed to it. What is fitted, and to which of the two, is the caller's choice: together, or one after the other.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.batch import MAX_STEPS, BatchFits, fit_batch
 from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.parameter import names_of
+from lab.kinematics.parameter import Parameter, names_of
 from lab.kinematics.serial.arm import Motion, SerialArm
 from lab.kinematics.serial.batch import StackedArm
 
-BLOCK = 50  # campaigns solved together: what fits the processor's cache
-MAX_STEPS = 20
-SETTLED = 1e-9  # m or rad: the step is still taken, so that what remains is its square
-RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
+__all__ = ["MeasuredPoses", "PoseBatch", "StackedPoseArm", "fit_poses"]
 
 
 @dataclass(frozen=True)
-class SeenPoses:
+class MeasuredPoses:
     """What was measured in some campaigns.
 
     Attributes:
-        joints: readings ``(b, n, joints)``.
+        joints: joint positions ``(b, n, joints)``.
         points: positions ``(b, n, 3)`` m.
         rotations: ``(b, n, 3, 3)`` of the target's frame.
     """
@@ -40,29 +38,33 @@ class SeenPoses:
     def __len__(self) -> int:
         return len(self.points)
 
-    def block(self, rows: slice) -> "SeenPoses":
+    def take(self, rows: NDArray[np.int_]) -> "MeasuredPoses":
         """Some of the campaigns."""
-        return SeenPoses(self.joints[rows], self.points[rows], self.rotations[rows])
+        return MeasuredPoses(self.joints[rows], self.points[rows], self.rotations[rows])
 
 
 @dataclass(frozen=True)
-class StackedPoses:
-    """Arms of one drawing with a target whose pose is seen; their parameters are rows ``(b, p)``.
+class StackedPoseArm:
+    """Arms of one nominal model with a target whose pose is measured; their parameters are rows ``(b, p)``.
 
     Attributes:
-        arm: the drawing, with one target.
-        names: the arm's parameters, then the rotation vector of the target's frame in the last one.
+        arm: the nominal model, with one target.
+        parameters: the arm's, then the rotation vector of the target's frame in the last one.
+        names: theirs.
     """
 
     arm: SerialArm
+    parameters: tuple[Parameter, ...] = field(init=False)
     names: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         assert len(self.arm.targets) == 1
-        object.__setattr__(self, "names", (*self.arm.names, *names_of(ROTATION_PARAMETERS)))
+        parameters = (*self.arm.parameters, *ROTATION_PARAMETERS)
+        object.__setattr__(self, "parameters", parameters)
+        object.__setattr__(self, "names", names_of(parameters))
 
     def nominal(self) -> Array:
-        """The drawing's parameters ``(p,)`` with the default tool, the target's frame along the last one."""
+        """The nominal parameters ``(p,)`` with the default tool, the target's frame along the last one."""
         return np.concatenate([self.arm.nominal(), np.zeros(3)])
 
     def columns(self, names: Sequence[str]) -> list[int]:
@@ -70,7 +72,7 @@ class StackedPoses:
         return [self.names.index(name) for name in names]
 
     def poses(self, joints: Array, values: Array) -> tuple[Array, Array]:
-        """Positions ``(b, n, 3)`` and rotations ``(b, n, 3, 3)`` at readings ``(b, n, joints)``."""
+        """Positions ``(b, n, 3)`` and rotations ``(b, n, 3, 3)`` at joint positions ``(b, n, joints)``."""
         _, point, rotation = self._walk(joints, values)
         return point[:3].transpose(1, 2, 0), rotation
 
@@ -109,16 +111,73 @@ class StackedPoses:
         return motions, points[:, 0], last @ se3.exp(values[:, None, -3:])
 
 
+@dataclass(frozen=True)
+class PoseBatch:
+    """Measured poses of b campaigns with their weights and the arms that predict them, as ``batch`` fits them.
+
+    Attributes:
+        model: the arms.
+        measured: what was measured.
+        position_weight: one over the standard deviation of a coordinate, 1/m; 0 leaves positions out.
+        rotation_weight: ``(3,)`` that of a rotation about the axes of the target's frame, 1/rad; 0 leaves them out.
+    """
+
+    model: StackedPoseArm
+    measured: MeasuredPoses
+    position_weight: float
+    rotation_weight: Array
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+    def take(self, rows: NDArray[np.int_]) -> "PoseBatch":
+        """Some of the campaigns."""
+        return replace(self, measured=self.measured.take(rows))
+
+    def residual(self, values: Array) -> Array:
+        """Whitened residual ``(b, r)`` at parameters ``(b, p)``."""
+        return self._residual(*self.model.poses(self.measured.joints, values))
+
+    def linearized(self, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+        """Whitened derivatives ``(b, f, r)`` and residual ``(b, r)`` at parameters ``(b, p)``."""
+        points, rotations, moves, turns = self.model.observe(self.measured.joints, values, free)
+        rows = []
+        if self.position_weight:
+            rows.append(self.position_weight * moves)
+        if self.rotation_weight.any():
+            vector = self._rotation_errors(rotations)
+            back = self.measured.rotations.swapaxes(2, 3)
+            rows.append(self.rotation_weight[:, None] * np.linalg.solve(se3.left_jacobian(vector), back @ turns))
+        columns = np.concatenate(rows, 1).reshape(len(values), -1, len(free)).swapaxes(1, 2)
+        return columns, self._residual(points, rotations)
+
+    def settled(self, step: Array, squares: Array, tolerance: float) -> NDArray[np.bool_]:
+        """Whether no parameter moves by more than the tolerance (m or rad)."""
+        return np.asarray(np.abs(step).max(axis=1) < tolerance)
+
+    def _rotation_errors(self, rotations: Array) -> Array:
+        """log(R_measured' R_predicted) ``(b, n, 3)``."""
+        return se3.log(self.measured.rotations.swapaxes(2, 3) @ rotations)
+
+    def _residual(self, points: Array, rotations: Array) -> Array:
+        parts = []
+        if self.position_weight:
+            parts.append(self.position_weight * (self.measured.points - points))
+        if self.rotation_weight.any():
+            parts.append(-self.rotation_weight * self._rotation_errors(rotations))
+        return np.concatenate(parts, 1).reshape(len(points), -1)
+
+
 def fit_poses(
-    model: StackedPoses,
-    seen: SeenPoses,
+    model: StackedPoseArm,
+    measured: MeasuredPoses,
     start: Array,
     free: Sequence[int],
     *,
     position_weight: float = 0.0,
     rotation_weight: float | Array = 0.0,
-    steps: int = MAX_STEPS,
-) -> tuple[Array, NDArray[np.bool_]]:
+    max_steps: int = MAX_STEPS,
+) -> BatchFits:
     """Gauss-Newton from ``start`` ``(b, p)`` over the free parameters of every campaign, the others held.
 
     Where the measurements do not tell the free parameters apart, each step is the shortest (in unit columns).
@@ -126,52 +185,8 @@ def fit_poses(
     Args:
         position_weight: one over the standard deviation of a coordinate, 1/m; 0 leaves positions out.
         rotation_weight: that of a rotation, 1/rad, of all axes or ``(3,)`` of the target's frame; 0 leaves them out.
-        steps: take so many at most.
-
-    Returns:
-        The values ``(b, p)``, and which campaigns settled ``(b,)``.
+        max_steps: take so many at most.
     """
-    weights = (position_weight, np.broadcast_to(np.asarray(rotation_weight, dtype=np.float64), 3))
-    parts = [
-        _newton(model, seen.block(rows), start[rows], list(free), weights, steps)
-        for rows in (slice(at, at + BLOCK) for at in range(0, len(seen), BLOCK))
-    ]
-    return np.concatenate([values for values, _ in parts]), np.concatenate([settled for _, settled in parts])
-
-
-def _newton(
-    model: StackedPoses, seen: SeenPoses, start: Array, free: list[int], weights: tuple[float, Array], steps: int
-) -> tuple[Array, NDArray[np.bool_]]:
-    """One block of ``fit_poses``."""
-    values, settled = start.copy(), np.zeros(len(start), dtype=np.bool_)
-    for _ in range(steps):
-        rows, residual = _linearized(model, seen, values, free, weights)
-        scale = np.linalg.norm(rows, axis=1)
-        scale[scale == 0] = 1.0
-        rows /= scale[:, None]
-        turned = rows.swapaxes(1, 2)
-        inverse = np.linalg.pinv(turned @ rows, rcond=RANK_TOLERANCE, hermitian=True)
-        step = (inverse @ (turned @ residual[:, :, None]))[:, :, 0] / scale
-        values[:, free] += np.where(settled[:, None], 0.0, step)
-        settled |= np.abs(step).max(axis=1) < SETTLED
-        if settled.all():
-            break
-    return values, settled
-
-
-def _linearized(
-    model: StackedPoses, seen: SeenPoses, values: Array, free: list[int], weights: tuple[float, Array]
-) -> tuple[Array, Array]:
-    """Whitened Jacobian ``(b, r, f)`` of the prediction, and residual ``(b, r)``, measured less predicted."""
-    points, rotations, moves, turns = model.observe(seen.joints, values, free)
-    rows, residual = [], []
-    if weights[0]:
-        rows.append(weights[0] * moves)
-        residual.append(weights[0] * (seen.points - points))
-    if weights[1].any():
-        back = seen.rotations.swapaxes(2, 3)
-        vector = se3.log(back @ rotations)
-        rows.append(weights[1][:, None] * np.linalg.solve(se3.left_jacobian(vector), back @ turns))
-        residual.append(-weights[1] * vector)
-    count = len(values)
-    return np.concatenate(rows, 1).reshape(count, -1, len(free)), np.concatenate(residual, 1).reshape(count, -1)
+    weights = np.broadcast_to(np.asarray(rotation_weight, dtype=np.float64), 3)
+    observed = PoseBatch(model, measured, position_weight, weights)
+    return fit_batch(observed, start, free, shortest=True, max_steps=max_steps)

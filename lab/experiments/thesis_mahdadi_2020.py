@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lab.calibration.batch import Campaigns, fit_many
+from lab.calibration.batch_points import PointBatch, fit_points
 from lab.campaign.robot import load_robot
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
@@ -161,8 +161,8 @@ def errors(
     else:
         exact = case.arm.points(joints, truth)
         seen = np.array([device.sample(exact, rng_for(seed, "noise", draw)) for draw in range(draws)])
-        campaigns = Campaigns(joints, seen.transpose(0, 2, 3, 1), np.tile(np.eye(4), (draws, 1, 1)))
-        fits = fit_many(StackedArm(case.arm), campaigns, case.nominal, case.free)
+        points, Ts = seen.transpose(0, 2, 3, 1), np.tile(np.eye(4), (draws, 1, 1))
+        fits = fit_points(PointBatch(StackedArm(case.arm), joints, points, Ts), case.nominal, case.free)
         assert fits.converged.all()
         found = (fits.values - truth)[:, free]
     return np.asarray(found * case.mm, dtype=np.float64)

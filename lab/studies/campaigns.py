@@ -10,7 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from lab.calibration.batch import Campaigns, Fits, aligned, fit_many, in_drawing
+from lab.calibration.batch import BatchFits
+from lab.calibration.batch_points import PointBatch, align, fit_points, in_nominal_frame
 from lab.calibration.gauss_newton import whitening
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
@@ -177,7 +178,7 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
     taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
     measured, exact, joints, there, fresh = measured[:, taken], exact[taken], joints[taken], there[met], fresh[met]
     campaigns = _turned(fitted, real, joints, measured)
-    found = fit_many(fitted.stacked, campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
+    found = fit_points(campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
     judged = _judged(fitted, real, found, campaigns, fresh, there)
     before = _before(fitted, joints, exact, fresh, there)
     lost = int((~taken).sum() + (~met).sum())
@@ -200,30 +201,32 @@ def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joint
     return np.array([device.sample(exact, rng) for rng in noises])
 
 
-def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> Campaigns:
-    """The campaigns turned onto the drawing: by what was measured, or where the base is known, by that."""
+def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> PointBatch:
+    """The campaigns turned onto the nominal model: by what was measured, or where the base is known, by that."""
     shown, device = real.effects.shown(joints), fitted.device
     if fitted.placed:
-        campaigns = aligned(fitted.stacked, shown, measured, fitted.nominal)
+        campaigns = align(fitted.stacked, shown, measured, fitted.nominal)
     else:
         T = se3.inverse(real.T_world_tracker) @ real.robot.T_world_frame0
         Ts = np.broadcast_to(T, (len(measured), 4, 4))
-        campaigns = Campaigns(shown, in_drawing(measured, Ts), Ts)
+        campaigns = PointBatch(fitted.stacked, shown, in_nominal_frame(measured, Ts), Ts)
     if device.kind != "spherical":
         return campaigns
-    turns = campaigns.Ts_instrument_drawing[:, None, None, :3, :3]
+    turns = campaigns.Ts_instrument_nominal[:, None, None, :3, :3]
     whiten = whitening(device.covariance(measured)) @ turns  # (b, n, k, 3, 3)
     return replace(campaigns, whiten=whiten.transpose(0, 2, 3, 4, 1))
 
 
-def _judged(fitted: _Fitted, real: TrueRobot, found: Fits, campaigns: Campaigns, fresh: Array, exact: Array) -> Columns:
+def _judged(
+    fitted: _Fitted, real: TrueRobot, found: BatchFits, campaigns: PointBatch, fresh: Array, exact: Array
+) -> Columns:
     """What came out of the campaigns with one robot.
 
     Args:
         exact: ``(m, k, 3)`` m, where its targets are at the fresh poses.
     """
-    Ts = campaigns.Ts_instrument_drawing
-    errors = _errors(fitted, fresh, found.values, in_drawing(exact, Ts))
+    Ts = campaigns.Ts_instrument_nominal
+    errors = _errors(fitted, fresh, found.values, in_nominal_frame(exact, Ts))
     free, parameters = list(fitted.free), fitted.stacked.arm.parameters
     off = (found.values - _true_values(fitted, real, Ts))[:, free]
     angular = np.array([parameters[i].is_angle for i in free])
@@ -245,12 +248,12 @@ def _judged(fitted: _Fitted, real: TrueRobot, found: Fits, campaigns: Campaigns,
 
 def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
     """Mean error (mm) at the fresh poses of nominal links with base and tool fitted, without noise."""
-    campaigns = aligned(fitted.stacked, joints, exact[None], fitted.nominal)
+    campaigns = align(fitted.stacked, joints, exact[None], fitted.nominal)
     placing = base_set(
         fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
     ).kept
-    found = fit_many(fitted.stacked, campaigns, fitted.nominal, placing, block=1)
-    return float(_errors(fitted, fresh, found.values, in_drawing(there, campaigns.Ts_instrument_drawing)).mean())
+    found = fit_points(campaigns, fitted.nominal, placing, block=1)
+    return float(_errors(fitted, fresh, found.values, in_nominal_frame(there, campaigns.Ts_instrument_nominal)).mean())
 
 
 def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array:
@@ -264,12 +267,12 @@ def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array
     return errors[:, np.isfinite(errors).all(axis=0)]  # where a fit's loops do not close it says nothing
 
 
-def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_drawing: Array) -> Array:
+def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_nominal: Array) -> Array:
     """The robot's parameters ``(b, p)`` in the canonical gauge, the base as each campaign was turned."""
     arm = fitted.stacked.arm
     known = truth_of(real, arm)
     truth = np.full(len(arm.names), np.nan) if known is None else known.of(arm.names)
-    Ts = se3.inverse(Ts_instrument_drawing) @ arm.T_tracker_frame0(truth)
+    Ts = se3.inverse(Ts_instrument_nominal) @ arm.T_tracker_frame0(truth)
     values = np.tile(truth, (len(Ts), 1))
     values[:, :3], values[:, 3:6] = Ts[:, :3, 3], se3.log(Ts[:, :3, :3])
     return values

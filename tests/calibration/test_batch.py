@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, perturbed, somewhere
 
-from lab.calibration.batch import BLOCK, Campaigns, Fits, aligned, fit_many, in_drawing
+from lab.calibration.batch import BLOCK, BatchFits
+from lab.calibration.batch_points import PointBatch, align, fit_points, in_nominal_frame
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -49,17 +50,17 @@ def test_stacked_arms_are_where_each_is_alone(chain: Chain) -> None:
         )
 
 
-def solved(count: int, noise_m: float, frozen: bool = False) -> tuple[Array, Campaigns, Fits]:
+def solved(count: int, noise_m: float, frozen: bool = False) -> tuple[Array, PointBatch, BatchFits]:
     values, joints, points = campaigns(count, noise_m)
-    turned = aligned(STACKED, joints, points, NOMINAL)
-    return values, turned, fit_many(STACKED, turned, NOMINAL, FREE, frozen=frozen)
+    turned = align(STACKED, joints, points, NOMINAL)
+    return values, turned, fit_points(turned, NOMINAL, FREE, frozen=frozen)
 
 
-def fresh_errors(values: Array, turned: Campaigns, found: Fits) -> Array:
+def fresh_errors(values: Array, turned: PointBatch, found: BatchFits) -> Array:
     """Lengths ``(b, m)`` of the errors at poses that were not fitted."""
     fresh = IRB120.chain.random_joints(200, np.random.default_rng(2))
     exact = np.array([ARM.points(fresh, each) for each in values])
-    off = STACKED.points(fresh, found.values) - in_drawing(exact, turned.Ts_instrument_drawing)
+    off = STACKED.points(fresh, found.values) - in_nominal_frame(exact, turned.Ts_instrument_nominal)
     return np.linalg.norm(off, axis=2)[:, 0]
 
 
@@ -72,14 +73,14 @@ def test_without_noise_the_arms_come_out() -> None:
 def test_it_is_the_identifier() -> None:
     """Base and links one by one, from no guess, by an orthogonal factorization."""
     _, joints, points = campaigns(4, 8e-6)
-    turned = aligned(STACKED, joints, points, NOMINAL)
-    found = fit_many(STACKED, turned, NOMINAL, FREE)
+    turned = align(STACKED, joints, points, NOMINAL)
+    found = fit_points(turned, NOMINAL, FREE)
     for b, seen in enumerate(points):
         data = measured(IRB120.chain.joint_names, joints, ("p1",), seen)
         alone = identify(ARM, data, NOMINAL, Noise(instrument("uniform-8um")))
         np.testing.assert_allclose(found.values[b, 6:], alone.values[6:], rtol=0, atol=1e-10)
         base = found.values[b, :6]
-        T = turned.Ts_instrument_drawing[b] @ se3.pose(se3.exp(base[3:]), base[:3])
+        T = turned.Ts_instrument_nominal[b] @ se3.pose(se3.exp(base[3:]), base[:3])
         np.testing.assert_allclose(T[:3, 3], alone.values[:3], rtol=0, atol=1e-10)
         np.testing.assert_allclose(T[:3, :3], se3.exp(alone.values[3:6]), rtol=0, atol=1e-10)
 
@@ -88,15 +89,15 @@ def test_it_is_the_identifier() -> None:
 def test_a_campaign_is_the_same_in_any_company(frozen: bool) -> None:
     """To the bit: alone, among others, in another place of its block, with a block of its own."""
     _, joints, points = campaigns(2 * BLOCK + 7, 8e-6, seed=3)
-    turned = aligned(STACKED, joints, points, NOMINAL)
+    turned = align(STACKED, joints, points, NOMINAL)
 
     def solve(rows: Array) -> Array:
-        return fit_many(STACKED, turned.block(rows), NOMINAL, FREE, frozen=frozen).values
+        return fit_points(turned.take(rows), NOMINAL, FREE, frozen=frozen).values
 
     everything = solve(np.arange(len(points)))
     for rows in (np.array([3]), np.arange(60, 71), np.random.default_rng(0).permutation(len(points))):
         np.testing.assert_array_equal(solve(rows), everything[rows])
-    alone = aligned(STACKED, joints, points[5:6], NOMINAL)
+    alone = align(STACKED, joints, points[5:6], NOMINAL)
     np.testing.assert_array_equal(alone.points, turned.points[5:6])
 
 
@@ -115,9 +116,9 @@ def test_a_frozen_jacobian_has_the_same_statistics() -> None:
 
 def test_what_cannot_converge_is_told_and_does_not_touch_the_others() -> None:
     _, joints, points = campaigns(6, 8e-6, seed=4)
-    good = fit_many(STACKED, aligned(STACKED, joints, points, NOMINAL), NOMINAL, FREE)
+    good = fit_points(align(STACKED, joints, points, NOMINAL), NOMINAL, FREE)
     points[2] = np.random.default_rng(5).normal(size=points[2].shape)
-    found = fit_many(STACKED, aligned(STACKED, joints, points, NOMINAL), NOMINAL, FREE)
+    found = fit_points(align(STACKED, joints, points, NOMINAL), NOMINAL, FREE)
     others = [0, 1, 3, 4, 5]
     assert not found.converged[2] and found.converged[others].all()
     np.testing.assert_array_equal(found.values[others], good.values[others])

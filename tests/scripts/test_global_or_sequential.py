@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT
 
-from lab.calibration.batch_poses import StackedPoses
+from lab.calibration.batch_poses import StackedPoseArm
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.observations.full_pose import QUATERNION, Poses
 from lab.calibration.sequential import fit_sequentially
@@ -55,7 +55,7 @@ def table():
 def test_poses_of_many_arms_are_those_of_each() -> None:
     """Positions, rotations and every derivative, anywhere and at readings of their own."""
     rng = np.random.default_rng(0)
-    stacked, observation = StackedPoses(ARM), Poses(ARM, "p1")
+    stacked, observation = StackedPoseArm(ARM), Poses(ARM, "p1")
     assert stacked.names == observation.names
     values = stacked.nominal() + 0.3 * rng.normal(size=(3, len(stacked.names)))
     joints = ARM.chain.random_joints(15, rng).reshape(3, 5, 6)
@@ -70,7 +70,7 @@ def test_poses_of_many_arms_are_those_of_each() -> None:
 
 
 def test_y3_is_a_slide_after_a3_that_changes_nothing_else() -> None:
-    longer, drawing = StackedPoses(SerialArm(script.with_y3(ARM.chain))), StackedPoses(ARM)
+    longer, drawing = StackedPoseArm(SerialArm(script.with_y3(ARM.chain))), StackedPoseArm(ARM)
     joints = ARM.chain.random_joints(8, np.random.default_rng(0))[None]
     values, y3 = longer.nominal()[None], longer.columns([script.Y3])
     for ours, theirs in zip(
