@@ -6,9 +6,11 @@ spread over each aliased group by their variances. It is the same whichever of a
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
+from lab.core.newton import least_squares_step, newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES
@@ -16,6 +18,7 @@ from lab.kinematics.parameter import indices_of_groups
 
 STEPS = 8
 SETTLED = 1e-13  # m or rad
+RANK_TOLERANCE = 1e-12  # of the largest singular value of unit columns
 SAME_M = 1e-9  # what predictions may differ by
 ANYWHERE = 1e3  # standard deviation of what has no drawing, m or rad
 
@@ -48,15 +51,17 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
     directions /= np.linalg.norm(directions / np.where(sigma > 0, sigma, 1.0)[:, None], axis=0)
     values = identification.values.copy()
     values[links] = nominal[links]
-    for _ in range(STEPS):
-        points, jacobian = model.observe(inputs, values)
-        if np.isnan(points).any():
-            return identification.values
-        rows = jacobian.reshape(-1, len(values)) @ directions
-        scale = np.linalg.norm(rows, axis=0)
-        step = np.linalg.lstsq(rows / scale, (wanted - points).ravel(), rcond=1e-12)[0] / scale
-        values += directions @ step
-        if np.abs(directions @ step).max() < SETTLED:
-            break
+
+    def step(rows: Array, _: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        points, jacobian = model.observe(inputs, rows[0])
+        if np.isnan(points).any():  # the loops of a mechanism do not close there
+            return np.full_like(rows, np.nan), np.array([True])
+        moves = jacobian.reshape(-1, len(values)) @ directions
+        change = directions @ least_squares_step(moves, (wanted - points).ravel(), RANK_TOLERANCE)
+        return change[None], np.array([np.abs(change).max() < SETTLED])
+
+    values = newton(step, values[None], STEPS).values[0]
+    if np.isnan(values).any():
+        return identification.values
     missed = np.abs(model.points(inputs, values) - wanted).max(initial=0.0)
     return values if missed < SAME_M else identification.values

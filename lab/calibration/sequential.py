@@ -17,6 +17,7 @@ from lab.calibration.gauss_newton import Fit, Observations, Status, fit
 from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
+from lab.core.newton import least_squares_step
 from lab.core.se3 import Array
 from lab.kinematics.gauge import independent_columns
 from lab.kinematics.model import Model
@@ -114,6 +115,5 @@ def _step(model: Model, observed: Observations, quantities: slice, values: Array
     part = Observations(observed.inputs, observed.points[:, quantities], observed.whiten[:, quantities])
     predicted, jacobian = model.observe(observed.inputs, values)
     rows = part.apply(jacobian[:, quantities] @ directions)
-    size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     residual = part.apply(part.points - predicted[:, quantities])
-    return np.asarray(directions @ (np.linalg.lstsq(rows / size, residual)[0] / size))
+    return np.asarray(directions @ least_squares_step(rows, residual))

@@ -205,7 +205,11 @@ class Compensator:
         return PoseTarget(wanted.positions, np.where(kept[:, None, None], wanted.rotations, Ts[:, :3, :3]))
 
     def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: Moved) -> Array:
-        """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted."""
+        """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted.
+
+        A fixed point, not Newton's method: ``moved`` may be a controller's own inverse, which gives joint positions,
+        not steps.
+        """
         joints, going = start.copy(), np.arange(len(wanted))
         for _ in range(ROUNDS):
             some = wanted.take(going)

@@ -1,9 +1,10 @@
-"""Newton's and Gauss and Newton's method: the loop, the step in unit columns, and the damping.
+"""Newton's and Gauss and Newton's method: the loop, and the step in unit columns.
 
 What the lab solves step by step differs in what a step is: a system of equations, least squares by normal equations
 of a whole batch, a chord, a pseudo-inverse with a limit. What does not differ is the loop (``newton``): rows of
 unknowns go on until their own steps are small enough, the others are left alone, and the result says which arrived
-and in how many steps. Methods that keep more than that from step to step have loops of their own, and say why.
+and in how many steps. Methods that keep more than that from step to step (a damping, a line search, a way that must
+not be left) have loops of their own, and say why.
 """
 
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from lab.core.linear_model import unit_columns
 from lab.core.se3 import Array
 
-__all__ = ["Damping", "NewtonResult", "Step", "least_squares_step", "newton"]
+__all__ = ["NewtonResult", "Step", "least_squares_step", "newton"]
 
 Step = Callable[[Array, NDArray[np.bool_]], tuple[Array, NDArray[np.bool_]]]
 """Unknowns ``(n, x)``, and which rows ``(n,)`` still go on, to steps ``(n, x)``, and which of them ``(n,)`` are so
@@ -56,39 +57,14 @@ def newton(step: Step, start: Array, max_iterations: int) -> NewtonResult:
     return NewtonResult(values, ~going & np.isfinite(values).all(axis=1), iterations)
 
 
-def least_squares_step(jacobian: Array, residual: Array, tolerance: float) -> Array:
+def least_squares_step(jacobian: Array, residual: Array, tolerance: float | None = None) -> Array:
     """The step ``(x,)`` that makes up for ``residual`` ``(r,)`` best, by unit columns of ``jacobian`` ``(r, x)``.
 
     Where some directions do nothing, the step has none of them.
 
     Args:
-        tolerance: of the largest singular value, below which a direction does nothing.
+        tolerance: of the largest singular value, below which a direction does nothing; rounding where not given.
     """
     columns, scale = unit_columns(jacobian)
     step: Array = np.linalg.lstsq(columns, residual, rcond=tolerance)[0] / scale
     return step
-
-
-@dataclass(frozen=True)
-class Damping:
-    """How much damping a step gets (Levenberg 1944, Marquardt 1963): tenfold after a failure, a tenth after a success.
-
-    Attributes:
-        least: what the first failure brings.
-        largest: beyond it no damped step is tried.
-    """
-
-    least: float
-    largest: float
-
-    def raised(self, damping: Array) -> Array:
-        """After steps that brought nothing nearer."""
-        return np.maximum(10 * damping, self.least)
-
-    def lowered(self, damping: Array) -> Array:
-        """After steps that did: none at all, where it was the least."""
-        return np.where(damping > self.least, damping / 10, 0.0)
-
-    def allowed(self, damping: Array) -> NDArray[np.bool_]:
-        """Whether steps with so much damping are tried."""
-        return np.asarray(damping <= self.largest)

@@ -89,11 +89,7 @@ def _sag(arm: SerialArm, values: Array, soft: Soft, joints: Array, phi: Array) -
     if mass[-1]:
         centre[-1] = (soft.loads.mass_kg[-1] * soft.loads.centre_m[-1] + phi[1:4]) / mass[-1]
     together = replace(soft.loads, mass_kg=mass, centre_m=centre)
-    sag, nothing, still = np.zeros_like(joints), np.zeros(len(joints)), np.zeros_like(joints)
-    for _ in range(_NEWTON):
-        force, rate = together.forces(joints + sag, nothing)
-        gives = np.eye(len(mass)) - soft.compliance[:, None] * rate
-        sag = sag + np.linalg.solve(gives, (soft.compliance * force - sag)[..., None])[..., 0]
-    regressor = torque_regressor(arm, values, joints + sag, still, still, soft.loads.gravity)
-    slopes: Array = np.linalg.solve(gives, -soft.compliance[:, None] * regressor).astype(float)
-    return sag, slopes
+    rest, still = together.equilibrium(joints, soft.compliance, np.zeros(len(joints)), _NEWTON), np.zeros_like(joints)
+    regressor = torque_regressor(arm, values, joints + rest.offset, still, still, soft.loads.gravity)
+    slopes: Array = np.linalg.solve(rest.equations, -soft.compliance[:, None] * regressor).astype(float)
+    return rest.offset, slopes

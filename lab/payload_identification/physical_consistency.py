@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.newton import least_squares_step
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, is_physical, pseudo_inertia
 from lab.payload_identification.estimate import LoadEstimate
@@ -80,8 +81,7 @@ def _descended(x: Array, phi: Array, root: Array, weight: float) -> Array:
         # least squares of both parts at once: its normal equations are Newton's
         rows = np.concatenate([root, flat])
         target = np.concatenate([root @ (phi - x), np.sqrt(weight) * np.eye(4).ravel()])
-        size = np.linalg.norm(rows, axis=0)
-        step = np.linalg.lstsq(rows / size, target, rcond=None)[0] / size
+        step = least_squares_step(rows, target)
         slope = float(np.sum((rows @ step) ** 2))
         if slope / 2 < _SETTLED * weight:
             return x

@@ -179,6 +179,8 @@ def ascend(
     A quasi-Newton ascent within the limits proposes; then each pose goes as far towards its
     proposal (all of the way, a half, …) as is feasible and better.
 
+    The loop is its own: it maximizes, pose by pose, and what is infeasible or no better is not taken.
+
     Args:
         sensitivity: joint positions to Jacobians, scaled as the design's.
         feasible: joint positions ``(n, joints)`` to ``(n,)``.

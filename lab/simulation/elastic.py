@@ -58,6 +58,9 @@ class FlexibleArm:
     def settled(self, driven: Array, compliance: Array, bending: Array, payload_kg: Array) -> Stand:
         """Where the arm stands under its weight and a payload.
 
+        A fixed point, not Newton's method: the weight that the bent arm bears is worked out anew by MuJoCo, without
+        derivatives.
+
         Args:
             driven: ``(m, n)``, where the motors put the joints, rad or m.
             compliance: ``(n,)`` rad/Nm (m/N for a slide).

@@ -144,7 +144,11 @@ class _Loops:
         return passive
 
     def _corrected(self, passive: Array, left: Array) -> Array | None:
-        """Newton's method to where the closures are open by ``left`` (m); None where it may not stay on its way."""
+        """Newton's method to where the closures are open by ``left`` (m); None where it may not stay on its way.
+
+        The loop is its own: it follows a way, so that a step which is not much shorter than the first ends it, and so
+        does a change of the assembly mode.
+        """
         side = allowed = 0.0
         for correction in range(MOST_CORRECTIONS):
             gaps, matrix = self._closures(passive)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.core.newton import Damping, least_squares_step, newton
+from lab.core.newton import least_squares_step, newton
 from lab.core.se3 import Array
 
 
@@ -76,11 +76,3 @@ def test_a_least_squares_step_does_not_depend_on_units() -> None:
 def test_a_least_squares_step_does_nothing_along_what_does_nothing() -> None:
     jacobian = np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 0.0]])
     assert least_squares_step(jacobian, np.array([2.0, 4.0]), 1e-12) == pytest.approx([1.0, 1.0, 0.0])
-
-
-def test_damping_rises_tenfold_and_falls_to_none() -> None:
-    damping = Damping(1e-6, 1e3)
-    raised = damping.raised(np.array([0.0, 1e-6, 200.0]))
-    np.testing.assert_allclose(raised, [1e-6, 1e-5, 2000.0])
-    assert damping.allowed(raised).tolist() == [True, True, False]
-    np.testing.assert_allclose(damping.lowered(np.array([0.0, 1e-6, 1e-5])), [0.0, 0.0, 1e-6])

@@ -17,6 +17,7 @@ from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.observations.protocol import no_extra_residuals
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.newton import newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -205,15 +206,19 @@ class Fixtures(ABC):
             ``(m, joints + conditions)``: those of them that came to touch.
         """
         joints = inputs.shape[1] - len(self.conditions)
-        for _ in range(_NEWTON_STEPS):
+
+        def step(positions: Array, rows: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+            inputs[:, :joints] = positions
             residual = self.points(inputs, values)[:, 0]
             slopes = np.empty((*residual.shape, joints))
             for j in range(joints):
                 moved = inputs.copy()
                 moved[:, j] += _DIFFERENCE
                 slopes[..., j] = (self.points(moved, values)[:, 0] - residual) / _DIFFERENCE
-            step = (np.linalg.pinv(slopes) @ residual[..., None])[..., 0]
-            inputs[:, :joints] -= np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+            change = -(np.linalg.pinv(slopes) @ residual[..., None])[..., 0]
+            return np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), np.zeros_like(rows)
+
+        inputs[:, :joints] = newton(step, inputs[:, :joints], _NEWTON_STEPS).values
         size = np.linalg.norm(self.points(inputs, values)[:, 0], axis=1)
         return np.asarray(inputs[size < _IN_CONTACT])
 

@@ -96,6 +96,9 @@ class Assembly:
     ) -> tuple[Configuration, NDArray[np.bool_]]:
         """Newton's method from passive values ``(z, n)``; and ``(n,)`` where it stayed on its way and closed.
 
+        The loop is its own: it follows a way that must not be left, so that a step which is not much shorter than the
+        one before ends a row, and what counts is how far the loops are open.
+
         Args:
             open_by: gaps ``(closures, n)`` m that are to be left.
         """

@@ -13,6 +13,21 @@ _POSES = 200
 
 
 @dataclass(frozen=True)
+class Equilibrium:
+    """Where joints that give way come to rest.
+
+    Attributes:
+        offset: ``(n, joints)`` how far they have given way, rad or m.
+        force: ``(n, joints)`` Nm (N of a slide), gravity's, before the last step.
+        equations: ``(n, joints, joints)`` 1 - C dg/dq there, which any further force is solved by.
+    """
+
+    offset: Array
+    force: Array
+    equations: Array
+
+
+@dataclass(frozen=True)
 class Loads:
     """Masses on the links of a nominal arm, and which way is down.
 
@@ -64,6 +79,26 @@ class Loads:
                 if not slides[i]:
                     rate[:, i, j] = rate[:, j, i] = np.cross(axes[:, i], turned[j]) @ self.gravity
         return force, rate
+
+    def equilibrium(self, joints: Array, compliance: Array, payload_kg: Array, steps: int) -> Equilibrium:
+        """Solve offset = C g(q + offset) by Newton's method.
+
+        A fixed number of steps, and not the loop of ``lab.core.newton``: the derivatives need what the last step was
+        solved by, and complex compliances pass, for derivatives by complex steps.
+
+        Args:
+            joints: q ``(n, joints)``.
+            compliance: C ``(joints,)`` rad/Nm (m/N of a slide), zero of joints that do not give way.
+            payload_kg: ``(n,)`` at ``payload_at_m``.
+            steps: how many, one at least.
+        """
+        offset: Array = np.zeros_like(joints, dtype=np.result_type(joints, compliance))
+        for _ in range(steps):
+            force, rate = self.forces(joints + offset, payload_kg)
+            equations: Array = np.eye(len(compliance)) - compliance[:, None] * rate
+            off = (compliance * force - offset)[..., None]
+            offset = offset + np.asarray(np.linalg.solve(equations, off), dtype=offset.dtype)[..., 0]
+        return Equilibrium(offset, force, equations)
 
     def bearing(self, rng: np.random.Generator) -> tuple[int, ...]:
         """The joints (from 0) that bear the arm's weight anywhere within its limits: hinges and slides apart."""

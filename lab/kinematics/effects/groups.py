@@ -138,19 +138,14 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
         soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
         soft[list(bearing)] = values[: len(bearing)]
         mass = conditions[:, 0] + (values[-1] if payload else 0.0)
-        offset: Array = np.zeros_like(joints, dtype=soft.dtype)
-        for _ in range(NEWTON_STEPS):
-            force, rate = loads.forces(joints + offset, mass)
-            equations: Array = np.eye(len(soft)) - soft[:, None] * rate
-            step: Array = np.asarray(np.linalg.solve(equations, (soft * force - offset)[..., None]), dtype=soft.dtype)
-            offset = offset + step[..., 0]
+        rest = loads.equilibrium(joints, soft, mass, NEWTON_STEPS)
         pushed = np.zeros((*joints.shape, len(parameters)), dtype=soft.dtype)
         for k, i in enumerate(bearing):
-            pushed[:, i, k] = force[:, i]
+            pushed[:, i, k] = rest.force[:, i]
         if payload:
-            pushed[..., -1] = soft * (loads.forces(joints + offset, mass + 1.0)[0] - force)
-        rate_of: Array = np.asarray(np.linalg.solve(equations, pushed), dtype=soft.dtype)
-        return offset, rate_of
+            pushed[..., -1] = soft * (loads.forces(joints + rest.offset, mass + 1.0)[0] - rest.force)
+        rate_of: Array = np.asarray(np.linalg.solve(rest.equations, pushed), dtype=soft.dtype)
+        return rest.offset, rate_of
 
     if payload:
         return Effect(group, parameters, offsets, ("payload_kg",), typical=(*[TYPICAL_COMPLIANCE] * len(bearing), 0.0))

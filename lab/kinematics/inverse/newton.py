@@ -91,6 +91,9 @@ def reach(arm: Arm, values: Array, wanted: PoseTarget, start: Array, conditions:
     Newton's method; where a step does not bring the target nearer, a damped one (Levenberg 1944). Steps are
     limited, so that the arm stays in the branch it starts in. Joint limits are not looked at.
 
+    The loop is its own: each row has a damping that it keeps, and a step that is not taken where it brings nothing
+    nearer.
+
     Args:
         conditions: ``(n, c)``, what the arm's effects ask for.
     """

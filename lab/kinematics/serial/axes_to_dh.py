@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.newton import least_squares_step, newton
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.model import Model
@@ -160,13 +162,14 @@ def parameters_from_axes(arm: SerialArm, axes: JointAxes, start: Array) -> Truth
     chosen = base_set(arm, start)
     kept = list(chosen.kept)
     values = start.copy()
-    for _ in range(30):
+
+    def step(unknowns: Array, _: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        values[kept] = unknowns[0]
         error, jacobian = _axis_errors(arm, axes, values)
-        scale = np.linalg.norm(jacobian[:, kept], axis=0)
-        step = np.linalg.lstsq(jacobian[:, kept] / scale, -error, rcond=1e-12)[0] / scale
-        values[kept] += step
-        if np.linalg.norm(step) < 1e-8:  # the next one would be its square
-            break
+        change = least_squares_step(jacobian[:, kept], -error, 1e-12)
+        return change[None], np.array([np.linalg.norm(change) < 1e-8])  # the next one would be its square
+
+    values[kept] = newton(step, values[kept][None], 30).values[0]
     values[3:6] = se3.log(se3.exp(values[3:6]))
     error, _ = _axis_errors(arm, axes, values)
     if np.abs(error).max() > 1e-11:

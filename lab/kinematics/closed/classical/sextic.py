@@ -7,7 +7,9 @@ circle, and it loses degree only where two legs share a pin (Gosselin, Sefrioui 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lab.core.newton import newton
 from lab.core.se3 import Array
 from lab.kinematics.closed.classical.plane import as_sorted, cross, left, turned, wrapped
 
@@ -90,19 +92,22 @@ class Sextic(NamedTuple):
 
     def polished(self, starts: Array) -> Array:
         """Each q and phi ``(n, 3)`` after damped Newton on (leg^2 - rho^2) / 2 = 0; NaN where that is not met."""
-        found = starts
-        for step in range(STEPS + 1):
+
+        def legs_at(found: Array) -> tuple[Array, Array, Array]:
             arms = turned(found[:, None, 2], self.platform)
             legs = found[:, None, :2] + arms - self.base
-            missing = ((legs**2).sum(axis=2) - self.lengths**2) / 2
-            if step == 0:
-                near = (np.abs(missing) < NEAR).all(axis=1, keepdims=True)
-            if step < STEPS:
-                rows = np.concatenate([legs, cross(arms, legs)[..., None]], axis=2)
-                across = rows.swapaxes(1, 2)
-                change = np.linalg.solve(across @ rows + DAMPING * np.eye(3), across @ missing[..., None])[..., 0]
-                found = found - np.clip(change, -1.0, 1.0)
-        met = near & (np.abs(missing) < CLOSED).all(axis=1, keepdims=True)
+            return arms, legs, ((legs**2).sum(axis=2) - self.lengths**2) / 2
+
+        def step(found: Array, rows: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+            arms, legs, missing = legs_at(found)
+            slopes = np.concatenate([legs, cross(arms, legs)[..., None]], axis=2)
+            across = slopes.swapaxes(1, 2)
+            change = np.linalg.solve(across @ slopes + DAMPING * np.eye(3), across @ missing[..., None])[..., 0]
+            return -np.clip(change, -1.0, 1.0), np.zeros_like(rows)
+
+        near = (np.abs(legs_at(starts)[2]) < NEAR).all(axis=1, keepdims=True)
+        found = newton(step, starts, STEPS).values
+        met = near & (np.abs(legs_at(found)[2]) < CLOSED).all(axis=1, keepdims=True)
         found[:, 2] = wrapped(found[:, 2])
         return np.where(met, found, np.nan)
 
