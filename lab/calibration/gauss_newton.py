@@ -10,26 +10,40 @@ from typing import Literal
 
 import numpy as np
 
+from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
+__all__ = [
+    "MAX_ITERATIONS",
+    "RANK_TOLERANCE",
+    "ExtraResiduals",
+    "Fit",
+    "Observations",
+    "Status",
+    "fit",
+    "typical_weight",
+    "whitening",
+]
+
 Status = Literal["converged", "not converged"]
-ExtraResiduals = Callable[[Array], tuple[Array, Array]]  # parameters to further whitened residuals, and their Jacobian
+ExtraResiduals = Callable[[Array], tuple[Array, Array]]
+"""Parameters ``(p,)`` to more whitened residuals ``(r,)``, and the derivatives ``(r, p)`` of what predicts them."""
 MAX_ITERATIONS = 300
-LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
-PROBE = 0.1  # of a step, at which its curvature is looked for
-MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
+_LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
+_PROBE = 0.1  # of a step, at which its curvature is looked for
+_MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
 
 
 @dataclass(frozen=True)
 class Observations:
-    """Seen points as rows, ready to be fitted.
+    """Observed points as rows, ready to be fitted.
 
     Attributes:
-        settings: ``(n, joints + conditions)``, what the model is asked at.
-        points: ``(n, k, d)``, k things of d numbers each (positions in m, d = 3), NaN where not seen.
+        inputs: ``(n, joints + conditions)``, what the model is asked at.
+        points: ``(n, k, d)``, k things of d numbers each (positions in m, d = 3), NaN where not observed.
         whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, d, d)`` the inverse of
             the covariance's Cholesky factor; ones where the noise is to be estimated.
     """
@@ -40,11 +54,11 @@ class Observations:
 
     @staticmethod
     def unweighted(data: Measurements) -> "Observations":
-        """The points of some measurements, all with weight one, for a model that asks for nothing but readings."""
+        """The points of some measurements, all with weight one, for a model without conditions."""
         return Observations(data.joints, data.points, np.ones(data.points.shape[:2]))
 
     def apply(self, vectors: Array) -> Array:
-        """Whitened rows of the seen points: ``(n, k, d, ...)`` to ``(d seen, ...)``."""
+        """Whitened rows of the observed points: ``(n, k, d, ...)`` to ``(r, ...)``, r of their numbers."""
         observed = seen_mask(self.points)
         if self.whiten.ndim == 2:
             rows = vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
@@ -119,8 +133,14 @@ def fit(
     step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
     weighed as one metre); that step is still taken, so that what remains is its square.
 
+    The loop is its own, not that of ``lab.core.newton``: a step is taken only where it lowers the cost, the damping
+    goes from step to step, and the last factorization is part of the result.
+
     Args:
-        further: what else is known of the parameters, e.g. a prior.
+        free: indices of the parameters to fit.
+        start: ``(p,)`` all parameters.
+        tolerance_m: m.
+        extra_residuals: what else is known of the parameters, e.g. a prior.
     """
     index = list(free)
     metre = typical_weight(observed) * np.sqrt(max(len(observed.inputs), 1))
@@ -128,13 +148,12 @@ def fit(
     def at(values: Array) -> _State:
         return _State(values, *_linearized(model, observed, values, index, extra_residuals))
 
-    here, damping = at(start.copy()), LEAST_DAMPING
+    here, damping = at(start.copy()), _LEAST_DAMPING
     trace = [here.cost]
     status: Status = "not converged"
     while True:
-        scale = np.linalg.norm(here.jacobian, axis=0)
-        scale[scale == 0] = 1.0
-        triangle, right = _triangle(here.jacobian / scale, here.residual)
+        columns, scale = unit_columns(here.jacobian)
+        triangle, right = _triangle(columns, here.residual)
         decomposed = np.linalg.svd(triangle)
         step = _step(*decomposed, right)
         moved = float(np.linalg.norm(triangle @ step)) / metre
@@ -188,18 +207,18 @@ def _damped(
         values[index] += step / scale
         return at(values)
 
-    while damping <= LARGEST_DAMPING:
+    while damping <= _LARGEST_DAMPING:
         weight = 1 / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2)
         step = vt.T @ (weight * downhill)
-        ahead = moved(PROBE * step).residual
-        curvature = 2 / PROBE * ((here.residual - ahead) / PROBE - jacobian @ step)
+        ahead = moved(_PROBE * step).residual
+        curvature = 2 / _PROBE * ((here.residual - ahead) / _PROBE - jacobian @ step)
         bend = -vt.T @ (weight * (vt @ (jacobian.T @ curvature)))
-        if 2 * np.linalg.norm(bend) <= MOST_BENT * np.linalg.norm(step):
+        if 2 * np.linalg.norm(bend) <= _MOST_BENT * np.linalg.norm(step):
             there = moved(step + bend / 2)
             if there.cost < here.cost:
-                return there, max(damping / 10, LEAST_DAMPING)
+                return there, max(damping / 10, _LEAST_DAMPING)
         damping *= 10
-    return here, LEAST_DAMPING
+    return here, _LEAST_DAMPING
 
 
 def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:

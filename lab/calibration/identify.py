@@ -25,9 +25,21 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set, independent_columns
 from lab.kinematics.model import Model
 
+__all__ = [
+    "ILL_CONDITIONED",
+    "PLAUSIBLE_SPREAD",
+    "WEAK",
+    "Identification",
+    "IdentifyOptions",
+    "Solve",
+    "fit_base_and_tool",
+    "identify",
+    "spread",
+]
+
 Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
-BARELY_TOLD_APART = 1e3  # a condition above which poses hardly tell the parameters apart
-MOST_NAMED = 8  # weak parameters in a warning
+ILL_CONDITIONED = 1e3  # a condition above which poses hardly tell the parameters apart
+_MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the drawing in the same poses
 
@@ -298,9 +310,9 @@ def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
             f"these poses do not tell {', '.join(unobservable)} apart from the others: they stay nominal; "
             "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
         )
-    elif found.fit.condition > BARELY_TOLD_APART:
+    elif found.fit.condition > ILL_CONDITIONED:
         weigh = "" if weighed_prior else ", or weigh tolerances (--prior)"
-        listed = [*found.weak[:MOST_NAMED], *(["others"] if len(found.weak) > MOST_NAMED else [])]
+        listed = [*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])]
         weak = f", and leave {', '.join(listed)} unsure by more than 1 mm or 1 mrad" if found.weak else ""
         warnings.append(
             f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart{weak}; "

@@ -16,11 +16,13 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.kinematics.parameter import indices_of_groups
 
-STEPS = 8
-SETTLED = 1e-13  # m or rad
-RANK_TOLERANCE = 1e-12  # of the largest singular value of unit columns
+__all__ = ["SAME_M", "most_likely_parameters"]
+
+_STEPS = 8
+_SETTLED = 1e-13  # m or rad
+_RANK_TOLERANCE = 1e-12  # of the largest singular value of unit columns
 SAME_M = 1e-9  # what predictions may differ by
-ANYWHERE = 1e3  # standard deviation of what has no drawing, m or rad
+_ANYWHERE = 1e3  # standard deviation of what has no drawing, m or rad
 
 
 def most_likely_parameters(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
@@ -45,7 +47,7 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
     inputs, wanted = inputs[answered], wanted[answered]
     sigma = standard_deviations(model, tolerance)
     sigma[[i for i in range(len(sigma)) if i not in links and np.isfinite(sigma[i])]] = 0.0
-    sigma[np.isinf(sigma)] = ANYWHERE
+    sigma[np.isinf(sigma)] = _ANYWHERE
     directions = sigma[:, None] ** 2 * alias_matrix(structure, len(model.names)).T
     directions = directions[:, directions.any(axis=0)]
     directions /= np.linalg.norm(directions / np.where(sigma > 0, sigma, 1.0)[:, None], axis=0)
@@ -57,10 +59,10 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
         if np.isnan(points).any():  # the loops of a mechanism do not close there
             return np.full_like(rows, np.nan), np.array([True])
         moves = jacobian.reshape(-1, len(values)) @ directions
-        change = directions @ least_squares_step(moves, (wanted - points).ravel(), RANK_TOLERANCE)
-        return change[None], np.array([np.abs(change).max() < SETTLED])
+        change = directions @ least_squares_step(moves, (wanted - points).ravel(), _RANK_TOLERANCE)
+        return change[None], np.array([np.abs(change).max() < _SETTLED])
 
-    values = newton(step, values[None], STEPS).values[0]
+    values = newton(step, values[None], _STEPS).values[0]
     if np.isnan(values).any():
         return identification.values
     missed = np.abs(model.points(inputs, values) - wanted).max(initial=0.0)

@@ -16,6 +16,8 @@ from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 
+__all__ = ["Prior", "Tolerance", "alias_matrix", "prior_of", "standard_deviations"]
+
 
 @dataclass(frozen=True)
 class Tolerance:

@@ -7,6 +7,8 @@ import numpy as np
 from lab.calibration.identify import Identification
 from lab.core.se3 import Array
 
+__all__ = ["Ellipsoids", "ellipsoids", "mapping_ellipsoids", "position_covariance"]
+
 
 @dataclass(frozen=True)
 class Ellipsoids:

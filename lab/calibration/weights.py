@@ -11,6 +11,8 @@ from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 
+__all__ = ["Noise", "joined", "root_mean_square_sigma", "weighed", "weighted_constraints"]
+
 
 @dataclass(frozen=True)
 class Noise:

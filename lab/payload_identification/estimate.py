@@ -10,6 +10,8 @@ from lab.kinematics.dynamics.rigid_body import LOAD, elements, inertia_about_cen
 from lab.payload_identification.least_squares import ChannelSolution
 from lab.payload_identification.residual_tests import ResidualVerdict
 
+__all__ = ["LoadEstimate", "Nuisance", "estimate_of"]
+
 
 @dataclass(frozen=True)
 class Nuisance:
@@ -139,8 +141,8 @@ def estimate_of(
         for name, (value, unit) in nuisance.items()
         for i in [solution.names.index(name)]
     ]
-    centre = widths_of(solution, _centre_slopes(phi)) if identifiable[:4].all() else np.full(3, np.nan)
-    inner = widths_of(solution, _inner_slopes(phi)) if identifiable.all() else np.full(6, np.nan)
+    centre = _widths_of(solution, _centre_slopes(phi)) if identifiable[:4].all() else np.full(3, np.nan)
+    inner = _widths_of(solution, _inner_slopes(phi)) if identifiable.all() else np.full(6, np.nan)
     return LoadEstimate(
         method=method,
         frame="flange",
@@ -161,7 +163,7 @@ def estimate_of(
     )
 
 
-def widths_of(solution: ChannelSolution, slopes: Array) -> Array:
+def _widths_of(solution: ChannelSolution, slopes: Array) -> Array:
     """Half-widths ``(k,)`` of what moves by ``slopes`` ``(k, 10)`` with the load's parameters."""
     padded = np.zeros((len(slopes), len(solution.names)))
     padded[:, :10] = slopes

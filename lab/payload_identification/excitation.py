@@ -19,6 +19,19 @@ from lab.payload_identification.path_optimizer import Allowed, PathSearch
 from lab.pose_selection.criteria import Criterion, criterion
 from lab.pose_selection.exchange import Feasible, ascend, exchange, information
 
+__all__ = [
+    "RATE_HZ",
+    "SECONDS",
+    "PathDesign",
+    "PoseDesign",
+    "PredictedUncertainty",
+    "Progress",
+    "Regressor",
+    "design_path",
+    "design_poses",
+    "predicted",
+]
+
 Regressor = Callable[[Array, Array, Array], Array]
 """Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: what is read is linear in the p parameters."""
 Progress = Callable[[int, int], None]

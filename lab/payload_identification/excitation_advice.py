@@ -7,6 +7,8 @@ from lab.kinematics.dynamics.rigid_body import LOAD, hand_jacobian
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload_identification.least_squares import ChannelSolution
 
+__all__ = ["excitation_advice"]
+
 _AXES = "xyz"
 _SHOWN = 200  # samples to tell by which joints turn the hand
 

@@ -15,8 +15,10 @@ from scipy import signal, sparse
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = ["BAND_HZ", "SETTLING_S", "Band", "Filter", "band_of"]
+
 BAND_HZ = 20.0  # half power there, nothing from twice that on; a quick arm's torques change below 10 Hz
-MOST_BAND = 1 / 8  # of the sampling rate
+_MOST_BAND = 1 / 8  # of the sampling rate
 SETTLING_S = 0.5  # at each end, left out where torques came through a filter
 _SPAN = 4  # half the kernel's length in kept steps: neighbours correlate by 1e-3
 _DEPTH_DB = 200.0  # of the low-pass before differentiation: speeds and accelerations to about 1e-9 of themselves
@@ -127,7 +129,7 @@ def band_of(time_s: Array, band_hz: float = BAND_HZ) -> Band:
     step = float((time_s[-1] - time_s[0]) / max(len(time_s) - 1, 1))
     if not (step > 0 and band_hz > 0):
         raise LabError(f"a time step of {step:g} s and a band of {band_hz:g} Hz: both must be above zero")
-    band = Band(step, max(round(0.5 / (step * band_hz)), round(0.5 / MOST_BAND)))
+    band = Band(step, max(round(0.5 / (step * band_hz)), round(0.5 / _MOST_BAND)))
     least = 2 * band.margin + 4 * (_SPAN + 1) * band.every
     if len(time_s) < least:
         raise LabError(

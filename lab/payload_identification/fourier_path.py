@@ -9,8 +9,10 @@ from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 from lab.pose_selection.tour import rated
 
+__all__ = ["CHECKED", "HARMONICS", "PERIOD_S", "Box", "FourierPath", "Limits", "bases", "random_path"]
+
 HARMONICS, PERIOD_S = 5, 5.0
-MARGIN = 0.02  # of a joint's range, kept from each limit
+_MARGIN = 0.02  # of a joint's range, kept from each limit
 CHECKED = 1000  # times of a period at which limits, contacts and torques are looked at
 _KEPT = 0.999  # of a limit of speed or acceleration: what may lie between those times
 
@@ -92,7 +94,7 @@ class Limits:
         return Box(np.array([middle, still, still]), half)
 
     @classmethod
-    def of(cls, chain: Chain, torque: Array | None = None, margin: float = MARGIN) -> "Limits":
+    def of(cls, chain: Chain, torque: Array | None = None, margin: float = _MARGIN) -> "Limits":
         """Those of a chain, a margin of each range kept; representative rates where it gives none (``tour.rated``)."""
         keep_off, known = margin * (chain.upper - chain.lower), rated(chain)[0]
         return cls(

@@ -14,12 +14,14 @@ from lab.payload_identification.excitation_advice import excitation_advice
 from lab.payload_identification.least_squares import least_squares
 from lab.payload_identification.residual_tests import BiasCandidate, verdict
 
+__all__ = ["CompliantArm", "from_sag"]
+
 _ROUNDS, _SETTLED = 20, 1e-9  # kg, kg m
 _NEWTON = 4
 
 
 @dataclass(frozen=True)
-class Soft:
+class CompliantArm:
     """An arm whose joints give way.
 
     Attributes:
@@ -34,19 +36,19 @@ class Soft:
 def from_sag(
     arm: SerialArm,
     values: Array,
-    soft: Soft,
+    soft: CompliantArm,
     joints: Array,
     unloaded: Array,
     loaded: Array,
     sigma_m: float | None = None,
 ) -> LoadEstimate:
-    """Mass and centre of mass from the targets' places without and with the load, at the same readings.
+    """Mass and centre of mass from the targets' places without and with the load, at the same joint positions.
 
     The joints stand at q + d with d = C (g(q + d) - W(q + d) phi), by the arm's own weight g and the static columns
     of the load's regressor; Gauss-Newton in phi, the equilibrium solved at each step.
 
     Args:
-        joints: readings ``(n, J)``.
+        joints: joint positions ``(n, J)``.
         unloaded, loaded: ``(n, k, 3)`` m, in the tracker's frame; poses with a NaN are left out.
         sigma_m: noise of a coordinate in one of the two; else it is estimated.
 
@@ -79,7 +81,7 @@ def from_sag(
     return estimate_of("sag", solution, {}, unidentified, verdict(solution, suspects), float(np.sqrt(2)))
 
 
-def _sag(arm: SerialArm, values: Array, soft: Soft, joints: Array, phi: Array) -> tuple[Array, Array]:
+def _sag(arm: SerialArm, values: Array, soft: CompliantArm, joints: Array, phi: Array) -> tuple[Array, Array]:
     """How far the joints give way ``(n, J)``, and the derivatives by phi ``(n, J, 10)``: Newton's method.
 
     The load's mass and first moment are added to the last link's, which they move with.

@@ -13,8 +13,10 @@ from lab.payload_identification.estimate import LoadEstimate, estimate_of
 from lab.payload_identification.excitation_advice import excitation_advice
 from lab.payload_identification.filtering import BAND_HZ, Filter
 from lab.payload_identification.least_squares import ChannelSolution, least_squares
-from lab.payload_identification.paired_runs import Compared, compared, diagonal, refuse_apart
+from lab.payload_identification.paired_runs import PairedRuns, diagonal, pair_runs, refuse_apart
 from lab.payload_identification.residual_tests import BiasCandidate, Series, verdict
+
+__all__ = ["from_torques"]
 
 _ROUNDS, _SETTLED = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
 _DELAY = "a delay between torques and positions; estimate it (delay)"
@@ -58,7 +60,7 @@ def from_torques(
                 "static poses show no friction, delay or filter: leave these options out, or record a motion"
             )
         return _static(arm, values, loaded, unloaded, gravity, own, sigma)
-    runs = compared(arm, values, loaded, unloaded, gravity, own, came_through, band_hz)
+    runs = pair_runs(arm, values, loaded, unloaded, gravity, own, came_through, band_hz)
     names = arm.chain.joint_names if friction else ()
     reading = np.sqrt(2) * runs.common.gain
     known = None if sigma is None else reading * np.asarray(sigma)
@@ -80,7 +82,7 @@ def from_torques(
 
 
 def _fitted(
-    runs: Compared, joint_names: Sequence[str], delay: bool, sigma: Array | None
+    runs: PairedRuns, joint_names: Sequence[str], delay: bool, sigma: Array | None
 ) -> tuple[ChannelSolution, float, Array]:
     """Gauss-Newton in the delay, while the columns of friction follow the load that is found.
 

@@ -19,16 +19,18 @@ from lab.payload_identification.least_squares import ChannelSolution, least_squa
 from lab.payload_identification.paired_runs import same_step
 from lab.payload_identification.residual_tests import BiasCandidate, Series, verdict
 
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-OFFSETS = tuple(f"offset.{name}" for name in WRENCH)
-TILT, TURN = ("tilt.x", "tilt.y"), ("turn.x", "turn.y", "turn.z")
+__all__ = ["from_wrench"]
+
+_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_OFFSETS = tuple(f"offset.{name}" for name in _WRENCH)
+_TILT, _TURN = ("tilt.x", "tilt.y"), ("turn.x", "turn.y", "turn.z")
 _UNITS = {"offset.f": "N", "offset.m": "Nm", "tilt": "rad", "turn": "rad", "delay": "s"}
 _FORCE_AND_MOMENT = (0, 0, 0, 1, 1, 1)  # one noise each, where there are too few poses for six
 _ROUNDS, _SETTLED = 20, 1e-10  # rad and s
 
 
 @dataclass(frozen=True)
-class MountingEstimate:
+class _MountingEstimate:
     """How arm and sensor stand, as far as it is estimated.
 
     Attributes:
@@ -109,7 +111,7 @@ def from_wrench(
     if delay and not moving:
         raise LabError("static poses show no delay: leave the option out, or record a motion")
     readings = _readings(arm, values, records, mounting, band_hz)
-    labels = [*LOAD, *OFFSETS, *(TILT if tilt else ()), *(TURN if turn else ()), *(("delay",) if delay else ())]
+    labels = [*LOAD, *_OFFSETS, *(_TILT if tilt else ()), *(_TURN if turn else ()), *(("delay",) if delay else ())]
     reading = float(np.linalg.norm(readings.band.impulse)) if readings.band else 1.0
     known = None if sigma is None else reading * np.asarray(sigma)
     solution, standing = _fitted(readings, labels, mounting, known)
@@ -153,9 +155,9 @@ def _regressors(motion: HandMotion) -> tuple[Array, Array]:
 
 def _fitted(
     readings: _Readings, labels: Sequence[str], mounting: Mounting, sigma: Array | None
-) -> tuple[ChannelSolution, MountingEstimate]:
+) -> tuple[ChannelSolution, _MountingEstimate]:
     """Gauss-Newton in how arm and sensor stand; the rest is linear."""
-    standing = MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
+    standing = _MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
     linear = labels[:16]
     seen = np.concatenate([readings.seen(0.0), readings.still])
     solution = least_squares(linear, _columns(readings, standing), seen, _FORCE_AND_MOMENT, sigma)
@@ -172,36 +174,36 @@ def _fitted(
     return solution, standing
 
 
-def _loaded(readings: _Readings, standing: MountingEstimate, order: int = 0) -> Array:
+def _loaded(readings: _Readings, standing: _MountingEstimate, order: int = 0) -> Array:
     """The load's columns ``(k, 6, 10)`` in the sensor's axes."""
     return _turned(standing, readings.at_rest[order] + readings.by_gravity[order] @ standing.gravity)
 
 
-def _columns(readings: _Readings, standing: MountingEstimate) -> Array:
+def _columns(readings: _Readings, standing: _MountingEstimate) -> Array:
     """Of the load and the offsets, ``(k + m, 6, 16)``."""
     columns = _padded(readings, _loaded(readings, standing))
     return np.concatenate([columns, np.broadcast_to(np.eye(6), (len(columns), 6, 6))], axis=2)
 
 
-def _freed(readings: _Readings, standing: MountingEstimate, phi: Array) -> dict[str, Array]:
+def _freed(readings: _Readings, standing: _MountingEstimate, phi: Array) -> dict[str, Array]:
     """By name, one column ``(k + m, 6, 1)`` of what is fitted by steps, at a load ``phi``.
 
     Frame 0 tilted by d turns gravity in it by -d, and a sensor turned by d reads w - d x w.
     """
     wrench = _loaded(readings, standing) @ phi
     found = {}
-    for name, axis in zip(TILT, _horizontal(standing.gravity), strict=True):
+    for name, axis in zip(_TILT, _horizontal(standing.gravity), strict=True):
         found[name] = _turned(standing, readings.by_gravity[0] @ np.cross(standing.gravity, axis)) @ phi
-    for name, axis in zip(TURN, np.eye(3), strict=True):
+    for name, axis in zip(_TURN, np.eye(3), strict=True):
         found[name] = np.cross(wrench.reshape(-1, 2, 3), axis).reshape(-1, 6)
     found["delay"] = -_loaded(readings, standing, 1) @ phi
     return {name: _padded(readings, column[..., None]) for name, column in found.items()}
 
 
-def _stepped(standing: MountingEstimate, steps: dict[str, float]) -> MountingEstimate:
-    tilt = np.array([steps.get(name, 0.0) for name in TILT])
-    turn = np.array([steps.get(name, 0.0) for name in TURN])
-    return MountingEstimate(
+def _stepped(standing: _MountingEstimate, steps: dict[str, float]) -> _MountingEstimate:
+    tilt = np.array([steps.get(name, 0.0) for name in _TILT])
+    turn = np.array([steps.get(name, 0.0) for name in _TURN])
+    return _MountingEstimate(
         se3.exp(-tilt @ _horizontal(standing.gravity)) @ standing.gravity,
         standing.rotation @ se3.exp(turn),
         standing.tilt + tilt,
@@ -210,13 +212,13 @@ def _stepped(standing: MountingEstimate, steps: dict[str, float]) -> MountingEst
 
 
 def _suspects(
-    readings: _Readings, solution: ChannelSolution, standing: MountingEstimate, labels: Sequence[str]
+    readings: _Readings, solution: ChannelSolution, standing: _MountingEstimate, labels: Sequence[str]
 ) -> list[BiasCandidate]:
     phi = solution.values[:10]
     freed = _freed(readings, standing, phi)
     named = {
-        TILT: "a base that is tilted; estimate it (tilt)",
-        TURN: "a sensor that is turned; estimate it (turn)",
+        _TILT: "a base that is tilted; estimate it (tilt)",
+        _TURN: "a sensor that is turned; estimate it (turn)",
         ("delay",): "a delay between wrench and positions; estimate it (delay)",
     }
     found = [
@@ -244,7 +246,7 @@ def _horizontal(gravity: Array) -> NDArray[np.float64]:
     return np.array([x, np.cross(up, x)])
 
 
-def _turned(standing: MountingEstimate, columns: Array) -> Array:
+def _turned(standing: _MountingEstimate, columns: Array) -> Array:
     """Forces and moments ``(k, 6, ...)`` from the last frame's axes to the sensor's."""
     halves = columns.reshape(len(columns), 2, 3, -1)
     turned: Array = np.einsum("ji,nhjc->nhic", standing.rotation, halves)

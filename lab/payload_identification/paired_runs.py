@@ -12,7 +12,9 @@ from lab.kinematics.dynamics.rigid_body import Dynamics, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload_identification.filtering import SETTLING_S, Band, Filter, band_of
 
-MOST_APART = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
+__all__ = ["PairedRuns", "SharedFilter", "diagonal", "pair_runs", "refuse_apart", "same_step"]
+
+_MOST_APART = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
 _SAME_STEP = 0.01  # of a time step
 _PASSED = 1e-2  # of the power at rest: frequencies of which a filter has left less are not used
 
@@ -51,7 +53,7 @@ class SharedFilter:
         return white
 
 
-def passed_hz(came_through: Filter, step_s: float) -> float:
+def _passed_hz(came_through: Filter, step_s: float) -> float:
     """The frequency from which on a filter leaves too little of noise and signal for either to be told."""
     impulse = np.zeros(2 * round(SETTLING_S / step_s) + 1)
     impulse[len(impulse) // 2] = 1.0
@@ -62,7 +64,7 @@ def passed_hz(came_through: Filter, step_s: float) -> float:
     return float(np.fft.rfftfreq(len(impulse), step_s)[weak[0] if weak.size else -1])
 
 
-def common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilter:
+def _common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilter:
     """The filter for runs of so many rows (those of ``Band.motion``).
 
     Noise that has passed ``came_through`` and the band's own kernel, with the response g to an impulse, has the
@@ -86,7 +88,7 @@ def common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilte
 
 
 @dataclass(frozen=True)
-class Compared:
+class PairedRuns:
     """The two runs at the file's step, but for what is thinned (k rows) already.
 
     Attributes:
@@ -123,7 +125,7 @@ class Compared:
         return np.array([diagonal(self.common(more * self.direction, order)) for order in range(3)])
 
 
-def compared(
+def pair_runs(
     arm: SerialArm,
     values: Array,
     loaded: PayloadSamples,
@@ -131,22 +133,22 @@ def compared(
     gravity: Array,
     own: Dynamics | None,
     came_through: Filter | None, band_hz: float,
-) -> Compared:  # fmt: skip
+) -> PairedRuns:  # fmt: skip
     """Bring two runs together, row by row from their beginnings."""
     assert loaded.torques is not None and unloaded.torques is not None and loaded.time_s is not None
     n = min(len(loaded), len(unloaded))
     if came_through:
-        band_hz = min(band_hz, passed_hz(came_through, loaded.step_s or 0.0))
+        band_hz = min(band_hz, _passed_hz(came_through, loaded.step_s or 0.0))
     band = band_of(loaded.time_s[:n], band_hz)
     same_step(band, unloaded)
-    common = common_of(band, n - 2 * band.margin, came_through)
+    common = _common_of(band, n - 2 * band.margin, came_through)
     motion, other = (band.motion(run.joints[:n]) for run in (loaded, unloaded))
     refuse_apart(arm, motion[0] - other[0], own)
     regressor = torque_regressor(arm, values, *motion, gravity)
     alone = own(*other) if own else band.smoothed(unloaded.torques[:n])
     more = own(*motion) - alone if own else np.zeros_like(motion[0])
     apart = np.concatenate([diagonal(common(a - b)) for a, b in zip(motion, other, strict=True)], axis=2)
-    return Compared(
+    return PairedRuns(
         common, motion[0], np.sign(motion[1]), band.trimmed(loaded.torques[:n] - unloaded.torques[:n]), alone,
         common(more), regressor, np.array([common(regressor, order) for order in range(3)]), apart,
     )  # fmt: skip
@@ -163,11 +165,11 @@ def refuse_apart(arm: SerialArm, difference: Array, own: Dynamics | None) -> Non
     """A LabError where readings differ ``(n, J)`` between the runs by more than can pass without the own dynamics."""
     apart = np.sqrt((difference**2).mean(axis=0))
     j = int(np.argmax(apart))
-    if own is None and apart[j] > MOST_APART:
+    if own is None and apart[j] > _MOST_APART:
         raise LabError(
             f"the loaded and the unloaded path are {arm.chain.shown(j, apart[j])} apart at joint "
-            f"{arm.chain.joint_names[j]} (root mean square; {arm.chain.shown(j, MOST_APART)} at most): repeat the same "
-            "path, or have the arm's own dynamics subtracted"
+            f"{arm.chain.joint_names[j]} (root mean square; {arm.chain.shown(j, _MOST_APART)} at most): repeat the "
+            "same path, or have the arm's own dynamics subtracted"
         )
 
 

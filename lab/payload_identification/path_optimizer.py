@@ -19,10 +19,12 @@ from lab.payload_identification.fourier_path import CHECKED, Box, bases
 from lab.pose_selection.criteria import Criterion
 from lab.pose_selection.exchange import information
 
+__all__ = ["Allowed", "PathSearch"]
+
 Allowed = Callable[[Array], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 """States ``(n, 3, J)`` (reading, speed, acceleration) to whether each is free of contacts, and within the torques."""
 
-SAMPLES = 96  # of a period, during the ascent
+_SAMPLES = 96  # of a period, during the ascent
 _STEP = 1e-6  # of forward differences, rad or m, per s and s^2
 _NEAR = 0.995  # of a limit, where its wall begins; readings, speeds and accelerations are in units of theirs
 _LIMIT_WALL, _CUT_WALL = 30.0, 100.0  # weights of the squares
@@ -60,7 +62,7 @@ class PathSearch:
     ) -> None:
         """The regressor gives whitened rows ``(n, r, p)`` at readings, speeds and accelerations."""
         self._regressor, self._goal, self.box, self._allowed = regressor, goal, box, allowed
-        self._coarse = bases(period_s * np.arange(SAMPLES) / SAMPLES, period_s, harmonics)
+        self._coarse = bases(period_s * np.arange(_SAMPLES) / _SAMPLES, period_s, harmonics)
         self.fine = bases(period_s * np.arange(CHECKED) / CHECKED, period_s, harmonics)
         order = np.arange(1, harmonics + 1)
         self._scale = 1 / np.concatenate([[1], order, order])[:, None]  # a harmonic's speed grows with its order
@@ -148,12 +150,12 @@ class PathSearch:
             for joint in range(size):
                 around[kind, 1 + kind * size + joint, :, joint] += _STEP
         rows = self._regressor(*around.reshape(3, -1, size))
-        here = rows[:SAMPLES]
+        here = rows[:_SAMPLES]
         total = information(here)
-        pull = (here @ self._goal.slope(total)).reshape(SAMPLES, -1)
-        rows = rows.reshape(1 + 3 * size, SAMPLES, -1)  # (moved, n, r p)
+        pull = (here @ self._goal.slope(total)).reshape(_SAMPLES, -1)
+        rows = rows.reshape(1 + 3 * size, _SAMPLES, -1)  # (moved, n, r p)
         by_state = 2 * np.einsum("nx,mnx->mn", pull, (rows[1:] - rows[0]) / _STEP)
-        by_state = by_state.reshape(3, size, SAMPLES)
+        by_state = by_state.reshape(3, size, _SAMPLES)
         return float(self._goal.score(total)), np.einsum("kns,kjn->sj", self._coarse, by_state)
 
     def _climbed(self, coefficients: Array, walls: _Walls) -> tuple[float, Array]:

@@ -18,7 +18,9 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import LOAD, is_physical, pseudo_inertia
 from lab.payload_identification.estimate import LoadEstimate
 
-PRIOR = 1e-4  # weight w: it moves the load by far less than a standard deviation
+__all__ = ["nearest_physical", "physical_estimate"]
+
+_PRIOR = 1e-4  # weight w: it moves the load by far less than a standard deviation
 _FALL = 0.2  # of the weight, from one that outweighs the misfit at the start down to the prior's
 _STEPS, _SETTLED = (
     60,
@@ -54,12 +56,12 @@ def nearest_physical(phi: Array, covariance: Array) -> Array:
     scale = np.sqrt(np.diag(covariance))
     root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale  # C^-1 = root' root
     x = _inside(phi)
-    weight = max(PRIOR, float(np.sum((root @ (x - phi)) ** 2)))
+    weight = max(_PRIOR, float(np.sum((root @ (x - phi)) ** 2)))
     while True:
         x = _descended(x, phi, root, weight)
-        if weight <= PRIOR:
+        if weight <= _PRIOR:
             return x
-        weight = max(weight * _FALL, PRIOR)
+        weight = max(weight * _FALL, _PRIOR)
 
 
 def _descended(x: Array, phi: Array, root: Array, weight: float) -> Array:
@@ -117,7 +119,7 @@ def _inside(phi: Array) -> Array:
 
 def _positive_mass(phi: Array, covariance: Array) -> Array:
     """Mass and first moment alone: the mass raised to a little of its sigma, the moment where it then is best."""
-    raised = PRIOR * np.sqrt(covariance[0, 0]) - phi[0]
+    raised = _PRIOR * np.sqrt(covariance[0, 0]) - phi[0]
     moved = phi.copy()
     moved[:4] += covariance[:4, 0] / covariance[0, 0] * raised
     return moved

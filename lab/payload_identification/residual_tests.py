@@ -20,7 +20,9 @@ from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.payload_identification.least_squares import ChannelSolution
 
-SLOW_HZ = 5.0  # below it a quick arm's torques change
+__all__ = ["BiasCandidate", "ResidualVerdict", "Series", "verdict"]
+
+_SLOW_HZ = 5.0  # below it a quick arm's torques change
 _MOST_SLOW = 0.5  # of the band
 _NEW = 1e-6  # of a suspect's column: what the fit's own columns must leave of it
 
@@ -54,7 +56,7 @@ class Series:
     @property
     def slow(self) -> int:
         """How many of a cosine transform's coefficients are slow."""
-        return round((self.last - self.first) * min(SLOW_HZ / self.band_hz, _MOST_SLOW))
+        return round((self.last - self.first) * min(_SLOW_HZ / self.band_hz, _MOST_SLOW))
 
 
 @dataclass(frozen=True)

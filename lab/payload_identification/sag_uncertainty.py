@@ -6,6 +6,8 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import torque_regressor
 from lab.kinematics.serial.arm import SerialArm
 
+__all__ = ["sag_uncertainty"]
+
 
 def sag_uncertainty(
     arm: SerialArm, values: Array, compliance: Array, joints: Array, gravity: Array, covariance: Array, target: int = 0

@@ -11,6 +11,19 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm
 
+__all__ = [
+    "ChangeHypothesis",
+    "Displacement",
+    "Kind",
+    "extent",
+    "movements",
+    "of_base",
+    "of_joints",
+    "of_targets",
+    "refitted",
+    "sized",
+]
+
 Kind = Literal["base", "tool", "joint", "reading"]
 
 

@@ -1,4 +1,4 @@
-"""What a run promises of new measurements, and the generalized least squares that hold them against it.
+"""What a run predicts of new measurements, and the generalized least squares that hold them against it.
 
 Measured less predicted is r = e + J d, with e the instrument's noise and d the error of the identified parameters,
 whose covariance is C: without any change r has the covariance S = noise + J C J', and r' S^-1 r is chi squared
@@ -21,9 +21,11 @@ from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
 
-POWER = 0.95  # with which a change that "would be noticed" is
-ITERATIONS = 20
-SETTLED = 1e-3  # standard deviations: a step that moves the predictions by less
+__all__ = ["FULL_RANK", "CalibrationPrediction", "RefitSolution", "VerificationProblem", "WhitenedSystem"]
+
+_POWER = 0.95  # with which a change that "would be noticed" is
+_ITERATIONS = 20
+_SETTLED = 1e-3  # standard deviations: a step that moves the predictions by less
 FULL_RANK = 1e-8  # of the largest singular value of unit columns
 
 
@@ -69,9 +71,9 @@ class CalibrationPrediction:
 
         def missed(shift: float) -> float:
             if self.dof is None:
-                return float(stats.ncx2.cdf(stats.chi2.isf(VERIFICATION, numbers), numbers, shift)) - (1 - POWER)
+                return float(stats.ncx2.cdf(stats.chi2.isf(VERIFICATION, numbers), numbers, shift)) - (1 - _POWER)
             bound = stats.f.isf(VERIFICATION, numbers, self.dof)
-            return float(stats.ncf.cdf(bound, numbers, self.dof, shift)) - (1 - POWER)
+            return float(stats.ncf.cdf(bound, numbers, self.dof, shift)) - (1 - _POWER)
 
         enough = 1.0
         while missed(enough) > 0:  # no larger than that: far out the distribution is not to be had
@@ -154,7 +156,7 @@ class RefitSolution:
 
 @dataclass(frozen=True)
 class VerificationProblem:
-    """New measurements, weighed by the instrument's noise, against a promise."""
+    """New measurements, weighed by the instrument's noise, against what a run predicts."""
 
     prediction: CalibrationPrediction
     observed: Observations
@@ -162,12 +164,13 @@ class VerificationProblem:
     def fitted(self, start: Array, directions: Array) -> RefitSolution:
         """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
 
-        S is that of the parameters reached: a base may be turned by any angle.
+        S is that of the parameters reached: a base may be turned by any angle. The loop is its own: the best is kept,
+        and a step that leads to where loops do not close ends it.
         """
         values = start
         best, step, moved = self._step(values, directions)
-        for _ in range(ITERATIONS):
-            if moved < SETTLED:
+        for _ in range(_ITERATIONS):
+            if moved < _SETTLED:
                 break
             values = values + step
             if np.isnan(self.prediction.arm.points(self.observed.inputs, values)).any():  # too far: loops do not close

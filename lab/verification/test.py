@@ -29,9 +29,11 @@ from lab.verification.hypotheses import (
 )
 from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
 
-GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
-STRUCTURE_POSES = 50
-SEVERAL = (
+__all__ = ["Hypothesis", "Verified", "verify"]
+
+_GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
+_STRUCTURE_POSES = 50
+_SEVERAL = (
     "no movement of base or tool, of one joint's zero, and no single bad reading explains it: more than one thing has "
     "changed; calibrate anew"
 )
@@ -137,7 +139,7 @@ def verify(
 
 def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> int:
     """How many numbers of ``directions`` ``(p, h)`` enough poses could tell."""
-    inputs = prediction.arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    inputs = prediction.arm.structure_joints(_STRUCTURE_POSES, rng_for(0, "structure"))
     _, jacobian = prediction.arm.observe(inputs, prediction.values)
     columns = jacobian.reshape(-1, len(directions)) @ directions
     return int(np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), rtol=FULL_RANK))
@@ -231,7 +233,7 @@ def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesi
     for each in explaining:
         pays = max(0, each.parameters - best.parameters) * np.log(numbers)
         new = each.kind == "joint" or each.kind not in {other.kind for other in alike}
-        if new and each.bic - pays <= best.bic + GAP:
+        if new and each.bic - pays <= best.bic + _GAP:
             alike.append(each)
     return alike
 
@@ -240,7 +242,7 @@ def _diagnosis(alike: Sequence[Hypothesis]) -> str:
     """What has changed, in words."""
     if len(alike) > 1:
         return f"these poses cannot tell whether {', or '.join(each.words for each in alike)}"
-    return alike[0].words if alike else SEVERAL
+    return alike[0].words if alike else _SEVERAL
 
 
 def _placed_anew(

@@ -27,7 +27,7 @@ from lab.kinematics.dynamics.rigid_body import (
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload_identification.estimate import LoadEstimate
 from lab.payload_identification.filtering import band_of
-from lab.payload_identification.from_sag import Soft, from_sag
+from lab.payload_identification.from_sag import CompliantArm, from_sag
 from lab.payload_identification.from_torques import from_torques
 from lab.payload_identification.from_wrench import from_wrench
 from lab.payload_identification.least_squares import least_squares
@@ -324,14 +324,14 @@ def test_an_unloaded_run_tells_of_the_offsets():
 
 @pytest.mark.parametrize("stiffness", [1e5, 5e3])
 def test_sag_shows_mass_and_centre_of_mass_of_a_soft_arm(stiffness):
-    soft = Soft(np.full(6, 1 / stiffness), loads_of(TX40))
+    soft = CompliantArm(np.full(6, 1 / stiffness), loads_of(TX40))
     joints = static_poses(20, 6)[0]
     found = from_sag(ARM, VALUES, soft, joints, settled(soft, joints, 0 * TRUTH), settled(soft, joints, TRUTH))
     assert found.rank == 4 and found.identified == LOAD[:4]
     assert_allclose(found.phi[:4], TRUTH[:4], atol=1e-9)
 
 
-def settled(soft: Soft, joints: Array, phi: Array) -> Array:
+def settled(soft: CompliantArm, joints: Array, phi: Array) -> Array:
     """Where the target comes to rest, by iterating the equilibrium as it is written, with the load as a wrench."""
     sag = np.zeros_like(joints)
     for _ in range(60):
@@ -474,7 +474,9 @@ def test_what_cannot_be_identified_is_refused_in_one_line():
     with pytest.raises(LabError, match="more samples or poses"):
         from_wrench(ARM, VALUES, wrench_records(poses[0], sensed(poses), None, moving=False), UPRIGHT)
     with pytest.raises(LabError, match="no joint has a compliance"):
-        from_sag(ARM, VALUES, Soft(np.zeros(6), loads_of(TX40)), poses[0], np.zeros((1, 1, 3)), np.zeros((1, 1, 3)))
+        from_sag(
+            ARM, VALUES, CompliantArm(np.zeros(6), loads_of(TX40)), poses[0], np.zeros((1, 1, 3)), np.zeros((1, 1, 3))
+        )
 
 
 # --- studies ---
@@ -543,7 +545,7 @@ def test_a_thousand_runs_by_wrench(moving, options):
 
 @pytest.mark.slow
 def test_a_thousand_runs_by_sag():
-    soft = Soft(np.full(6, 1e-5), loads_of(TX40))
+    soft = CompliantArm(np.full(6, 1e-5), loads_of(TX40))
     joints = static_poses(30, 23)[0]
     places = [settled(soft, joints, phi) for phi in (0 * TRUTH, TRUTH)]
 

@@ -10,7 +10,7 @@ from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.identify import WEAK, Identification, IdentifyOptions, identify
 from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import prior_of
-from lab.calibration.statistics.nested_models import Labels, Nested, nested_at
+from lab.calibration.statistics.nested_models import Labels, NestedModels, nested_at
 from lab.calibration.validation import folds, kept_together
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.errors import LabError
@@ -21,11 +21,13 @@ from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns,
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Kind
 
-FLOOR_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
-USEFUL: dict[Kind, float] = {"compliance": 1e-4, "mass": 1.0}  # largest standard deviations that tell; else WEAK
+__all__ = ["FullModel", "ModelWith", "NominalOf", "SelectionTask"]
+
+_FLOOR_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
+_USEFUL: dict[Kind, float] = {"compliance": 1e-4, "mass": 1.0}  # largest standard deviations that tell; else WEAK
 
 ModelWith = Callable[[Sequence[str]], Model]
-Drawn = Callable[[Model], Array]
+NominalOf = Callable[[Model], Array]
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,11 @@ class SelectionTask:
 
     Attributes:
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
-        drawn: the nominal parameters of such a model.
+        nominal_of: the nominal parameters of such a model.
     """
 
     model_with: ModelWith
-    drawn: Drawn
+    nominal_of: NominalOf
     data: Measurements
     noise: Noise
     request: IdentifyOptions
@@ -48,7 +50,7 @@ class SelectionTask:
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
         held_too = replace(request, fix=(*request.fix, *held))
-        return identify(model, self.data, self.drawn(model), self.noise, held_too)
+        return identify(model, self.data, self.nominal_of(model), self.noise, held_too)
 
     def refusal(self, group: str) -> str:
         """Why a group cannot be tried; empty if it can."""
@@ -78,12 +80,13 @@ class FullModel:
     """The model with all groups that can be tried, in which every other one is nested.
 
     Attributes:
-        start: the drawing's parameters.
-        seen: the measurements as it sees them, weighed.
+        start: the nominal parameters.
+        observed: the measurements as the model's observation has them, weighted.
         groups: indices of each one's parameters, less those to be held on request.
-        structure, measured: triangles of its Jacobian at the drawing, over all its limits and at the measured poses.
+        structure, measured: triangles of its Jacobian at the nominal model, over all its limits and at the
+            measured poses.
         folds, clusters: ``(n,)`` labels: rows of a fold, and rows that are held out as one.
-        further: what is known beside the measurements, a prior too.
+        extra_residuals: what is known beside the measurements, a prior too.
         floor: the least standard deviation of a whitened residual.
     """
 
@@ -103,7 +106,7 @@ class FullModel:
         """With the base and the tool of geometry alone."""
         made = task.model_with(groups)
         observation = observation_of(made).within(task.data)
-        model, start = observation.model, observation.nominal(task.drawn(made))
+        model, start = observation.model, observation.nominal(task.nominal_of(made))
         observed, known = weighed(observation, task.data, task.noise)
         at = model.rank_point(_filled(start, model, alone.model, alone.nominal_aligned))
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
@@ -125,7 +128,7 @@ class FullModel:
             folds=folds(clusters, seed),
             clusters=clusters,
             extra_residuals=_known(task, observation, observed, start, at, alone.sigma_m if not known else 1.0),
-            floor=1.0 if known else FLOOR_M,
+            floor=1.0 if known else _FLOOR_M,
         )
 
     @property
@@ -134,22 +137,22 @@ class FullModel:
         sizes = np.bincount(self.folds, seen_mask(self.observed.points).sum(axis=1) * self.observed.points.shape[2])
         return int(sizes.sum() - sizes.max())
 
-    def around(self, found: Identification) -> Nested:
+    def around(self, found: Identification) -> NestedModels:
         """All nested models near an identified one."""
         values = _filled(self.start, self.observation.model, found.model, found.values)
         effects = [i for group in self.groups.values() for i in group]
         columns = sorted({*self.fitted(found), *effects})
-        drawn = np.array([self.start[i] if i in effects else values[i] for i in columns])
+        nominal = np.array([self.start[i] if i in effects else values[i] for i in columns])
         kinds = self.folds, self.clusters
         return nested_at(
-            self.observation, self.observed, values, columns, drawn, *kinds, self.extra_residuals, self.floor
+            self.observation, self.observed, values, columns, nominal, *kinds, self.extra_residuals, self.floor
         )
 
     def fitted(self, found: Identification) -> tuple[int, ...]:
         """What an identification fitted, as indices of this model."""
         return self._indices(found, found.fit.free)
 
-    def added(self, table: Nested, found: Identification, group: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def added(self, table: NestedModels, found: Identification, group: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Parameters of a group that say what an identified model does not, and those of them to be fitted.
 
         Left out are those that these poses do not tell apart, and, the least known first, those whose standard
@@ -159,7 +162,7 @@ class FullModel:
         fitted = self.fitted(found)
         new = self._new(self.structure, self._indices(found, found.base_set.kept), self.groups[group])
         shown = list(self._new(self.measured, fitted, new))
-        useful = {i: USEFUL.get(self.observation.model.parameters[i].kind, WEAK) for i in shown}
+        useful = {i: _USEFUL.get(self.observation.model.parameters[i].kind, WEAK) for i in shown}
         while shown:
             unsure = table.std([*fitted, *shown])[len(fitted) :] / [useful[i] for i in shown]
             if unsure.max() <= 1:
@@ -181,7 +184,7 @@ class FullModel:
 def _known(
     task: SelectionTask, observation: Observation, observed: Observations, start: Array, at: Array, sigma: float
 ) -> ExtraResiduals:
-    """What is known beside the measurements: of the sighting, and the prior of the whole model if one is wished."""
+    """What is known beside the measurements: of the observation, and the prior of the whole model if one is wished."""
     beside = weighted_constraints(observation, observed)
     if task.request.tolerance is None:
         return beside

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
-from lab.calibration.statistics.linearized import Linear, NoiseDistribution, linearized
+from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.core.linear_model import matched_dof, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 from lab.kinematics.model import Model
+
+__all__ = ["By", "GoodnessOfFit", "Isotropy", "Sandwich", "goodness_of_fit", "isotropy", "sandwich"]
 
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
 
@@ -55,25 +57,25 @@ def goodness_of_fit(
     """The best test that there is something for: a known sigma, then repeats, then poses held out.
 
     Args:
-        seen: what was fitted, weighed as it was.
+        observed: what was fitted, weighted as it was.
         known: whether its weights stand on a known sigma.
         shape: of the noise.
         labels: ``(n,)`` one a configuration; rows that share one are repeats.
         held: poses that were not fitted.
-        further: what else was known of the parameters when they were fitted.
+        extra_residuals: what else was known of the parameters when they were fitted.
     """
     linear = linearized(model, observed, fit.values, fit.free, extra_residuals)
     if known:
-        return by_noise(linear, shape)
-    if labels is not None and (found := by_repeats(linear, labels)).by != "nothing":
+        return _by_noise(linear, shape)
+    if labels is not None and (found := _by_repeats(linear, labels)).by != "nothing":
         return found
     if held is not None:
-        return by_holdout(linear, linearized(model, held, fit.values, fit.free))
+        return _by_holdout(linear, linearized(model, held, fit.values, fit.free))
     why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
     return GoodnessOfFit(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")
 
 
-def by_noise(linear: Linear, shape: NoiseDistribution) -> GoodnessOfFit:
+def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:
     """Chi squared of the whitened residuals, of which noise of a known sigma explains one each.
 
     Noise that is not Gaussian has another variance of r'r: with M = I - H and excess kurtosis k it is
@@ -98,7 +100,7 @@ def by_noise(linear: Linear, shape: NoiseDistribution) -> GoodnessOfFit:
     return GoodnessOfFit(True, p, "chi2", f"the residuals are what the instrument's noise explains {test}")
 
 
-def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> GoodnessOfFit:
+def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> GoodnessOfFit:
     """F of lack of fit against pure error: scatter between configurations and within their repeats.
 
     Residuals are compared, not points, so that readings that differ a little do not count (Draper & Smith 1998,
@@ -130,7 +132,7 @@ def by_repeats(linear: Linear, labels: NDArray[np.int_]) -> GoodnessOfFit:
     return GoodnessOfFit(True, p, "repeats", f"the residuals are what the scatter of repeated poses explains {test}")
 
 
-def by_holdout(linear: Linear, held: Linear) -> GoodnessOfFit:
+def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> GoodnessOfFit:
     """F of held-out errors against what the fit says they are: sigma^2 (I + J C J') (Chow 1960).
 
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
@@ -219,7 +221,7 @@ class Sandwich:
     dof: Array
 
 
-def sandwich(linear: Linear) -> Sandwich:
+def sandwich(linear: LinearizedFit) -> Sandwich:
     """Covariance from each pose's own residuals, whatever their distribution is (CR2).
 
     V = C (sum J_i' A_i r_i r_i' A_i J_i) C, A_i = (I - H_ii)^-1/2, unbiased where the weights are right after all;

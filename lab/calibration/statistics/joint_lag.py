@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Observations
-from lab.calibration.statistics.linearized import FULL_RANK, Linear, Within, linearized
+from lab.calibration.statistics.linearized import FULL_RANK, LinearizedFit, SubsetFit, linearized
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
 from lab.kinematics.model import Model
 
-SEVERAL = 2  # joints: one alone is as well an error of that joint
+__all__ = ["Lag", "lagging"]
+
+_SEVERAL = 2  # joints: one alone is as well an error of that joint
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Lag:
     Attributes:
         session: its name.
         p: the chance, over all sessions, that noise follows the moves as well.
-        fractions: ``(joints,)`` of the last move that the readings still lack; negative where the arm lacks it.
+        fractions: ``(joints,)`` of the last move that the joint positions still lack; negative where the arm lacks it.
         significant: ``(joints,)``, whether a joint's own fraction is more than noise would make it.
     """
 
@@ -44,12 +46,12 @@ def lagging(
 ) -> tuple[Lag, ...]:
     """The sessions where several joints lag.
 
-    Residuals are regressed on J_q (reading - reading before), after what the fit takes up of it (Frisch & Waugh
+    Residuals are regressed on J_q (joint position - the one before), after what the fit takes up of it (Frisch & Waugh
     1933): F for all joints together, Student's t for each, both with sigma from what is then left.
 
     Args:
-        moves: ``(n, joints)``, reading less the reading before, which need not be among the rows.
-        reading_jacobian: ``(n, k, d, joints)``, of the prediction by the readings.
+        moves: ``(n, joints)``, joint position less the one before, which need not be among the rows.
+        reading_jacobian: ``(n, k, d, joints)``, of the prediction by the joint positions.
         sessions: ``(n,)`` names.
     """
     linear = linearized(model, observed, fit.values, fit.free)
@@ -64,12 +66,12 @@ def lagging(
         columns = np.zeros(reading_jacobian.shape)
         columns[mask] = observed.apply(reading_jacobian * here[:, None, None, :]).reshape(columns[mask].shape)
         lag = _regressed(name, linear, within, columns.reshape(*linear.mask.shape, -1), len(names))
-        if lag.p < UNSOLICITED_WARNING and lag.significant.sum() >= SEVERAL:
+        if lag.p < UNSOLICITED_WARNING and lag.significant.sum() >= _SEVERAL:
             found.append(lag)
     return tuple(found)
 
 
-def _regressed(name: str, linear: Linear, within: Within, columns: Array, sessions: int) -> Lag:
+def _regressed(name: str, linear: LinearizedFit, within: SubsetFit, columns: Array, sessions: int) -> Lag:
     """Regression of the residuals on ``columns`` ``(n, m, joints)`` beside the fit's own."""
     joints = columns.shape[2]
     left = np.moveaxis(within.residuals(np.moveaxis(columns, 2, 0)), 0, 2).reshape(-1, joints)

@@ -8,8 +8,10 @@ from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
-STEP = 1e-6  # rad or m, of central differences: exact to about 1e-10 of a lever
-STEPS_DEG = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)  # that displays and files round to, coarse ones first
+__all__ = ["Rounding", "by_readings", "rounding"]
+
+_STEP = 1e-6  # rad or m, of central differences: exact to about 1e-10 of a lever
+_STEPS_DEG = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)  # that displays and files round to, coarse ones first
 _WRITTEN_RAD = 1e-9  # how near to a multiple a reading is that was written as one
 _LEAST_DIFFERENT = 3  # readings of a joint: fewer may be round by choice
 
@@ -46,7 +48,7 @@ def _step_of(joints: Array) -> float | None:
     """The coarsest step (rad) of which all readings ``(n, j)`` are multiples."""
     if not joints.size:
         return None
-    for degrees in STEPS_DEG:
+    for degrees in _STEPS_DEG:
         step = float(np.deg2rad(degrees))
         if np.abs(joints - step * np.round(joints / step)).max() < _WRITTEN_RAD:
             return step
@@ -58,7 +60,7 @@ def by_readings(model: Model, inputs: Array, values: Array, joints: int) -> Arra
     columns = []
     for joint in range(joints):
         step = np.zeros(inputs.shape[1])
-        step[joint] = STEP
+        step[joint] = _STEP
         ahead, behind = (model.points(inputs + sign * step, values) for sign in (1, -1))
-        columns.append((ahead - behind) / (2 * STEP))
+        columns.append((ahead - behind) / (2 * _STEP))
     return np.stack(columns, axis=-1)

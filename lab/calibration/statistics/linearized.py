@@ -1,6 +1,6 @@
 """A fit's linear problem pose by pose, and what noise alone makes of the poses' residuals.
 
-Every test of residuals stands on it: outliers, adequacy, lagging joints. Near the solution the whitened
+Every test of residuals stands on it: outliers, goodness of fit, lagging joints. Near the solution the whitened
 residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg 1982, section 2.1).
 """
 
@@ -16,6 +16,8 @@ from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
+
+__all__ = ["FULL_RANK", "LinearizedFit", "Mask", "NoiseDistribution", "SubsetFit", "linearized", "smallest_p"]
 
 Mask = NDArray[np.bool_]
 FULL_RANK = 1e-8  # of the largest singular value of the column-scaled Jacobian
@@ -44,12 +46,12 @@ class NoiseDistribution:
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearizedFit:
     """Whitened residuals and derivatives near a solution, one block a pose.
 
     Attributes:
-        residual: ``(n, m)`` measured less predicted, m = k d; zero where not seen.
-        jacobian: ``(n, m, f)`` of the prediction, columns scaled to unit norm; zero where not seen.
+        residual: ``(n, m)`` measured less predicted, m = k d; zero where not observed.
+        jacobian: ``(n, m, f)`` of the prediction, columns scaled to unit norm; zero where not observed.
         scale: ``(f,)`` the norms they had.
         mask: ``(n, m)`` which numbers were observed.
         poses: how many of the n blocks are poses, the first; the others hold what else is known, and are not tested.
@@ -61,11 +63,11 @@ class Linear:
     mask: Mask
     poses: int
 
-    def everywhere(self) -> "Within":
+    def everywhere(self) -> "SubsetFit":
         """Least squares on all poses."""
         return self.within(np.ones(len(self.mask), dtype=bool))
 
-    def within(self, inside: Mask) -> "Within":
+    def within(self, inside: Mask) -> "SubsetFit":
         """Least squares on the poses ``inside`` ``(n,)``."""
         flat, numbers = self.jacobian.reshape(-1, len(self.scale)), self.mask.shape[1]
         model = LinearModel.of_rows(flat, np.repeat(inside, numbers), FULL_RANK)
@@ -74,7 +76,7 @@ class Linear:
         spread, axes = np.linalg.eigh(np.eye(own.shape[1]) + np.where(inside, -1.0, 1.0)[:, None, None] * own)
         alone = spread < _DETERMINED
         root = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))
-        return Within(
+        return SubsetFit(
             inside=inside,
             basis=basis,
             back=model.back / self.scale[:, None],
@@ -86,7 +88,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Within:
+class SubsetFit:
     """Least squares on some poses, with every pose judged by the others of them.
 
     Attributes:
@@ -153,11 +155,11 @@ def linearized(
     values: Array,
     free: Sequence[int],
     extra_residuals: ExtraResiduals | None = None,
-) -> Linear:
-    """The linear problem of ``seen`` at ``values`` ``(p,)`` in the parameters ``free``.
+) -> LinearizedFit:
+    """The linear problem of ``observed`` at ``values`` ``(p,)`` in the parameters ``free``.
 
     Args:
-        further: what else is known of the parameters; its rows stay whichever poses are looked at.
+        extra_residuals: what else is known of the parameters; its rows stay whichever poses are looked at.
     """
     predicted, jacobian = model.observe(observed.inputs, values)
     mask = seen_mask(observed.points)
@@ -172,11 +174,11 @@ def linearized(
     slopes[numbers] = np.concatenate([observed.apply(jacobian[..., list(free)]), rows[:, list(free)]])
     scale = np.linalg.norm(slopes.reshape(-1, len(free)), axis=0)
     scale[scale == 0] = 1.0
-    return Linear(residual, slopes / scale, scale, numbers, n)
+    return LinearizedFit(residual, slopes / scale, scale, numbers, n)
 
 
 def smallest_p(
-    within: Within, mask: Mask, shape: NoiseDistribution, known: bool, draws: int, rng: np.random.Generator
+    within: SubsetFit, mask: Mask, shape: NoiseDistribution, known: bool, draws: int, rng: np.random.Generator
 ) -> Array:
     """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape."""
     found = []

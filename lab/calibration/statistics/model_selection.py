@@ -12,17 +12,19 @@ import numpy as np
 
 from lab.calibration.identify import Identification, IdentifyOptions
 from lab.calibration.observations.protocol import observation_of
-from lab.calibration.statistics.candidate_models import Drawn, FullModel, ModelWith, SelectionTask
-from lab.calibration.statistics.nested_models import Nested, Score
+from lab.calibration.statistics.candidate_models import FullModel, ModelWith, NominalOf, SelectionTask
+from lab.calibration.statistics.nested_models import NestedModels, Score
 from lab.calibration.validation import ROWS_PER_PARAMETER
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements
 from lab.core.significance import MODEL_GROUPS
 from lab.kinematics.effects.groups import GROUPS
 
+__all__ = ["CANDIDATES", "GroupTrial", "Selection", "follow", "objection", "select"]
+
 CANDIDATES = tuple(name for name in GROUPS if name != "payload")  # a mass and a stiffness, both unknown, hardly differ
-GEOMETRY = "geometric"
-BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
+_GEOMETRY = "geometric"
+_BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
 
 
 @dataclass(frozen=True)
@@ -33,11 +35,11 @@ class GroupTrial:
         name: of the group; ``geometry`` for the arm without any.
         parameters: how many it adds to those fitted.
         holdout_m: mean length of the error at held-out poses with it and what was taken before it; NaN if not tried.
-        f_p: the chance of as large a fall in squares if it were not there (``Nested.p_value``), no Bonferroni's
+        f_p: the chance of as large a fall in squares if it were not there (``NestedModels.p_value``), no Bonferroni's
             factor in it; NaN if not tried.
         bic: of that model; NaN if not tried.
         chosen: whether it is in the final model; the others are tried beside that.
-        why_not: the reason where it is not.
+        infeasibility_reason: why it is not; empty where it is.
         held: its parameters that are not fitted, as these poses do not show them, or not to any use.
     """
 
@@ -74,7 +76,7 @@ class Selection:
 def select(
     model_with: ModelWith,
     data: Measurements,
-    nominal: Drawn,
+    nominal: NominalOf,
     noise: Noise | None = None,
     request: IdentifyOptions | None = None,
     *,
@@ -88,8 +90,8 @@ def select(
 
     Args:
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
-        nominal: the drawing's parameters of such a model.
-        candidates: groups to try, those of ``geometry.effects`` or the caller's own.
+        nominal: the nominal parameters of such a model.
+        candidates: groups to try, those of ``kinematics.effects`` or the caller's own.
         seed: of the folds.
 
     Raises:
@@ -103,13 +105,15 @@ def select(
     taken, found, rows = _grown(task, large, alone)
     rows |= refused
     chosen = [replace(rows[name], chosen=True) for name in taken]
-    return Selection(taken, found, (rows[GEOMETRY], *chosen, *(rows[name] for name in candidates if name not in taken)))
+    return Selection(
+        taken, found, (rows[_GEOMETRY], *chosen, *(rows[name] for name in candidates if name not in taken))
+    )
 
 
 def follow(
     model_with: ModelWith,
     data: Measurements,
-    nominal: Drawn,
+    nominal: NominalOf,
     groups: Sequence[str],
     noise: Noise | None = None,
     request: IdentifyOptions | None = None,
@@ -145,7 +149,7 @@ def _grown(
 ) -> tuple[tuple[str, ...], Identification, dict[str, GroupTrial]]:
     """From an identification of geometry alone: the groups taken, the arm with them, and all rows of the table."""
     table = large.around(found)
-    rows = {GEOMETRY: _geometry(table.score(large.fitted(found)))}
+    rows = {_GEOMETRY: _geometry(table.score(large.fitted(found)))}
     stuck: dict[str, GroupTrial] = {}
     taken: tuple[str, ...] = ()
     for _ in range(3 * len(large.groups) + 1):  # BIC falls at each step, rounding and curvature aside
@@ -164,7 +168,7 @@ def _grown(
 
 
 def _next(
-    large: FullModel, table: Nested, found: Identification, taken: tuple[str, ...], trials: Sequence[GroupTrial]
+    large: FullModel, table: NestedModels, found: Identification, taken: tuple[str, ...], trials: Sequence[GroupTrial]
 ) -> tuple[str, ...]:
     """The groups taken, less one that is superfluous now, or with the best of those worth it; else the same."""
     fitted = large.fitted(found)
@@ -175,7 +179,7 @@ def _next(
     return (*taken, min(worthy, key=lambda row: row.bic).name) if worthy else taken
 
 
-def _trial(large: FullModel, table: Nested, found: Identification, name: str) -> GroupTrial:
+def _trial(large: FullModel, table: NestedModels, found: Identification, name: str) -> GroupTrial:
     """What a group would add to an identified model."""
     new, shown = large.added(table, found, name)
     fitted = large.fitted(found)
@@ -190,19 +194,19 @@ def _trial(large: FullModel, table: Nested, found: Identification, name: str) ->
     return GroupTrial(name, len(shown), float(big.errors.mean()), p, big.bic, False, why, held)
 
 
-def objection(table: Nested, small: Score, big: Score, p: float) -> str:
+def objection(table: NestedModels, small: Score, big: Score, p: float) -> str:
     """What speaks against an extension, with ``p`` of the tests of all groups together; empty if nothing does."""
     fall, error = table.gain(small, big)
     if p >= MODEL_GROUPS:
         return "not significant"
-    if big.bic > small.bic - BIC_FALL:
+    if big.bic > small.bic - _BIC_FALL:
         return "BIC does not fall enough" if big.bic < small.bic else "BIC rises"
     return "" if fall > error else "the held-out error does not fall"
 
 
 def _geometry(score: Score) -> GroupTrial:
     """The first row: no group."""
-    return GroupTrial(GEOMETRY, score.parameters, float(score.errors.mean()), np.nan, score.bic, True)
+    return GroupTrial(_GEOMETRY, score.parameters, float(score.errors.mean()), np.nan, score.bic, True)
 
 
 def _refused(name: str, why: str) -> GroupTrial:

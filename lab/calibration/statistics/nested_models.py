@@ -16,6 +16,8 @@ from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 
+__all__ = ["Labels", "NestedModels", "Score", "nested_at"]
+
 Labels = NDArray[np.int_]
 
 
@@ -37,13 +39,13 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Nested:
+class NestedModels:
     """The large model, linearized.
 
     Attributes:
         columns: the parameters (of the large model) that some nested model fits, c of them.
         scale: ``(c,)`` the norms that their columns had.
-        away: ``(c,)`` how far each of them, scaled, stands from the drawing, where it returns if it is not fitted.
+        away: ``(c,)`` how far each of them, scaled, stands from its nominal value, which it has where it is not fitted.
         whole: ``(<= c + 1, c + 1)`` triangle of the scaled whitened Jacobian and, last, the residual.
         training: the same of all folds but one.
         held: ``(m_f, d, c + 1)`` of each fold: derivatives and residual of its things, in m.
@@ -121,19 +123,19 @@ def nested_at(
     observed: Observations,
     values: Array,
     columns: Sequence[int],
-    drawn: Array,
+    nominal: Array,
     folds: Labels,
     clusters: Labels,
     extra_residuals: ExtraResiduals,
     floor: float,
-) -> Nested:
+) -> NestedModels:
     """The large model near ``values`` ``(p,)``.
 
     Args:
         columns: the parameters that some nested model fits.
-        drawn: ``(c,)`` what they are where they are not fitted.
+        nominal: ``(c,)`` what they are where they are not fitted.
         folds, clusters: ``(n,)`` labels: a row's fold, from 0 on, and what it is held out together with.
-        further: what is known beside the measurements, weighed as they are.
+        extra_residuals: what is known beside the measurements, weighted as they are.
     """
     index, count = list(columns), int(folds.max()) + 1
     predicted, jacobian = observation.model.observe(observed.inputs, values)
@@ -147,10 +149,10 @@ def nested_at(
     parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]
     in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
     inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]
-    return Nested(
+    return NestedModels(
         columns=tuple(columns),
         scale=scale[:-1],
-        away=(values[index] - drawn) * scale[:-1],
+        away=(values[index] - nominal) * scale[:-1],
         whole=_stacked([*parts, beside]),
         training=tuple(_stacked([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
         held=tuple(in_m[part] / scale for part in inside),

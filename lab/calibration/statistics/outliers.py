@@ -13,13 +13,22 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, fit
-from lab.calibration.statistics.linearized import Linear, Mask, NoiseDistribution, Within, linearized, smallest_p
+from lab.calibration.statistics.linearized import (
+    LinearizedFit,
+    Mask,
+    NoiseDistribution,
+    SubsetFit,
+    linearized,
+    smallest_p,
+)
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.model import Model
 
-MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise
+__all__ = ["LEAST_SIGMA_M", "HeldOut", "Outliers", "find_outliers", "leave_out", "off_held_out", "would_matter"]
+
+_MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise
 LEAST_SIGMA_M = 1e-6  # an estimated sigma below is no instrument's, but what models leave of each other
 _DRAWS = 999  # (draws + 1) x level is a whole number: the test of Monte Carlo draws is then exact (Barnard 1963)
 _TUKEY_TAIL = 2 * stats.norm.sf(4.685)  # weight zero where noise is as rare as at Tukey's 4.685 sigma of one number
@@ -70,16 +79,16 @@ def find_outliers(
 
     Args:
         free: the parameters to fit.
-        start: ``(p,)``, links near the drawing's, base and targets located.
-        known: whether the weights of ``seen`` stand on a known sigma.
+        start: ``(p,)``, links near the nominal ones, base and targets located.
+        known: whether the weights of ``observed`` stand on a known sigma.
         rng: for the distribution of the largest residual where noise is not Gaussian.
         shape: of the noise.
         level: of a whole campaign.
         things: how many of the observed things, from the first, are lengths; all where None.
-        further: what else is known of the parameters, as for ``fit``.
+        extra_residuals: what else is known of the parameters, as for ``fit``.
     """
     values, weights, scale = _robust(model, observed, free, start, extra_residuals, 0.01 if known else LEAST_SIGMA_M)
-    believed = bool(known and scale <= MISFIT)
+    believed = bool(known and scale <= _MISFIT)
     inside, linear = weights > 0, linearized(model, observed, values, free, extra_residuals)
     test = _test(linear, shape if believed == known else NoiseDistribution(), believed, level, rng)
     for _ in range(_ROUNDS):
@@ -122,17 +131,17 @@ def off_held_out(
     """Which poses that were not fitted are no predictions of those that were: F or chi squared, Bonferroni over them.
 
     Args:
-        seen: the fitted poses, then those held out.
+        observed: the fitted poses, then those held out.
         fitted: how many of them were.
         known: whether the weights stand on a known sigma; where most residuals are beyond it, it is estimated.
-        level, further, things: as for ``find_outliers``.
+        level, extra_residuals, things: as for ``find_outliers``.
     """
     linear = linearized(model, observed, solution.values, solution.free, extra_residuals)
     inside = np.ones(len(linear.mask), dtype=bool)
     inside[fitted : linear.poses] = False
     within = linear.within(inside)
     distance, total = within.squares(within.residuals(linear.residual))
-    believed = known and float(total) <= MISFIT**2 * max(within.dof, 1)
+    believed = known and float(total) <= _MISFIT**2 * max(within.dof, 1)
     p = within.p_values(distance, total, believed, 0.0 if known else LEAST_SIGMA_M)
     campaign = np.minimum(1.0, p * max(linear.poses - fitted, 1))
     rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, observed, solution.values, things)
@@ -172,7 +181,7 @@ class _Test:
     poses: int
     floor: float
 
-    def judge(self, within: Within, errors: Array) -> tuple[Array, Array]:
+    def judge(self, within: SubsetFit, errors: Array) -> tuple[Array, Array]:
         """The poses' own p-values and squared distances ``(n,)``."""
         distance, total = within.squares(within.residuals(errors))
         return within.p_values(distance, total, self.known, self.floor), distance
@@ -185,7 +194,9 @@ class _Test:
         return np.asarray((1 + below) / (1 + len(self.reference)))
 
 
-def _test(linear: Linear, shape: NoiseDistribution, known: bool, level: float, rng: np.random.Generator) -> _Test:
+def _test(
+    linear: LinearizedFit, shape: NoiseDistribution, known: bool, level: float, rng: np.random.Generator
+) -> _Test:
     poses = int(linear.mask[: linear.poses].any(axis=1).sum())
     floor = 0.0 if known else LEAST_SIGMA_M
     if shape.kind == "gaussian":
@@ -196,7 +207,7 @@ def _test(linear: Linear, shape: NoiseDistribution, known: bool, level: float, r
     return _Test(known, np.nextafter(reference[rank], 0.0), reference, poses, floor)
 
 
-def _settle(linear: Linear, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np.int_]]:
+def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np.int_]]:
     """The poses that are believed, from a first guess, and those that fail but are needed.
 
     All outside that pass come back; only when none does, the worst inside that fails leaves. It ends where
@@ -224,7 +235,7 @@ def _settle(linear: Linear, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np
     return inside, np.empty(0, dtype=np.int_)
 
 
-def _enough(linear: Linear, inside: Mask) -> Mask:
+def _enough(linear: LinearizedFit, inside: Mask) -> Mask:
     """The poses inside; all, where those are too few to tell the parameters apart and to estimate a sigma."""
     within = linear.within(inside)
     return inside if within.full_rank and within.dof > 0 else np.ones_like(inside)
@@ -263,7 +274,7 @@ def _robust(
     return values, weights, scale
 
 
-def _reweighted(linear: Linear, basis: Array, floor: float) -> tuple[Array, Array, float]:
+def _reweighted(linear: LinearizedFit, basis: Array, floor: float) -> tuple[Array, Array, float]:
     """Step ``(f,)`` in an orthonormal basis ``(n m, f)``, Tukey's weights ``(n,)`` and the scale."""
     size = linear.mask.sum(axis=1)
     tested = (size > 0) & (np.arange(len(size)) < linear.poses)
@@ -283,7 +294,7 @@ def _reweighted(linear: Linear, basis: Array, floor: float) -> tuple[Array, Arra
     return step, weights, scale
 
 
-def _weighted_step(linear: Linear, basis: Array, weights: Array) -> Array:
+def _weighted_step(linear: LinearizedFit, basis: Array, weights: Array) -> Array:
     """Weighted least squares ``(f,)``, one weight a pose."""
     spread = (np.repeat(weights, linear.mask.shape[1])[:, None] * basis).T
     normal = spread @ basis

@@ -7,6 +7,8 @@ from lab.calibration.observations.fixtures import FIXTURE
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements
 
+__all__ = ["repeats"]
+
 
 def repeats(rows: Measurements) -> NDArray[np.int_]:
     """``(n,)`` labels: rows that share one are repeats of the same, whose scatter is noise alone.

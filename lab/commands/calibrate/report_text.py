@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from lab.calibration.identify import BARELY_TOLD_APART
+from lab.calibration.identify import ILL_CONDITIONED
 from lab.calibration.observations.kind import ObservationWords
 from lab.commands.calibrate.result import human_unit
 from lab.render.html import Html, capital, fixed, paragraph, section, short, table, together
@@ -156,7 +156,7 @@ def outliers_section(result: dict[str, Any]) -> Html:
 
 def identifiability(result: dict[str, Any]) -> list[Html]:
     """What the arm's structure and these poses tell apart, in words and tables."""
-    barely = "barely " if (result["condition"] or 0.0) > BARELY_TOLD_APART else ""
+    barely = "barely " if (result["condition"] or 0.0) > ILL_CONDITIONED else ""
     told = "all of these" if result["identifiable"] == result["rank"] else str(result["rank"])
     said = (
         f"Of {result['parameters']} parameters, {result['identifiable']} can be told apart on such a robot with such "

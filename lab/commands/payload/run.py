@@ -16,7 +16,7 @@ from lab.formats.load_csv import read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
 from lab.payload_identification.estimate import LoadEstimate
-from lab.payload_identification.from_sag import Soft, from_sag
+from lab.payload_identification.from_sag import CompliantArm, from_sag
 from lab.payload_identification.from_torques import from_torques
 from lab.payload_identification.from_wrench import from_wrench
 from lab.payload_identification.physical_consistency import physical_estimate
@@ -111,7 +111,7 @@ def _by_sag(options: PayloadOptions) -> PayloadResult:
         raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
     joints, unloaded, loaded = _paired(options, data)
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
-        fitted = _sensible(from_sag(arm, values, Soft(compliance, robot.loads), joints, unloaded, loaded))
+        fitted = _sensible(from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded))
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
