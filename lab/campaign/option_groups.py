@@ -9,6 +9,32 @@ import tyro
 from lab.core.errors import LabError
 from lab.core.numbers import LARGEST, positive
 
+
+
+def number(text: str) -> float:
+    """A number as typed.
+
+    Raises:
+        LabError: it is none.
+    """
+    try:
+        return float(text)
+    except ValueError as error:
+        raise LabError(f"'{text}' is not a number") from error
+
+
+def whole_number(text: str) -> int:
+    """A whole number as typed.
+
+    Raises:
+        LabError: it is none.
+    """
+    try:
+        return int(text)
+    except ValueError as error:
+        raise LabError(f"'{text}' is not a whole number") from error
+
+
 Names = Annotated[
     tuple[str, ...],
     tyro.constructors.PrimitiveConstructorSpec(
@@ -24,9 +50,9 @@ Numbers = Annotated[
     tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
         metavar="X,Y,…",
-        instance_from_str=lambda given: tuple(float(number) for number in given[0].split(",")),
+        instance_from_str=lambda given: tuple(number(each) for each in given[0].split(",")),
         is_instance=lambda instance: isinstance(instance, tuple) and all(isinstance(x, float) for x in instance),
-        str_from_instance=lambda numbers: [",".join(f"{number:g}" for number in numbers)],
+        str_from_instance=lambda numbers: [",".join(f"{each:g}" for each in numbers)],
     ),
 ]
 Flag = tyro.conf.FlagCreatePairsOff[bool]
@@ -113,9 +139,9 @@ class ArmEffects:
         """Refuse numbers that make no sense, with a LabError that names the option."""
         for name in fields(self):
             value, flag = getattr(self, name.name), "--" + name.name.replace("_", "-")
-            for number in value if isinstance(value, tuple) else (value,):
-                if number is not None and not 0 <= number <= LARGEST:
-                    raise LabError(f"{flag} {number:g}: give a number from 0 to {LARGEST:g}")
+            for each in value if isinstance(value, tuple) else (value,):
+                if each is not None and not 0 <= each <= LARGEST:
+                    raise LabError(f"{flag} {each:g}: give a number from 0 to {LARGEST:g}")
         if self.stiffness_nm_per_rad is not None:
             positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
         if self.hours is not None:

@@ -1,0 +1,114 @@
+"""The command line of one command: its options, by tyro, and what every command takes beside them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import tyro
+
+from lab.campaign.config_file import read_options
+from lab.campaign.option_groups import Flag, number, whole_number
+from lab.commands.parser_errors import one_line_errors
+from lab.commands.registry import Command
+from lab.core.errors import LabError
+
+__all__ = ["Arguments", "parsed"]
+
+_CONFIG = "--config"
+_JSON = Annotated[Flag, tyro.conf.arg(help="Print the result as one JSON object.")]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What was asked for.
+
+    Attributes:
+        options: of the command's own class.
+        out: the run's folder; None for the default one.
+        json: whether to print the result as JSON.
+    """
+
+    options: Any
+    out: Path | None
+    json: bool
+
+
+def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
+    """The arguments that follow the command's name; those for help print it and end the program.
+
+    Raises:
+        LabError: they cannot be parsed, or ``--config`` names what is no run's ``config.json``.
+    """
+    kind = command.load_options()
+    rest, default = _configured(command, kind, arguments)
+    given = tyro.conf.OmitArgPrefixes[kind]  # type: ignore[valid-type]
+    options = ("options", given) if default is None else ("options", given, field(default=default))
+    common: list[Any] = [("json", _JSON, field(default=False))]
+    if command.folder:
+        said = f"The run's folder: runs/{command.folder} by default, numbered if taken; an earlier run is replaced."
+        common.insert(0, ("out", Annotated[Path | None, tyro.conf.arg(help=said)], field(default=None)))
+    made: Any = make_dataclass("Arguments", [options, *common])
+    program = f"lab {command.name}"
+    flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
+    with one_line_errors(program, flags):
+        found = tyro.cli(made, prog=program, description=_described(command), args=rest, registry=_numbers())
+    return Arguments(found.options, getattr(found, "out", None), found.json)
+
+
+def _described(command: Command) -> str:
+    again = " With --config FILE an earlier run's config.json gives the defaults." if command.folder else ""
+    return command.help + again
+
+
+def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> tuple[list[str], Any]:
+    """The arguments without ``--config FILE``, and that file's options; None where it is not given."""
+    found = [part for given in arguments for part in _split(given)]
+    if not command.folder or _CONFIG not in found:
+        return found, None
+    at = found.index(_CONFIG)
+    if at + 1 == len(found):
+        raise LabError(f"{_CONFIG}: give the config.json of an earlier run")
+    return [*found[:at], *found[at + 2 :]], read_options(Path(found[at + 1]), command.name, kind)
+
+
+def _split(argument: str) -> tuple[str, ...]:
+    """``--config=FILE`` as two arguments; any other as it is."""
+    name, _, value = argument.partition("=")
+    return (name, value) if name == _CONFIG and value else (argument,)
+
+
+def _names(kind: Any) -> Iterator[str]:
+    """Of all options, those of groups among them."""
+    hints = get_type_hints(kind)
+    for each in fields(kind):
+        yield from _names(hints[each.name]) if is_dataclass(hints[each.name]) else (each.name,)
+
+
+def _numbers() -> tyro.constructors.ConstructorRegistry:
+    """Numbers whose refusal is a plain sentence."""
+    registry = tyro.constructors.ConstructorRegistry()
+    words = {int: (whole_number, "INT"), float: (number, "FLOAT")}
+
+    @registry.primitive_rule
+    def rule(info: tyro.constructors.PrimitiveTypeInfo) -> tyro.constructors.PrimitiveConstructorSpec[Any] | None:
+        for kind, (read, metavar) in words.items():
+            if info.type is kind:
+                return _spec(kind, read, metavar, optional=False)
+            if info.type == kind | None:
+                return _spec(kind, read, f"{{None}}|{metavar}", optional=True)
+        return None
+
+    return registry
+
+
+def _spec(
+    kind: type, read: Any, metavar: str, *, optional: bool
+) -> "tyro.constructors.PrimitiveConstructorSpec[Any]":
+    return tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=lambda texts: None if optional and texts[0] == "None" else read(texts[0]),
+        is_instance=lambda value: isinstance(value, kind) or (optional and value is None),
+        str_from_instance=lambda value: [str(value)],
+    )

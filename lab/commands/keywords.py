@@ -1,0 +1,64 @@
+"""Keywords of a public call: the names of a command's options, those of its groups beside the others."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from inspect import Parameter, signature
+from typing import Any, TypeVar, get_type_hints
+
+from lab.core.errors import LabError
+from lab.formats.structured import structured
+
+__all__ = ["options_of", "takes"]
+
+Options = TypeVar("Options")
+Call = TypeVar("Call", bound=Callable[..., Any])
+
+
+def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Options:
+    """The options that keywords say; the others are at their defaults.
+
+    Args:
+        call: what an error calls it.
+
+    Raises:
+        LabError: there is no such option, one is missing, or a value is not of its type.
+    """
+    groups, nested = dict(_options(kind)), dict[str, Any]()
+    for name, value in given.items():
+        if name not in groups:
+            raise LabError(f"{call}: '{name}' is no option; there are {', '.join(groups)}")
+        group = groups[name][0]
+        (nested.setdefault(group, {}) if group else nested)[name] = value
+    return structured(call, kind, nested)
+
+
+def takes(kind: type[Any]) -> Callable[[Call], Call]:
+    """A function whose ``**options`` are a command's: ``help`` and editors show them as its keywords."""
+
+    def mark(function: Call) -> Call:
+        shown = signature(function)
+        own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+        taken = {each.name for each in own}
+        more = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=field.type)
+            for name, (_, field) in _options(kind)
+            if name not in taken
+        ]
+        function.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        return function
+
+    return mark
+
+
+def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]"]]]:
+    """Each option by its name: the group's field, "" where it is in none, and its own."""
+    hints = get_type_hints(kind)
+    for field in fields(kind):
+        if is_dataclass(hints[field.name]):
+            yield from ((name, (field.name, each)) for name, (_, each) in _options(hints[field.name]))
+        else:
+            yield field.name, ("", field)
+
+
+def _default(field: "Field[Any]") -> Any:
+    return Parameter.empty if field.default is MISSING else field.default

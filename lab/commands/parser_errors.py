@@ -1,0 +1,68 @@
+"""What the parser of the command line rejects, in one line: what is wrong, where, and where to read on.
+
+tyro prints a box and exits. Its hook ``tyro._errors.on_parse_error`` hands over the same as an event with fields, so no
+text is taken out of the box; but the module is private, so it is used here alone, and without it (or for an event that
+is not known here) tyro's box is shown as it is.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from typing import Any
+
+from lab.core.errors import LabError
+
+try:
+    from tyro import _errors as events
+except ImportError:  # of a later tyro
+    events = None  # type: ignore[assignment]
+
+__all__ = ["one_line_errors"]
+
+
+@contextmanager
+def one_line_errors(program: str, flags: Sequence[str]) -> Iterator[None]:
+    """Within the block, what tyro rejects is a LabError.
+
+    Args:
+        program: what to ask for help.
+        flags: that the command has, for a guess at what was meant.
+    """
+    if events is None:
+        yield
+        return
+
+    def refuse(event: Any) -> None:
+        if line := _line(event, flags):
+            raise LabError(f"{line}; see {program} --help")
+
+    with events.on_parse_error(refuse):
+        yield
+
+
+def _line(event: Any, flags: Sequence[str]) -> str:
+    """What is wrong; "" of an event that is not known here."""
+    if isinstance(event, events.UnrecognizedArgs):
+        return _unknown(event.tokens, flags)
+    if isinstance(event, events.MissingArgs):
+        missing = " and ".join(_name(each.arg) for each in event.missing_arguments)
+        also = f"; {_unknown(event.unrecognized_tokens, flags)}" if event.unrecognized_tokens else ""
+        return f"give {missing}{also}"
+    if isinstance(event, events.BadValue):
+        return f"{_name(event.argument)}: its value is missing"
+    if isinstance(event, events.InvalidChoice):
+        valid = event.argument.lowered.metavar.strip("{}").replace(",", ", ")
+        return f"{_name(event.argument)}: '{event.value}' is unknown; give one of {valid}"
+    if isinstance(event, events.InstantiationFailure) and event.argument is not None:
+        return f"{_name(event.argument)}: {event.message}"
+    return ""
+
+
+def _name(argument: Any) -> str:
+    """A flag as it is typed, or what stands for a value without one."""
+    return str(argument.lowered.metavar if argument.is_positional() else argument.lowered.name_or_flags[0])
+
+
+def _unknown(tokens: Sequence[str], flags: Sequence[str]) -> str:
+    meant = get_close_matches(tokens[0], flags, 1)
+    return f"{' '.join(tokens)} is not understood" + (f"; is {meant[0]} meant?" if meant else "")

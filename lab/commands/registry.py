@@ -1,0 +1,125 @@
+"""Which commands there are: one entry registers one. Nothing of a command is imported before it is asked for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lab.core.errors import LabError
+
+if TYPE_CHECKING:
+    from lab.commands.result import Result
+
+__all__ = ["COMMANDS", "Command", "command_named"]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of the lab.
+
+    Attributes:
+        name: what is typed.
+        help: what it does, in a sentence.
+        options: ``module:class`` of its options, a dataclass whose fields are its arguments and flags.
+        run: ``module:function`` that makes a ``Result`` of them.
+        folder: the name of a run's folder, with options in braces (of files and robots their stems); "" for a command
+            that writes no run, or looks after its folder itself.
+    """
+
+    name: str
+    help: str
+    options: str
+    run: str
+    folder: str = ""
+
+    def load_options(self) -> type[Any]:
+        """The class of its options."""
+        kind: type[Any] = _load(self.options)
+        return kind
+
+    def __call__(self, options: Any) -> "Result":
+        """Run it."""
+        run: Callable[[Any], Result] = _load(self.run)
+        return run(options)
+
+    def folder_name(self, options: Any) -> str:
+        """How the folder of a run with these options is called by default."""
+        given = {field.name: Path(str(getattr(options, field.name))).stem for field in fields(options)}
+        return self.folder.format(**given)
+
+
+COMMANDS = (
+    Command(
+        "calibrate",
+        "A virtual campaign, end to end: perturb an arm, measure it, identify it, and validate it on new poses.",
+        "lab.campaign.options:VirtualCampaign",
+        "lab.commands.calibrate.run:calibrate",
+        "calibrate-{robot}-seed{seed}",
+    ),
+    Command(
+        "identify",
+        "Identify an arm from measured data, and validate it on poses that were not fitted.",
+        "lab.commands.calibrate.options:MeasuredCampaign",
+        "lab.commands.calibrate.run:identify",
+        "identify-{file}",
+    ),
+    Command(
+        "inspect",
+        "Print a robot's table, its limits, and what can be identified.",
+        "lab.commands.inspect.options:InspectOptions",
+        "lab.commands.inspect.run:inspect",
+    ),
+    Command(
+        "design",
+        "Choose the poses to measure, their order and their number, and say how good the choice is.",
+        "lab.campaign.options:DesignOptions",
+        "lab.commands.design.run:design",
+        "design-{robot}-seed{seed}",
+    ),
+    Command(
+        "compensate",
+        "Correct targets for a calibrated arm: joint values, corrected targets for its controller, and the arm itself.",
+        "lab.commands.compensate.options:CompensateOptions",
+        "lab.commands.compensate.run:compensate",
+        "compensate-{targets}",
+    ),
+    Command(
+        "verify",
+        "Test a few new measurements against a calibrated arm; where it is no longer good, say what has moved.",
+        "lab.commands.verify.options:VerifyOptions",
+        "lab.commands.verify.run:verify",
+        "verify-{file}",
+    ),
+    Command(
+        "payload",
+        "Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.",
+        "lab.commands.payload.options:PayloadOptions",
+        "lab.commands.payload.run:payload",
+        "payload-{file}",
+    ),
+    Command(
+        "study",
+        "Run many virtual campaigns: a grid of factors, times robots, times draws of the noise.",
+        "lab.commands.study.options:StudyOptions",
+        "lab.commands.study.run:study",
+    ),
+)
+
+
+def command_named(name: str) -> Command:
+    """The command that is typed so.
+
+    Raises:
+        LabError: there is none.
+    """
+    for command in COMMANDS:
+        if command.name == name:
+            return command
+    known = ", ".join(command.name for command in COMMANDS)
+    raise LabError(f"'{name}' is no command; there are {known}; see lab --help")
+
+
+def _load(reference: str) -> Any:
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module), name)

@@ -1,0 +1,34 @@
+"""What can be asked of ``lab study``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from lab.campaign.option_groups import Flag
+from lab.core.errors import LabError
+
+__all__ = ["StudyOptions"]
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """A study of many virtual campaigns, where it is kept, and who works it out."""
+
+    config: tyro.conf.Positional[Path]
+    """The study, TOML."""
+    out: Path | None = None
+    """The study's folder: runs/study-NAME by default, numbered if taken."""
+    resume: Flag = False
+    """Go on with the study in --out that was killed or stopped."""
+    workers: int | None = None
+    """How many processes of this machine: one for each core by default."""
+    scheduler: str | None = None
+    """Address of a dask.distributed scheduler whose workers do it instead, e.g. tls://host:8786."""
+
+    def check(self) -> None:
+        """Refuse options that contradict each other, with a LabError that names them."""
+        if self.resume and self.out is None:
+            raise LabError("--resume goes on with a study: give its folder, --out")
+        if self.scheduler is not None and self.workers is not None:
+            raise LabError("--workers is of processes of this machine, --scheduler of a cluster; give one")
