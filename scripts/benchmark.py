@@ -31,7 +31,7 @@ from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.calibrate.fit import Fitter
-from lab.commands.calibrate.run import run_virtual
+from lab.commands.calibrate.run import calibrate
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -209,7 +209,7 @@ def stacked() -> dict[str, float]:
 
 def compensation() -> dict[str, float]:
     """Milliseconds of the inverse of the drawing and of a calibrated arm."""
-    outcome = run_virtual(VirtualCampaign(seed=7))
+    outcome = calibrate(VirtualCampaign(seed=7))
     chain, compensator = outcome.robot.chain, compensator_of(outcome)
     closed_form = closed_form_of(chain)
     assert closed_form is not None

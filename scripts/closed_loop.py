@@ -20,7 +20,7 @@ from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
-from lab.commands.calibrate.run import CalibrationResult, run_virtual
+from lab.commands.calibrate.run import CalibrationResult, calibrate
 from lab.compensation.iso9283 import accuracy, repeatability
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
@@ -82,7 +82,7 @@ def study(given: argparse.Namespace) -> dict[str, Any]:
         for seed in range(given.seed, given.seed + given.arms):
             campaign = VirtualCampaign(plan=plan, seed=seed, instrument=given.instrument, effects=effects)
             for model in ("compliance", "geometric") if bends else ("geometric",):
-                outcome = run_virtual(replace(campaign, fitting=Fitting(model)))
+                outcome = calibrate(replace(campaign, fitting=Fitting(model)))
                 loops.setdefault(model, []).append(closed(outcome, cube, seed, given))
     models = list(loops)
     found = {"arms": given.arms, "model": models[0], "cube_mm": 1e3 * cube.side_m, **figures(loops[models[0]])}

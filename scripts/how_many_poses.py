@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from lab.campaign.options import DesignOptions, Flag
 from lab.commands.design.figures import curve_figure, save
 from lab.commands.design.result import plan_summary
-from lab.commands.design.run import plan_campaign
+from lab.commands.design.run import design
 
 PLATEAU = 0.98  # of O1 at the last point of the curve
 
@@ -34,7 +34,7 @@ def main() -> None:
     """Plan once, draw the curve up to twice as many poses, say what it shows."""
     given = tyro.cli(Options)
     with threadpool_limits(1):
-        plan = plan_campaign(given.options)
+        plan = design(given.options)
     seen = plan_summary(plan)
     curve, last = seen["curve"], seen["curve"][-1]
     plateau = next(step for step in curve if step["o1"] >= PLATEAU * last["o1"])

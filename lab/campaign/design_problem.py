@@ -83,13 +83,14 @@ class PoseProblem:
         return information(self.before) if len(self.before) else None
 
 
-def pose_problem(options: DesignOptions) -> PoseProblem:
+def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
 
     Raises:
         LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
     """
-    robot, device, scaling = load_virtual(options.robot), _noisy(options.instrument), Scaling(options.scaling)
+    robot = load_virtual(options.robot if robot is None else robot)
+    device, scaling = _noisy(options.instrument), Scaling(options.scaling)
     model = robot.model
     arm = robot.arm(options.targets)
     values = model.values_before(arm, model.T_world_tracker)

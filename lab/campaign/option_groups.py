@@ -10,7 +10,6 @@ from lab.core.errors import LabError
 from lab.core.numbers import LARGEST, positive
 
 
-
 def number(text: str) -> float:
     """A number as typed.
 

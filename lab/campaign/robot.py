@@ -51,12 +51,14 @@ class Robot(ABC):
         sha256: of the files that it was read from.
         warnings: what a user should be told of them.
         loads: its masses, for what gravity does; None where the file gives none.
+        source: the name or path that it was loaded by.
     """
 
     model: RobotModel
     sha256: str
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
+    source: str = ""
 
     @property
     def name(self) -> str:
@@ -286,12 +288,26 @@ def _models() -> dict[str, Path]:
     return found
 
 
-def load_robot(robot: str) -> Robot:
-    """Load a robot given as on the command line.
+def load_robot(robot: str | Path | Robot) -> Robot:
+    """Load a robot: its nominal model, and what else is known of it before anything is measured.
+
+    Args:
+        robot: the name of a model of the lab, or a path to an MJCF, a URDF, or a TOML table or mechanism; a robot that
+            is loaded already stays as it is.
 
     Raises:
         LabError: there is no such robot (the message lists those there are), or it cannot be read.
+
+    Example:
+        >>> import lab
+        >>> robot = lab.load_robot("irb120")
+        >>> robot.name, len(robot.chain.joint_names)
+        ('irb120', 6)
     """
+    return robot if isinstance(robot, Robot) else replace(_loaded(str(robot)), source=str(robot))
+
+
+def _loaded(robot: str) -> Robot:
     models = _models()
     path = models.get(robot, Path(robot))
     if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
@@ -313,7 +329,7 @@ def load_robot(robot: str) -> Robot:
     return SerialRobot(model, sha256, warnings, loads)
 
 
-def load_virtual(robot: str) -> Robot:
+def load_virtual(robot: str | Path | Robot) -> Robot:
     """Load a robot that is to stand for reality: what its file does not say of shapes and masses is assumed, and told.
 
     Raises:
@@ -323,6 +339,7 @@ def load_virtual(robot: str) -> Robot:
     if found.model.missing:
         raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
     said = (f"robot {found.name}: {found.model.assumed}",) if found.model.assumed else ()
+    said = tuple(each for each in said if each not in found.warnings)  # of a robot that was loaded so before
     return replace(found, loads=found.simulated_loads(), warnings=(*found.warnings, *said))
 
 

@@ -102,9 +102,7 @@ def _numbers() -> tyro.constructors.ConstructorRegistry:
     return registry
 
 
-def _spec(
-    kind: type, read: Any, metavar: str, *, optional: bool
-) -> "tyro.constructors.PrimitiveConstructorSpec[Any]":
+def _spec(kind: type, read: Any, metavar: str, *, optional: bool) -> "tyro.constructors.PrimitiveConstructorSpec[Any]":
     return tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
         metavar=metavar,

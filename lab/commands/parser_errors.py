@@ -45,10 +45,12 @@ def _line(event: Any, flags: Sequence[str]) -> str:
     if isinstance(event, events.UnrecognizedArgs):
         return _unknown(event.tokens, flags)
     if isinstance(event, events.MissingArgs):
-        missing = " and ".join(_name(each.arg) for each in event.missing_arguments)
+        missing = " and ".join(_described(each.arg) for each in event.missing_arguments)
         also = f"; {_unknown(event.unrecognized_tokens, flags)}" if event.unrecognized_tokens else ""
         return f"give {missing}{also}"
     if isinstance(event, events.BadValue):
+        if event.argument.is_positional():
+            return f"give {_described(event.argument)}"
         return f"{_name(event.argument)}: its value is missing"
     if isinstance(event, events.InvalidChoice):
         valid = event.argument.lowered.metavar.strip("{}").replace(",", ", ")
@@ -63,6 +65,11 @@ def _name(argument: Any) -> str:
     return str(argument.lowered.metavar if argument.is_positional() else argument.lowered.name_or_flags[0])
 
 
+def _described(argument: Any) -> str:
+    """A missing argument, and of what kind it is."""
+    return f"{argument.field.intern_name} ({argument.lowered.metavar})"
+
+
 def _unknown(tokens: Sequence[str], flags: Sequence[str]) -> str:
-    meant = get_close_matches(tokens[0], flags, 1)
+    meant = get_close_matches(tokens[0], flags, 1, cutoff=0.75)
     return f"{' '.join(tokens)} is not understood" + (f"; is {meant[0]} meant?" if meant else "")

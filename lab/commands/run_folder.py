@@ -7,7 +7,7 @@ import platform
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, fields, is_dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,6 +102,13 @@ def _refuse_other_files(out: Path) -> None:
 
 def _is_config(path: Path) -> bool:
     return path.is_file() and b'"model_sha256"' in path.read_bytes()
+
+
+def input_files(options: Any) -> tuple[Path, ...]:
+    """The files and folders that options name, which a run of them never replaces."""
+    values = [getattr(options, field.name) for field in fields(options)]
+    own = tuple(value for value in values if isinstance(value, Path))
+    return own + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
 
 
 def free_name(parent: Path, stem: str) -> Path:

@@ -1,38 +1,15 @@
-"""How far long work is, and what time is left: bars on a terminal, nothing in a pipe."""
+"""Studies one after another, with bars that say how far they are."""
 
 import contextlib
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
-
+from lab.render.progress import bars
 from lab.studies.executors import local_executor
 from lab.studies.grid import Study
 from lab.studies.run import StudyDone, run_study
 from lab.studies.store import read_campaigns
 from lab.studies.table import CampaignArray
-
-
-@contextlib.contextmanager
-def bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Takes what is being made, how many there are, and how many there are to be; a bar for each kind."""
-    if not sys.stderr.isatty():
-        yield lambda what, there, all_of_them: None
-        return
-    shown_bars: dict[str, Any] = {}
-    columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as shown:
-
-        def progress(what: str, there: int, all_of_them: int) -> None:
-            if what not in shown_bars:
-                shown_bars[what] = shown.add_task(what, total=all_of_them, completed=there)
-            shown.update(shown_bars[what], completed=there)
-
-        yield progress
-
 
 Running = Callable[[Study, Path], tuple[CampaignArray, StudyDone]]
 

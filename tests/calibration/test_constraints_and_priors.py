@@ -11,7 +11,7 @@ from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.calibration.prior import Tolerance, alias_matrix, prior_of, standard_deviations
 from lab.calibration.weights import Noise
-from lab.commands.inspect.run import Question, inspection, print_inspection
+from lab.commands.inspect.run import inspect, print_inspection
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.gauge import base_set
@@ -91,23 +91,23 @@ def test_wishes_that_cannot_be_met(asked: IdentifyOptions, says: tuple[str, ...]
 
 def test_what_inspection_says_is_held() -> None:
     """With the tool held, the last link can be told apart: nobody asked for it to be held."""
-    seen = inspection(Question(IRB120, ("p1",), fix=("tool.*", "link4.d")))
+    seen = inspect(IRB120, targets=("p1",), fix=("tool.*", "link4.d")).values
     assert seen["held"] == ["link4.d", "tool.p1.x", "tool.p1.y", "tool.p1.z"]
     assert seen["told_apart"] == ["link6.theta", "link6.d", "link6.a", "link6.alpha"]
     assert not {*seen["held"], *seen["told_apart"]} & set(seen["aliases"])
     for name in seen["told_apart"]:
-        freed = inspection(Question(IRB120, ("p1",), fix=("tool.*", "link4.d"), free=(name,)))
+        freed = inspect(IRB120, targets=("p1",), fix=("tool.*", "link4.d"), free=(name,)).values
         assert name in freed["identifiable"] and freed["rank"] == seen["rank"] + 1
-    plain = inspection(Question(IRB120, ("p1",)))
+    plain = inspect(IRB120, targets=("p1",)).values
     assert plain["held"] == plain["told_apart"] == []
 
 
 def test_what_is_held_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    print_inspection(Question(IRB120, ("p1",), fix=("tool.*",)))
+    print_inspection(inspect(IRB120, targets=("p1",), fix=("tool.*",)))
     said = capsys.readouterr().out
     assert "held at nominal by --fix, though they show: tool.p1.x, tool.p1.y, tool.p1.z\n" in said
     assert "told apart only because others are held; --free would identify any one of them: link6.theta, " in said
-    print_inspection(Question(IRB120, ("p1",), fix=("link4.d",)))
+    print_inspection(inspect(IRB120, targets=("p1",), fix=("link4.d",)))
     said = capsys.readouterr().out
     assert "though they show: link4.d\n" in said and "told apart only" not in said
 

@@ -18,7 +18,7 @@ CASES = [
     Case("cli: unknown flag", "calibrate --bogus 3", ("--bogus", "--help")),
     Case("cli: poses not whole", "calibrate --poses 1.5", ("--poses", "'1.5' is not a whole number")),
     Case("cli: gate not a number", "calibrate --gate-mm wide", ("--gate-mm", "'wide' is not a number")),
-    Case("cli: value missing", "calibrate --poses", ("--poses", "Missing value")),
+    Case("cli: value missing", "calibrate --poses", ("--poses", "value is missing")),
     Case("cli: one argument too many", "inspect arm.toml more", ("more", "--help")),
 ]
 

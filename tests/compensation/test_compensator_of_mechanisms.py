@@ -7,7 +7,7 @@ import pytest
 
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
-from lab.commands.calibrate.run import run_virtual
+from lab.commands.calibrate.run import calibrate
 from lab.core.errors import LabError
 from lab.experiments.closed_loop import compensator_of
 from lab.kinematics.inverse.newton import PoseTarget
@@ -18,7 +18,7 @@ EXACT = VirtualCampaign(robot="delta/small", seed=3, instrument="exact")
 
 def test_a_delta_goes_where_it_is_sent() -> None:
     """Its errors of a millimetre are gone, at targets that were never measured; MuJoCo says where it is."""
-    outcome = run_virtual(EXACT)
+    outcome = calibrate(EXACT)
     assert outcome.real is not None
     compensator = compensator_of(outcome)
     joints = random_poses(outcome.robot.model, 40, np.random.default_rng(8))
@@ -37,7 +37,7 @@ def test_a_delta_goes_where_it_is_sent() -> None:
 
 def test_what_moves_in_a_plane_is_refused() -> None:
     with pytest.raises(LabError, match="in 2 of three directions"):
-        compensator_of(run_virtual(replace(EXACT, robot="rpr2")))
+        compensator_of(calibrate(replace(EXACT, robot="rpr2")))
 
 
 def test_the_way_to_a_singularity_is_the_readings_own() -> None:

@@ -12,7 +12,7 @@ from helpers.run_script import answer_of, script
 
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.commands.calibrate.run import run_virtual
+from lab.commands.calibrate.run import calibrate
 from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
 from lab.core.instruments import instrument
 from lab.experiments.closed_loop import close_loop, reachable_cube
@@ -53,7 +53,7 @@ def test_the_cube_is_within_reach_and_touches_nothing() -> None:
     cube = reachable_cube(IRB120, "p1")
     assert cube.side_m >= 0.25
     campaign = VirtualCampaign(seed=4, poses=40, effects=ArmEffects(repeatability_mrad=0.02))
-    loop = close_loop(run_virtual(campaign), cube, instrument("uniform-8um"), 4, targets=60)
+    loop = close_loop(calibrate(campaign), cube, instrument("uniform-8um"), 4, targets=60)
     assert loop.poses.failed == loop.circle.failed == loop.line.failed == 0 and loop.targets.failed <= 6
     assert len(loop.circle.wanted) == len(loop.line.wanted) == 100 and loop.poses.after.shape == (30, 5, 3)
     before, after = (accuracy(points, loop.poses.wanted) for points in (loop.poses.before, loop.poses.after))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, statics, views_of
 
-from lab.commands.calibrate.run import VirtualCampaign, run_virtual
+from lab.commands.calibrate.run import VirtualCampaign, calibrate
 from lab.compensation.iso9283 import CYCLES, accuracy, cube_positions, repeatability
 from lab.core import se3
 from lab.core.errors import LabError
@@ -27,7 +27,7 @@ BEFORE, AFTER = (235, 50, 90), (60, 205, 130)
 
 @pytest.fixture(scope="module")
 def outcome():
-    return run_virtual(VirtualCampaign(seed=7, poses=30))
+    return calibrate(VirtualCampaign(seed=7, poses=30))
 
 
 @pytest.fixture(scope="module")

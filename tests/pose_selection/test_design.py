@@ -14,7 +14,7 @@ from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.design.run import plan_campaign
+from lab.commands.design.run import design
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
@@ -157,11 +157,11 @@ def test_a_small_measured_set_is_extended(tmp_path) -> None:
     data = Measurements(**{**seen.__dict__, "points": points, "use": use, "marked": True})
     path = tmp_path / "measured.csv"
     write_measurements(path, data, CHAIN.prismatic)
-    plan = plan_campaign(DesignOptions(poses=12, candidates=300, starts=1, extend=path))
+    plan = design(DesignOptions(poses=12, candidates=300, starts=1, extend=path))
     np.testing.assert_array_equal(plan.problem.already, joints[:3])
     assert plan.curve[0].poses == 6 and np.isfinite(plan.curve[0].prediction.coverage_radius)
     with pytest.raises(LabError, match="6 poses or more"):
-        plan_campaign(DesignOptions(poses=5, candidates=300, starts=1, extend=path))
+        design(DesignOptions(poses=5, candidates=300, starts=1, extend=path))
 
 
 def test_requests_that_cannot_be_met_say_why() -> None:
@@ -219,8 +219,8 @@ def campaign_errors(plans: list[np.ndarray], campaigns: int) -> list[np.ndarray]
 
 
 def check_campaigns(campaigns: int, within: float, kept_least: float, candidates: int) -> None:
-    twenty = plan_campaign(DesignOptions(poses=20, starts=1, candidates=candidates))
-    promised = plan_campaign(DesignOptions(accuracy_mm=0.010, starts=1, candidates=candidates))
+    twenty = design(DesignOptions(poses=20, starts=1, candidates=candidates))
+    promised = design(DesignOptions(accuracy_mm=0.010, starts=1, candidates=candidates))
     designed, random, kept = campaign_errors([twenty.joints, np.empty((0, 6)), promised.joints], campaigns)
     rms = [float(np.sqrt((e**2).mean())) for e in (designed, random)]
     predicted = float(np.sqrt((twenty.prediction.rms**2).mean()))
@@ -257,7 +257,7 @@ def test_the_prediction_is_true_in_300_campaigns() -> None:
 )
 def test_plans_of_any_kind_keep_what_they_predict(options: DesignOptions) -> None:
     """25 campaigns with the plan: the observed RMS is the predicted one (sd about 3 %)."""
-    plan = plan_campaign(options)
+    plan = design(options)
     if options.accuracy_mm is not None:
         assert plan.prediction.coverage_radius <= options.accuracy_mm / 1e3
     tracker, arm = instrument(options.instrument), plan.problem.arm
@@ -303,7 +303,7 @@ def best_o1(*flags: str) -> dict:
 
 
 def test_a_plan_is_feasible_path_and_all() -> None:
-    plan = plan_campaign(DesignOptions(poses=15, candidates=400, starts=1))
+    plan = design(DesignOptions(poses=15, candidates=400, starts=1))
     assert feasibility(MODEL, ("p1",), instrument("uniform-8um"), margin=0.0)(plan.joints).all()
     free = path_check(MODEL)
     assert all(free(a, b) for a, b in zip(plan.tour.stops[:-1], plan.tour.stops[1:], strict=True))
@@ -315,8 +315,8 @@ def test_a_plan_is_feasible_path_and_all() -> None:
 
 def test_the_same_seed_plans_the_same() -> None:
     options = DesignOptions(poses=12, candidates=100, starts=1, seed=4)
-    first, second = plan_campaign(options), plan_campaign(options)
+    first, second = design(options), design(options)
     np.testing.assert_array_equal(first.joints, second.joints)
     assert first.prediction.coverage_radius == second.prediction.coverage_radius
-    other = plan_campaign(DesignOptions(poses=12, candidates=100, starts=1, seed=5))
+    other = design(DesignOptions(poses=12, candidates=100, starts=1, seed=5))
     assert not np.array_equal(first.joints, other.joints)

@@ -1,25 +1,55 @@
 """A calibrated arm, read back from the folder of the run that identified it."""
 
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, read_hand_load
+from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
+from lab.formats.structured import read_json, structured
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
 
+if TYPE_CHECKING:
+    from lab.commands.calibrate.run import CalibrationResult
+
+__all__ = ["Calibrated", "Findings", "calibrated_by", "folder_of", "read_calibrated"]
+
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
+
+
+Kind = TypeVar("Kind")
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What of a run's ``result.json`` matters to whoever builds on it; its keys.
+
+    Attributes:
+        freedom: residual degrees of freedom.
+        after_mm: errors after the identification; None where nothing was there to validate on.
+    """
+
+    model: str
+    verdict: str
+    reason: str
+    noise_known: bool
+    noise_mm: float | None
+    residual_mm: float | None
+    freedom: int
+    adequate: bool | None
+    adequacy: str
+    after_mm: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -48,8 +78,8 @@ class Calibrated:
     identified: tuple[str, ...]
     covariance: Array
     left_out: tuple[str, ...]
-    result: dict[str, Any]
-    options: dict[str, Any]
+    result: Findings
+    options: Mapping[str, Any]
     load: HandLoad | None
 
     @property
@@ -83,20 +113,20 @@ class Calibrated:
             sigma_m: noise of new measurements.
         """
         result = self.result
-        if result["noise_known"] and result["adequate"] is not False:
+        if result.noise_known and result.adequate is not False:
             return 0.0, 1.0, None
-        residual_m = (result["residual_mm"] or 0.0) / 1e3
-        noise_m = result["noise_mm"] / 1e3 if result["noise_known"] else sigma_m
-        larger = (residual_m / noise_m) ** 2 if result["noise_known"] else 1.0
-        return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result["freedom"]
+        residual_m = (result.residual_mm or 0.0) / 1e3
+        noise_m = (result.noise_mm or 0.0) / 1e3 if result.noise_known else sigma_m
+        larger = (residual_m / noise_m) ** 2 if result.noise_known else 1.0
+        return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result.freedom
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What whoever builds on the run should be told of it."""
         result, said = self.result, [*self.robot.warnings]
-        if result.get("verdict") != "good":
+        if result.verdict != "good":
             said.append(f"the verdict of the run is '{result.get('verdict')}': what it promises is not to be believed")
-        if result.get("adequate") is False:
+        if result.adequate is False:
             said.append(f"of the run: {result['adequacy']}: what the model lacked is taken for noise")
         if self.left_out:
             said.append(f"of the run: {', '.join(self.left_out)} was of its own day, and is left out")
@@ -104,7 +134,7 @@ class Calibrated:
 
     def refuse_unfit(self, what: str) -> None:
         """A LabError for a run whose verdict is not good: ``what`` is not to be built on it."""
-        word, reason = self.result.get("verdict"), self.result.get("reason")
+        word, reason = self.result.verdict, self.result.reason
         if word != "good":
             why = f" ({reason})" if reason else ""
             mend = "measure poses to judge it by" if word == "not judged" else "mend what is bad"
@@ -123,78 +153,134 @@ def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
     Raises:
         LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
     """
-    config, result = (_json(folder, name, dict) for name in ("config.json", "result.json"))
-    command, options = config.get("command"), config.get("options")
-    if command not in ("calibrate", "identify") or not isinstance(options, dict):
+    config, result = _read(folder, "config.json", _Config), _read(folder, "result.json", Findings)
+    if config.command not in ("calibrate", "identify"):
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
+    name = config.options.get("robot")
     try:
-        loading = load_virtual if command == "calibrate" else load_robot
-        robot = loading(str(options.get("robot")))
+        robot = (load_virtual if config.command == "calibrate" else load_robot)(str(name))
     except LabError as error:
         raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
-    if config.get("model_sha256") != robot.sha256:
+    if config.model_sha256 != robot.sha256:
         raise LabError(
-            f"{folder}: is a run of another robot: the files of '{options.get('robot')}' are not those that it was "
-            "made with; identify again"
+            f"{folder}: is a run of another robot: the files of '{name}' are not those that it was made with; "
+            "identify again"
         )
-    carried = load or (folder if (folder / LOAD_FILE).is_file() else None)
-    hand = None if carried is None else read_hand_load(carried)
-    robot = robot if hand is None else hand.carried_by(robot)
-    rows = {row["name"]: row for row in _rows(folder)}
+    robot, hand = carrying(robot, load or (folder if (folder / LOAD_FILE).is_file() else None))
+    rows = {row.name: row for row in _rows(folder / "parameters.json")}
+    covariance = _covariance(folder / "covariance.csv")
+    return _calibrated(folder, robot, rows, covariance, result, config.options, hand)
+
+
+def calibrated_by(run: "CalibrationResult | str | Path | None", folder: Path, load: Path | None = None) -> Calibrated:
+    """What a result in memory found out; of anything else what its folder says."""
+    from lab.commands.calibrate.result import parameters, summary
+    from lab.commands.calibrate.run import CalibrationResult
+
+    if not isinstance(run, CalibrationResult):
+        return read_calibrated(folder, load)
+    findings = structured(folder, Findings, summary(run), extra=True)
+    rows = {row["name"]: structured(folder, _Row, row, extra=True) for row in parameters(run)}
+    robot, hand = carrying(run.robot, load or run.options.fitting.load)
+    found = run.identification
+    names = tuple(found.model.names[i] for i in found.fit.free)
+    return _calibrated(folder, robot, rows, (names, found.covariance), findings, asdict(run.options), hand)
+
+
+def folder_of(run: "CalibrationResult | str | Path | None") -> dict[str, str]:
+    """The option ``run``: a folder, or what a result in memory is called; nothing where none is given."""
+    if run is None:
+        return {}
+    return {"run": str(run) if isinstance(run, str | Path) else "run-in-memory"}
+
+
+def _calibrated(
+    folder: Path,
+    robot: Robot,
+    rows: Mapping[str, "_Row"],
+    covariance: tuple[Sequence[str], Array],
+    result: "Findings",
+    options: Mapping[str, Any],
+    load: HandLoad | None,
+) -> Calibrated:
+    """What a run found out, from the parts of its folder, or of a result.
+
+    Args:
+        rows: every parameter by its name.
+        covariance: names ``(f)`` and matrix ``(f, f)`` of those that were identified.
+    """
     targets = tuple(name.split(".")[1] for name in rows if name.startswith("tool.") and name.endswith(".x"))
     if not targets:
         raise LabError(f"{folder}/parameters.json: has no tool (tool.p1.x…), so nothing is there to be aimed")
-    chosen = [name for name in str(result.get("model")).split("+") if name != "geometric"]
+    chosen = [name for name in result.model.split("+") if name != "geometric"]
     arm = robot.arm_with(targets, [name for name in chosen if name not in CAMPAIGN_SPECIFIC])
     left_out = tuple(name for name in chosen if name in CAMPAIGN_SPECIFIC)
     if missing := [name for name in arm.names if name not in rows]:
         raise LabError(f"{folder}/parameters.json: has no {missing[0]}: it is of another robot, or was cut short")
-    exported, before = (np.array([rows[name][key] for name in arm.names]) for key in ("exported", "nominal"))
-    turn = np.array([rows[name]["exported"] for name in _TURN]) if set(_TURN) <= set(rows) else np.zeros(3)
-    names, covariance = _covariance(folder / "covariance.csv", arm.names)
+    exported, nominal = (np.array([getattr(rows[n], key) for n in arm.names]) for key in ("exported", "nominal"))
+    turn = np.array([rows[name].exported for name in _TURN]) if set(_TURN) <= set(rows) else np.zeros(3)
+    labels, matrix = covariance
+    kept = [i for i, name in enumerate(labels) if name in arm.names]
+    names, part = tuple(labels[i] for i in kept), matrix[np.ix_(kept, kept)]
     return Calibrated(
-        folder, robot, arm, exported, before, se3.exp(turn), names, covariance, left_out, result, options, hand
+        folder, robot, arm, exported, nominal, se3.exp(turn), names, part, left_out, result, options, load
     )
 
 
-def _json(folder: Path, name: str, kind: type) -> Any:
+@dataclass(frozen=True)
+class _Config:
+    """Of ``config.json``."""
+
+    options: Mapping[str, Any]
+    command: str = ""
+    model_sha256: str = ""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Of ``parameters.json``: a parameter (SI)."""
+
+    name: str
+    nominal: float
+    exported: float
+
+
+def _read(folder: Path, name: str, kind: type[Kind]) -> Kind:
     """A file of the run."""
-    path = folder / name
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise LabError(
-            f"{path}: cannot be read ({error.strerror}); give the folder of a run of lab calibrate or lab identify"
-        ) from error
-    except ValueError as error:
-        raise LabError(f"{path}: not JSON ({error}); run lab calibrate or lab identify again") from error
-    if not isinstance(content, kind):
-        raise LabError(f"{path}: does not hold what a run writes; run lab calibrate or lab identify again")
-    return content
+    content = read_json(folder / name, "give the folder of a run of lab calibrate or lab identify")
+    with _again(folder / name):
+        return structured("", kind, content, extra=True)
 
 
-def _rows(folder: Path) -> list[dict[str, Any]]:
+def _rows(path: Path) -> list[_Row]:
     """The parameters."""
-    rows = _json(folder, "parameters.json", list)
-    for row in rows:
-        numbers = [row.get(key) for key in ("exported", "nominal")] if isinstance(row, dict) else [None]
-        if not all(isinstance(number, int | float) for number in numbers) or not isinstance(row.get("name"), str):
-            raise LabError(f"{folder}/parameters.json: a row lacks name, nominal or exported; identify again")
-    return list(rows)
+    content = read_json(path, "give the folder of a run of lab calibrate or lab identify")
+    with _again(path):
+        if not isinstance(content, list):
+            raise LabError("is no list of parameters")
+        return [structured("", _Row, row, extra=True) for row in content]
 
 
-def _covariance(path: Path, names: Sequence[str]) -> tuple[tuple[str, ...], Array]:
-    """The part of the covariance that is of these parameters, and their names."""
+@contextmanager
+def _again(path: Path) -> Iterator[None]:
+    """A LabError for a file that does not hold what a run writes."""
+    try:
+        yield
+    except LabError as error:
+        raise LabError(
+            f"{path}: does not hold what a run writes: {error}; run lab calibrate or lab identify again"
+        ) from error
+
+
+def _covariance(path: Path) -> tuple[tuple[str, ...], Array]:
+    """The identified parameters' names and covariance."""
     if not path.is_file():
         raise LabError(f"{path}: is missing: an older version of the lab made this run; make it again")
     table = CsvTable(path)
     labels = table.texts("parameter")
     if labels is None or tuple(table.header[1:]) != labels:
         raise LabError(f"{path}: its rows are not those of its columns; identify again")
-    kept = [i for i, name in enumerate(labels) if name in names]
-    cells = [row[1:] for row in table.rows]
     try:
-        matrix = np.array(cells, dtype=np.float64)
+        return labels, np.array([row[1:] for row in table.rows], dtype=np.float64)
     except ValueError as error:
         raise LabError(f"{path}: {error}; identify again") from error
-    return tuple(labels[i] for i in kept), matrix[np.ix_(kept, kept)]

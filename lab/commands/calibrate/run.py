@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,31 +24,30 @@ from lab.calibration.validation import (
 )
 from lab.calibration.verdict import Verdict, verdict
 from lab.calibration.weights import Noise
-from lab.campaign.observation_kinds import configured_kind, kind_named, simulation_of
-from lab.campaign.option_groups import Fitting
+from lab.campaign.observation_kinds import configured_kind, kind_named
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.virtual_robot import (
-    asked_conditions,
-    drawn_conditions,
-    fresh_poses,
-    perturbed_arm,
-    poses_to_measure,
     truth_of,
 )
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.payload.known_payload import HandLoad, read_hand_load
+from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
+from lab.commands.keywords import options_of, takes
+from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
-from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
 from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["CalibrationResult", "calibrate", "identify"]
+
+IN_MEMORY: Final = "measurements.csv"  # the file's name, of measurements that are in none
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class CalibrationResult:
         seconds: of the identification and its assessment.
     """
 
+    options: VirtualCampaign | MeasuredCampaign
     robot: Robot
     kind: ObservationKind
     measurements: Measurements
@@ -89,28 +90,45 @@ class CalibrationResult:
         return self.fit.rows
 
 
-def run_virtual(options: VirtualCampaign) -> CalibrationResult:
-    """A campaign on a virtual arm: perturbed, measured by a tracker, identified, judged on fresh poses."""
-    options.check()
-    robot, _ = _carrying(load_virtual(options.robot), options.fitting)
-    robot.refuse_unknown(options.targets)
-    device = instrument(options.instrument)
-    real = perturbed_arm(robot, options)
-    joints, set_there, notes = poses_to_measure(robot, options)
-    asked = asked_conditions(robot, options)
-    conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
-    noisy = rng_for(options.seed, "noise")
-    simulate = simulation_of(options.observe)
-    data, bad = simulate(real, joints, options.targets, device, noisy, options.readings, conditions)
-    data = replace(data, warnings=notes)
+@takes(VirtualCampaign)
+def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> CalibrationResult:
+    """Run a virtual campaign: simulate a measuring day, identify the robot from it, and validate it on new poses.
 
+    Args:
+        robot: a model's name, a path, or a loaded robot; or all options in one object.
+        options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``, ``model`` and
+            so on.
+
+    Returns:
+        The identified parameters, with base and points in the instrument's frame, and how well they predict.
+
+    Raises:
+        LabError: an option is unknown or makes no sense; the message says what is valid.
+
+    Example:
+        >>> import lab
+        >>> result = lab.calibrate("irb120", poses=50, seed=7, targets=("p1", "p2"))
+        >>> result.to_dict()["verdict"]
+        'good'
+    """
+    if isinstance(robot, VirtualCampaign):
+        return _of_a_virtual_robot(measuring_day(robot, load_virtual(robot.robot)))
+    known = load_virtual(robot)
+    asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
+    return _of_a_virtual_robot(measuring_day(asked, known))
+
+
+def _of_a_virtual_robot(day: MeasuringDay) -> CalibrationResult:
+    """Identify from a measuring day, and validate on poses that were not measured, against the truth."""
+    options, robot, data, real = day.options, day.robot, day.measurements, day.true_robot
+    device = instrument(options.instrument)
     started = time.perf_counter()
     noise = Noise(device, readings=options.readings)
     if options.noise_mm is not None:
         noise = Noise(None, options.noise_mm / 1e3)
     kind = configured_kind(options.observe, ObservationOptions(), FitInputs())
     fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting, options.seed)
-    rows, fresh = _seen(data), fresh_poses(real, options, asked)
+    rows, fresh = _visible(data), day.validation_points()
     with error_context(options.plan or f"--poses {options.poses}"):
         fit = fitter(rows)
     identification = fit.identification
@@ -127,27 +145,61 @@ def run_virtual(options: VirtualCampaign) -> CalibrationResult:
         fitter,
         fit,
         validation,
-        options.gate_mm,
+        options,
         seconds,
         real=real,
         comparison=comparison,
-        bad=frozenset(np.array(data.ids)[bad].tolist()),
+        bad=day.outliers,
     )
 
 
-def run_measured(options: MeasuredCampaign) -> CalibrationResult:
-    """The same from a measurement file, judged by a hold-out, another file, or cross-validation."""
+@takes(MeasuredCampaign)
+def identify(
+    measurements: str | Path | Measurements | MeasuredCampaign, robot: str | Path | Robot = "irb120", **options: Any
+) -> CalibrationResult:
+    """Identify a robot from measurements, and validate it: on held-out poses, another file, or by cross-validation.
+
+    Args:
+        measurements: a CSV file, or measurements in memory (joint positions in rad or m, points in m in any one
+            frame); or all options in one object.
+        robot: the nominal model: a name, a path, or a loaded robot.
+        options: those of ``lab identify``, by name: ``instrument``, ``noise_mm``, ``holdout``, ``model`` and so on.
+
+    Returns:
+        The identified parameters, with base and points in the frame of the measurements, and how well they predict.
+
+    Raises:
+        LabError: an option or the file cannot be used; the message says where, and what is valid.
+
+    Example:
+        >>> import lab
+        >>> day = lab.simulate("irb120", poses=40, seed=7)
+        >>> result = lab.identify(day.measurements, robot="irb120", instrument="uniform-8um")
+        >>> result.to_dict()["rank"]
+        27
+    """
+    if isinstance(measurements, MeasuredCampaign):
+        return _of_measurements(measurements, load_robot(measurements.robot))
+    known = load_robot(robot)
+    in_memory = measurements if isinstance(measurements, Measurements) else None
+    file = IN_MEMORY if in_memory is not None else measurements
+    asked = options_of("lab.identify", MeasuredCampaign, {"file": str(file), "robot": known.source, **options})
+    return _of_measurements(asked, known, in_memory)
+
+
+def _of_measurements(options: MeasuredCampaign, robot: Robot, given: Measurements | None = None) -> CalibrationResult:
+    """Identify from the file that the options name, or from measurements in memory."""
     options.check()
-    robot, load = _carrying(load_robot(options.robot), options.fitting)
-    read = _read(robot, options.file, options, load)
-    other = None if options.validate is None else _seen(_read(robot, options.validate, options, load))
+    robot, load = carrying(robot, options.fitting.load)
+    read = _read(robot, options.file, options, load, given)
+    other = None if options.validate is None else _visible(_read(robot, options.validate, options, load))
     with error_context(options.file):
         fitter = _fitter(robot, read, options)
         data, observed = fitter.data, fitter.observed()
     judging: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
     judging += [] if other is None else [(other, CAMPAIGN_SPECIFIC)]
     fitter = replace(fitter, judged_by=tuple(judging))
-    rows, test = _seen(observed.only("calibrate")), _seen(observed.only("test"))
+    rows, test = _visible(observed.only("calibrate")), _visible(observed.only("test"))
     if not len(rows):
         raise LabError(f"{options.file}: no row with use = calibrate has a measured point; mark or measure some")
     if "test" in data.use and not len(test):
@@ -164,7 +216,7 @@ def run_measured(options: MeasuredCampaign) -> CalibrationResult:
         validation = _judged_by_file(fitter, fit, other, options)
     else:
         validation = _judged_by_rows(fitter, fit, held, options)
-    return _outcome(fitter, fit, validation, options.gate_mm, time.perf_counter() - started)
+    return _outcome(fitter, fit, validation, options, time.perf_counter() - started)
 
 
 def _judged_by_rows(fitter: Fitter, fit: FitReport, held: Measurements | None, options: MeasuredCampaign) -> Validation:
@@ -209,17 +261,14 @@ def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitt
     return Fitter(robot, targets, data, kind, noise, options.fitting, options.seed)
 
 
-def _carrying(robot: Robot, fitting: Fitting) -> tuple[Robot, HandLoad | None]:
-    """The robot with payloads where the load hangs that the options name, and that load."""
-    if fitting.load is None:
-        return robot, None
-    load = read_hand_load(fitting.load)
-    return load.carried_by(robot), load
-
-
-def _read(robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None) -> Measurements:
-    columns = kind_named(options.observe).columns
-    read = read_measurements(path, robot.chain.joint_names, robot.chain.prismatic, columns=columns)
+def _read(
+    robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None = None
+) -> Measurements:
+    """The rows of a file, or those given, with what the robot carries there."""
+    chain, read = robot.chain, given
+    if read is None:
+        columns = kind_named(options.observe).columns
+        read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
     return read if load is None else load.weighed(read)
 
@@ -234,8 +283,8 @@ def _impossible(what: str, data: Measurements) -> list[str]:
     ]
 
 
-def _seen(data: Measurements) -> Measurements:
-    """The rows where a target was seen."""
+def _visible(data: Measurements) -> Measurements:
+    """The rows where a target was measured."""
     return data.take(np.flatnonzero(data.seen.any(axis=1)))
 
 
@@ -253,7 +302,7 @@ def _outcome(
     fitter: Fitter,
     fit: FitReport,
     validation: Validation,
-    gate_mm: float,
+    options: VirtualCampaign | MeasuredCampaign,
     seconds: float,
     *,
     real: TrueRobot | None = None,
@@ -261,7 +310,7 @@ def _outcome(
     bad: frozenset[str] = frozenset(),
 ) -> CalibrationResult:
     robot, data, identification = fitter.robot, fitter.data, fit.identification
-    word = verdict(identification, validation, gate_mm / 1e3)
+    word = verdict(identification, validation, options.gate_mm / 1e3)
     warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
@@ -273,6 +322,7 @@ def _outcome(
         if after >= before:
             warnings.append(f"no improvement: {1e3 * after:.3g} mm after, {1e3 * before:.3g} mm before")
     return CalibrationResult(
+        options,
         robot,
         fitter.kind,
         data,

@@ -121,7 +121,7 @@ class CompensationResult(Result):
     @property
     def validation_mm(self) -> float | None:
         """The mean error (mm) at the run's validation poses; None where it has none."""
-        return None if (after := self.run.result.get("after_mm")) is None else after["mean"]
+        return None if (after := self.run.result.after_mm) is None else after["mean"]
 
     @property
     def scheme_disagreement_mm(self) -> float | None:
@@ -202,7 +202,7 @@ class CompensationResult(Result):
     def predicted_m(self) -> Array:
         """Predicted error ``(n,)`` at each target (m, RMS), from the parameters' covariance and the lack of fit."""
         run = self.run
-        lacking, larger, _ = run.lacking((run.result["noise_mm"] or 0.0) / 1e3)
+        lacking, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
         jacobian = run.arm.observe(self.arm_inputs, run.values)[1][:, self.target]
         rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
         known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2

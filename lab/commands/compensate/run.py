@@ -1,13 +1,16 @@
 """Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lab.campaign.observation_kinds import kind_named
-from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
+from lab.commands.keywords import options_of, takes
 from lab.compensation.compensator import Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import asked
@@ -15,30 +18,67 @@ from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.inverse.newton import PoseTarget
 
-__all__ = ["run_correction"]
+__all__ = ["compensate"]
+
+if TYPE_CHECKING:
+    from lab.commands.calibrate.run import CalibrationResult
 
 UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
 
 
-def run_correction(options: CompensateOptions) -> CompensationResult:
-    """Correct the targets of a file for the arm of a run."""
-    run = read_calibrated(options.run, options.load)
-    if not options.force:
-        run.refuse_unfit("compensation")
-    chain = run.robot.chain
-    targets = read_targets(options.targets, chain.joint_names, chain.prismatic, options.orientation)
-    return _corrected(options, run, targets, str(options.targets))
-
-
-def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets, source: str) -> CompensationResult:
-    """Correct targets for the arm of a run.
+@takes(CompensateOptions)
+def compensate(
+    targets: str | Path | Targets | CompensateOptions,
+    run: "str | Path | CalibrationResult | None" = None,
+    **options: Any,
+) -> CompensationResult:
+    r"""Correct targets for a calibrated robot, so that its controller, which computes with nominal values, meets them.
 
     Args:
-        source: what an error calls the targets.
+        targets: a CSV file, or targets in memory: where the tool is to be, in the frame in which the robot was
+            measured (m); or all options in one object.
+        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run.
+        options: those of ``lab compensate``, by name: ``orientation``, ``force``, ``load``.
+
+    Returns:
+        Joint positions (rad or m) and corrected targets (m, in the frame of the targets), and the error to expect.
+
+    Raises:
+        LabError: the run is not good, or the targets are not for its tool; the message says how to go on.
+
+    Example:
+        >>> import lab, pathlib, tempfile
+        >>> result = lab.calibrate("irb120", seed=7)
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "targets.csv"
+        >>> x, y, z = 1e3 * result.measurements.points[0, 0]
+        >>> _ = file.write_text(f"p1_x_mm,p1_y_mm,p1_z_mm\\n{x},{y},{z}\\n")
+        >>> lab.compensate(file, run=result).to_dict()["targets"]
+        1
+    """
+    if isinstance(targets, CompensateOptions):
+        return _compensated(targets, read_calibrated(targets.run, targets.load))
+    in_memory = targets if isinstance(targets, Targets) else None
+    file = "targets.csv" if in_memory is not None else str(targets)
+    asked = options_of("lab.compensate", CompensateOptions, {"targets": file, **folder_of(run), **options})
+    return _compensated(asked, calibrated_by(run, asked.run, asked.load), in_memory)
+
+
+def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | None = None) -> CompensationResult:
+    if not options.force:
+        run.refuse_unfit("compensation")
+    chain, targets = run.robot.chain, given
+    if targets is None:
+        targets = read_targets(options.targets, chain.joint_names, chain.prismatic, options.orientation)
+    return _corrected(options, run, targets)
+
+
+def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) -> CompensationResult:
+    """Correct targets for the arm of a run.
 
     Raises:
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
     """
+    source = str(options.targets)
     if not kind_named(observed := run.options.get("observe", "points")).in_instrument_frame:
         raise LabError(
             f"{run.folder}: identified with --observe {observed}, so in which frame targets would be it does not say; "

@@ -3,13 +3,17 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lab.calibration.identifiability import enough_poses
 from lab.campaign.design_problem import PoseProblem, pose_problem
-from lab.campaign.design_search import Progress, best_design, exchanged, silent
+from lab.campaign.design_search import Progress, best_design, exchanged
 from lab.campaign.options import DesignOptions
+from lab.campaign.robot import Robot, load_virtual
+from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -18,6 +22,7 @@ from lab.pose_selection.criteria import Indices, indices
 from lab.pose_selection.exchange import Design, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
 from lab.pose_selection.tour import Tour, plan_tour, rated
+from lab.render.progress import status
 
 POSES = 30  # where neither a number nor an accuracy is asked for
 MOST_POSES = 200  # where an accuracy is asked for
@@ -61,19 +66,41 @@ class Plan:
     warnings: tuple[str, ...]
 
 
-def plan_campaign(options: DesignOptions, progress: Progress = silent) -> Plan:
-    """Choose poses among feasible candidates, improve them, certify them, order them.
+@takes(DesignOptions)
+def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any) -> Plan:
+    """Choose the poses to measure among feasible candidates, improve them, certify them, and order them.
 
     Args:
-        progress: is told what is being done.
+        robot: a model's name, a path, or a loaded robot; or all options in one object.
+        options: those of ``lab design``, by name: ``poses`` or ``accuracy_mm``, ``criterion``, ``instrument`` and so
+            on.
+
+    Returns:
+        Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them.
 
     Raises:
         LabError: the request cannot be met; the message says by what.
+
+    Example:
+        >>> import lab
+        >>> plan = lab.design("irb120", poses=14, candidates=100, starts=1)
+        >>> plan.joints.shape
+        (14, 6)
     """
+    if isinstance(robot, DesignOptions):
+        asked, known = robot, load_virtual(robot.robot)
+    else:
+        known = load_virtual(robot)
+        asked = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
+    with status("planning") as progress:
+        return _planned(asked, known, progress)
+
+
+def _planned(options: DesignOptions, robot: Robot, progress: Progress) -> Plan:
     started = time.perf_counter()
     options.check()
     progress("candidates")
-    problem = pose_problem(options)
+    problem = pose_problem(options, robot)
     least = _least(problem)
     quick = _of_any_size(options, problem)
     if options.accuracy_mm is not None:

@@ -1,18 +1,21 @@
 """What a robot is, and what of it can be identified: as plain values, and in words."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from lab.calibration.identifiability import WEAK_CONDITION, aliases, poses_needed, scaled_condition, weak_directions
-from lab.campaign.robot import Robot
+from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.result import column_scale, direction_as_values, number
 from lab.commands.inspect.closed import drawn_closed, print_closed, shape_closed
 from lab.commands.inspect.format import coefficient, per_person
+from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.serial import drawn_serial, print_serial, shape_serial
+from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
 from lab.core.numbers import LARGEST
 from lab.core.random import rng_for
@@ -24,28 +27,60 @@ POSES = 200
 
 
 @dataclass(frozen=True)
-class Question:
-    """What is asked of a robot: targets, and where the first is; groups of effects; parameters to fix or free."""
+class Inspection:
+    """What a robot is, and what of it can be identified.
 
+    Attributes:
+        values: what ``--json`` prints: mm and degrees, aliases in SI.
+    """
+
+    options: InspectOptions
     robot: Robot
-    targets: tuple[str, ...]
-    groups: tuple[str, ...] = ()
-    fix: tuple[str, ...] = ()
-    free: tuple[str, ...] = ()
-    place_mm: tuple[float, ...] = ()
+    values: dict[str, Any]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader should be told."""
+        return self.robot.warnings
 
 
-def inspection(question: Question) -> dict[str, Any]:
-    """A robot's drawing, limits, shape, identifiable and aliased parameters. Millimetres and degrees; aliases in SI."""
-    robot = question.robot
-    arm, nominal = robot.arm_with(question.targets, question.groups), _nominal(question)
-    structure = base_set(arm, nominal, fix=question.fix, free=question.free)
+@takes(InspectOptions)
+def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: Any) -> Inspection:
+    """Say what a robot is, and what of it can be identified.
+
+    Args:
+        robot: a model's name, a path, or a loaded robot; or all options in one object.
+        options: those of ``lab inspect``, by name: ``targets``, ``tool_mm``, ``model``, ``fix``, ``free``.
+
+    Returns:
+        Its nominal dimensions and limits (mm and degrees), and its identifiable parameters.
+
+    Raises:
+        LabError: there is no such robot, target or parameter; the message lists those there are.
+
+    Example:
+        >>> import lab
+        >>> lab.inspect("irb120", targets=("p1", "p2", "p3")).to_dict()["rank"]
+        33
+    """
+    if isinstance(robot, InspectOptions):
+        return _inspected(robot, load_robot(robot.robot))
+    known = load_robot(robot)
+    return _inspected(options_of("lab.inspect", InspectOptions, {"robot": known.source, **options}), known)
+
+
+def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
+    """Nominal dimensions, limits, shape, identifiable and aliased parameters."""
+    groups = options.groups
+    nominal = _nominal(options, robot)
+    arm = robot.arm_with(options.targets, groups)
+    structure = base_set(arm, nominal, fix=options.fix, free=options.free)
     hidden = aliases(arm, structure, column_scale(arm, nominal))
     inputs = arm.structure_joints(POSES, rng_for(0, "structure"))
     jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[:, list(structure.kept)]
     names = [arm.names[i] for i in structure.kept]
-    condition, usual = scaled_condition(jacobian), not (question.fix or question.free)
-    asked = named(arm.names, "--fix", question.fix)
+    condition, usual = scaled_condition(jacobian), not (options.fix or options.free)
+    asked = named(arm.names, "--fix", options.fix)
     held = [arm.names[i] for i in structure.held]
     if isinstance(robot.chain, Mechanism):
         drawn, shape = (
@@ -54,10 +89,10 @@ def inspection(question: Question) -> dict[str, Any]:
         )
     else:
         drawn, shape = drawn_serial(robot.serial_model.chain), shape_serial(robot.serial_model.chain)
-    return {
+    values = {
         "robot": robot.name,
         **drawn,
-        "targets": list(question.targets),
+        "targets": list(options.targets),
         "parameters": len(arm.names),
         "rank": len(structure.kept),
         "identifiable": names,
@@ -69,36 +104,34 @@ def inspection(question: Question) -> dict[str, Any]:
         "changes": {
             change.words: number(change.condition)
             for change in (
-                changes(robot, question.targets, question.groups, nominal, inputs)
-                if usual and condition > WEAK_CONDITION
-                else ()
+                changes(robot, options.targets, groups, nominal, inputs) if usual and condition > WEAK_CONDITION else ()
             )
             if change.condition < condition
         },
         "poses_needed": poses_needed(arm, nominal, structure),
         **shape,
     }
+    return Inspection(options, robot, values)
 
 
-def _nominal(question: Question) -> Array:
-    robot = question.robot
-    robot.refuse_unknown(question.targets)
+def _nominal(options: InspectOptions, robot: Robot) -> Array:
+    robot.refuse_unknown(options.targets)
     tool = dict(robot.tool)
-    if question.place_mm:
-        if len(question.place_mm) != 3:
+    if options.tool_mm:
+        if len(options.tool_mm) != 3:
             raise LabError("--tool-mm: give x, y and z of the first target in the last frame, e.g. 0,0,0")
-        if far := [number for number in question.place_mm if not abs(number) <= LARGEST]:
+        if far := [number for number in options.tool_mm if not abs(number) <= LARGEST]:
             raise LabError(f"--tool-mm {far[0]:g}: give finite numbers in mm, at most {LARGEST:g}")
-        tool[question.targets[0]] = np.array(question.place_mm) / 1e3
-    return robot.arm_with(question.targets, question.groups).nominal(tool)
+        tool[options.targets[0]] = np.array(options.tool_mm) / 1e3
+    return robot.arm_with(options.targets, options.groups).nominal(tool)
 
 
-def print_inspection(question: Question) -> None:
+def print_inspection(found: Inspection) -> None:
     """The same for a person."""
-    console, seen = Console(markup=False), inspection(question)
-    closed = isinstance(question.robot.chain, Mechanism)
+    console, seen = Console(markup=False), found.values
+    closed = isinstance(found.robot.chain, Mechanism)
     (print_closed if closed else print_serial)(console, seen)
-    left = f" ({seen['rank']} of the {seen['not_fixed']} that --fix leaves)" if closed and question.fix else ""
+    left = f" ({seen['rank']} of the {seen['not_fixed']} that --fix leaves)" if closed and found.options.fix else ""
     console.print(
         f"{seen['rank']} of {seen['parameters']} parameters{left} can be identified from positions of "
         f"{', '.join(seen['targets'])}, from {seen['poses_needed']} poses or more:"

@@ -56,6 +56,14 @@ class HandLoad:
         return replace(data, conditions={**data.conditions, "payload_kg": np.full(len(data), self.mass_kg)})
 
 
+def carrying(robot: Robot, folder: Path | None) -> tuple[Robot, HandLoad | None]:
+    """The robot with payloads where the load hangs that a run of ``lab payload`` found, and that load; None without."""
+    if folder is None:
+        return robot, None
+    load = read_hand_load(folder)
+    return load.carried_by(robot), load
+
+
 def read_hand_load(folder: Path) -> HandLoad:
     """What a run of ``lab payload`` found.
 

@@ -1,9 +1,13 @@
 """The load at the hand, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.options import PayloadOptions
 from lab.commands.payload.result import PayloadResult, wild_sample
@@ -24,22 +28,50 @@ from lab.payload_identification.sag_uncertainty import sag_uncertainty
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload import drawn_mounting, own_dynamics
 
-__all__ = ["run_payload"]
+if TYPE_CHECKING:
+    from lab.commands.calibrate.run import CalibrationResult
+
+__all__ = ["payload"]
 
 COSTED = 200  # poses over which the cost of an uncertain load is averaged
 SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 
 
-def run_payload(options: PayloadOptions) -> PayloadResult:
-    """Identify the load of a file.
+@takes(PayloadOptions)
+def payload(
+    file: str | Path | PayloadOptions,
+    robot: str | Path | Robot = "irb120",
+    run: "str | Path | CalibrationResult | None" = None,
+    **options: Any,
+) -> PayloadResult:
+    """Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.
+
+    Args:
+        file: rows of a loaded and an unloaded run: joint positions with torques, a sensor's wrench, or tracked points;
+            or all options in one object.
+        robot: the nominal model: a name, a path, or a loaded robot.
+        run: of tracked points, what calibrated the robot with its compliances: a result, or the folder of a run.
+        options: those of ``lab payload``, by name: ``sensor``, ``method``, ``friction`` and so on.
+
+    Returns:
+        Mass (kg), centre of mass (m) and inertia (kg m²), in the frame of the flange.
 
     Raises:
-        LabError: the file lacks what the method needs, or does not tell.
+        LabError: the file lacks what the method needs, or does not show a payload.
     """
+    if isinstance(file, PayloadOptions):
+        return _payload(file, file.robot, None if file.run is None else read_calibrated(file.run))
+    known = load_robot(robot)
+    given = {"file": str(file), "robot": known.source, **folder_of(run), **options}
+    asked = options_of("lab.payload", PayloadOptions, given)
+    return _payload(asked, known, None if asked.run is None else calibrated_by(run, asked.run))
+
+
+def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:
     options.check()
-    if options.run is not None:
-        return _by_sag(options)
-    robot = load_robot(options.robot)
+    if run is not None:
+        return _by_sag(options, run)
+    robot = load_robot(nominal)
     model, chain = robot.serial_model, robot.chain
     samples = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
     method = options.method or ("torques" if samples.wrench is None else "wrench")
@@ -94,10 +126,8 @@ def _refuse(options: PayloadOptions, name: str, given: bool, method: str) -> Non
         raise LabError(f"--{name} is for --method {method}: leave it out")
 
 
-def _by_sag(options: PayloadOptions) -> PayloadResult:
+def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
     """From tracker positions with and without the load, and the compliances of a calibrated arm."""
-    assert options.run is not None
-    run = read_calibrated(options.run)
     robot, values = run.robot, run.geometry[1]
     arm = robot.serial_arm(run.arm.targets)
     data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)

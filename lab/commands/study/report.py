@@ -32,13 +32,18 @@ METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the page; th
 
 def write_study(done: StudyDone) -> Analysis:
     """Write means, pairs and ranks as CSV, the figures, and ``report.html``, into the study's folder."""
-    campaigns = read_campaigns(done.folder)
-    columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
-    analysis = analysed(columns, done.study.cells, done.study.seed)
+    analysis = analysis_of(done)
     write_csv(done.folder, analysis)
     pictures = [name for metric in METRICS for name in plot_study(done.folder, analysis, metric)]
     write_page(done.folder / "report.html", done.study.name, _parts(done, analysis, pictures))
     return analysis
+
+
+def analysis_of(done: StudyDone) -> Analysis:
+    """What the campaigns of a study say."""
+    campaigns = read_campaigns(done.folder)
+    columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
+    return analysed(columns, done.study.cells, done.study.seed)
 
 
 def print_study(done: StudyDone, analysis: Analysis) -> None:

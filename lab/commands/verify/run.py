@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +14,8 @@ from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.campaign.observation_kinds import kind_named
-from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
 from lab.core.errors import LabError
@@ -20,27 +23,62 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.verification.prediction import CalibrationPrediction
-from lab.verification.test import Verified, verify
+from lab.verification.test import Verified
+from lab.verification.test import verify as test
 
-__all__ = ["run_verification"]
+if TYPE_CHECKING:
+    from lab.commands.calibrate.run import CalibrationResult
+
+__all__ = ["verify"]
 
 LEAST_SPREAD = 3  # poses whose spread says something
 TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
 
-def run_verification(options: VerifyOptions) -> VerificationResult:
-    """Test a file of new measurements against a run.
+@takes(VerifyOptions)
+def verify(
+    run: "str | Path | CalibrationResult | VerifyOptions",
+    measurements: str | Path | Measurements = "",
+    **options: Any,
+) -> VerificationResult:
+    """Test a few new measurements against a calibrated robot; where it is no longer good, say what has moved.
+
+    Args:
+        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; or all
+            options in one object.
+        measurements: a CSV file, or measurements in memory, in the frame of the run (m) unless ``refit`` says that
+            the base was set up anew.
+        options: those of ``lab verify``, by name: ``refit``, ``instrument``, ``noise_mm``, ``force``.
+
+    Returns:
+        Whether the errors are those that the calibration predicts, and what would explain them if not.
 
     Raises:
-        LabError: the run is not good, is of another robot, or did not identify what the file measures.
+        LabError: the run is not good, is of another robot, or did not identify what was measured.
+
+    Example:
+        >>> import lab
+        >>> day = lab.simulate("irb120", poses=60, seed=7)
+        >>> old, new = day.measurements.take(range(50)), day.measurements.take(range(50, 60))
+        >>> result = lab.identify(old, robot="irb120", instrument="uniform-8um")
+        >>> lab.verify(result, new).to_dict()["good"]
+        True
     """
+    if isinstance(run, VerifyOptions):
+        return _verified(run, read_calibrated(run.run))
+    in_memory = measurements if isinstance(measurements, Measurements) else None
+    file = "measurements.csv" if in_memory is not None else str(measurements)
+    asked = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
+    return _verified(asked, calibrated_by(run, asked.run), in_memory)
+
+
+def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurements | None = None) -> VerificationResult:
     options.check()
-    calibrated = read_calibrated(options.run)
     if not options.force:
         calibrated.refuse_unfit("a verification")
     _refuse_unseen_base(calibrated, options)
     chain = calibrated.robot.chain
-    read = read_measurements(options.file, chain.joint_names, chain.prismatic)
+    read = read_measurements(options.file, chain.joint_names, chain.prismatic) if given is None else given
     if calibrated.load is not None and "payload_kg" in calibrated.arm.conditions:
         read = calibrated.load.weighed(read)
     rows = read.only("calibrate", "reference", "test")
@@ -51,7 +89,7 @@ def run_verification(options: VerifyOptions) -> VerificationResult:
     with _naming(options):
         seen, prediction = _against(calibrated, rows, options)
         _refuse_implausible(prediction, seen)
-        verified = verify(prediction, seen, options.refit, [rows.where(i) for i in range(len(rows))])
+        verified = test(prediction, seen, options.refit, [rows.where(i) for i in range(len(rows))])
     warnings = tuple(_warnings(calibrated, read, rows, verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
@@ -124,7 +162,7 @@ def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
         return Noise(sigma_m=then["noise_mm"] / 1e3)
     if then.get("instrument") not in (None, "exact"):
         return Noise(instrument(then["instrument"]), readings=then.get("readings", 1))
-    return Noise(sigma_m=max((calibrated.result["noise_mm"] or 0.0) / 1e3, LEAST_SIGMA_M))
+    return Noise(sigma_m=max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M))
 
 
 def _widened(seen: Observations, lacking_m: float) -> Observations:

@@ -14,7 +14,7 @@ from lab.calibration.observations.socket import Sockets
 from lab.calibration.validation import errors_of
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.run import run_measured
+from lab.commands.calibrate.run import identify as identify_file
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 
@@ -121,6 +121,6 @@ def test_random_poses_are_at_no_fixture(kind, columns, cell, tmp_path) -> None:
     path.write_text(f"{HEADER},{columns}\n{rows}")
     words = "what was measured is the same in every pose" if kind == "cable" else "302 mm from the drawing"
     for prior in (False, True):
-        outcome = run_measured(MeasuredCampaign(path, observe=kind, fitting=Fitting(prior=prior)))
+        outcome = identify_file(MeasuredCampaign(path, observe=kind, fitting=Fitting(prior=prior)))
         assert outcome.verdict.word == "bad" and words in outcome.verdict.reason
         assert np.nanmax(np.abs(outcome.identification.residuals)) < 1e-3  # it fits, and says nothing

@@ -6,12 +6,12 @@ import pytest
 
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.run import run_virtual
+from lab.commands.calibrate.run import calibrate
 
 
 @pytest.fixture(scope="session")
 def outcome():
-    return run_virtual(VirtualCampaign(seed=7, poses=30))
+    return calibrate(VirtualCampaign(seed=7, poses=30))
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.calibrate.run import run_virtual
+from lab.commands.calibrate.run import calibrate
 from lab.core.errors import LabError
 
 pytestmark = pytest.mark.usefixtures("nothing_drawn")
@@ -34,7 +34,7 @@ def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path)
         effects=ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0), hours=1.0),
         fitting=Fitting("compliance+drift"),
     )
-    outcome = run_virtual(options)
+    outcome = calibrate(options)
     joints = calibrated.robot.chain.random_joints(100, np.random.default_rng(0))
     at_start = np.concatenate([joints, np.full((100, 1), 3.0), np.zeros((100, 1))], axis=1)
     whole = outcome.identification.model.points(at_start, outcome.identification.values)

@@ -9,7 +9,7 @@ from helpers.robots import data_file
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import summary
-from lab.commands.calibrate.run import run_measured
+from lab.commands.calibrate.run import identify
 
 
 def mean_mm(errors) -> float:
@@ -18,7 +18,7 @@ def mean_mm(errors) -> float:
 
 def test_irb120_by_its_protocol() -> None:
     """36 poses with three points; links and base from there, the tool point of each session from one row."""
-    outcome = run_measured(
+    outcome = identify(
         MeasuredCampaign(
             data_file("irb120_liaowu_calib36.csv"), validate=data_file("irb120_liaowu_test40.csv"), refit=("tool",)
         )
@@ -38,7 +38,7 @@ def test_irb120_by_its_protocol() -> None:
 
 
 def test_ur10_random_poses() -> None:
-    outcome = run_measured(MeasuredCampaign(data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml")), holdout=0.3))
+    outcome = identify(MeasuredCampaign(data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml")), holdout=0.3))
     errors = outcome.validation.errors
     assert errors is not None and 0.3 < mean_mm(errors.after) <= 0.47 < mean_mm(errors.before)
     assert outcome.verdict.word == "good"
@@ -49,7 +49,7 @@ def test_ur10_cubes_over_ten_splits() -> None:
     after = []
     for seed in range(10):
         options = MeasuredCampaign(data_file("ur10_ipa_D.csv"), str(data_file("ur10.toml")), seed=seed, holdout=0.3)
-        errors = run_measured(options).validation.errors
+        errors = identify(options).validation.errors
         assert errors is not None
         after.append(mean_mm(errors.after))
     assert 0.3 < np.mean(after) <= 0.37
@@ -58,7 +58,7 @@ def test_ur10_cubes_over_ten_splits() -> None:
 
 @pytest.mark.parametrize("file", ["ur10_ipa_C.csv", "ur10_ipa_D.csv"])
 def test_ur10_is_cross_validated_where_nothing_is_asked(file: str) -> None:
-    outcome = run_measured(MeasuredCampaign(data_file(file), str(data_file("ur10.toml"))))
+    outcome = identify(MeasuredCampaign(data_file(file), str(data_file("ur10.toml"))))
     errors = outcome.validation.errors
     assert outcome.validation.judged_by == "cross-validation" and errors is not None
     assert np.isfinite(errors.after).all() and mean_mm(errors.after) <= 0.47
@@ -69,7 +69,7 @@ def test_ur10_is_cross_validated_where_nothing_is_asked(file: str) -> None:
 
 
 def liaowu(model: str, robust: bool = False):
-    return run_measured(
+    return identify(
         MeasuredCampaign(
             data_file("irb120_liaowu_calib36.csv"),
             validate=data_file("irb120_liaowu_test40.csv"),
@@ -93,7 +93,7 @@ def test_irb120_bends(robust: bool) -> None:
 def test_irb120_with_a_wire() -> None:
     """Anchors found from the residuals, row 950 told, the rounding of the joints named as the limit."""
     file = data_file("irb120_cable_robotcali_1042.csv")
-    outcome = run_measured(MeasuredCampaign(file, observe="cable", fitting=Fitting(prior=True)))
+    outcome = identify(MeasuredCampaign(file, observe="cable", fitting=Fitting(prior=True)))
     errors = outcome.validation.errors
     assert outcome.validation.judged_by == "cross-validation" and errors is not None
     rms = 1e3 * float(np.sqrt(np.nanmean(errors.after**2)))
@@ -112,7 +112,7 @@ def test_panda_with_sockets(tmp_path) -> None:
     file = tmp_path / "marked.csv"
     file.write_text("\n".join([f"{header},use", *marked]) + "\n")
     options = MeasuredCampaign(file, str(data_file("panda.toml")), observe="socket", socket_distance_mm=50.0)
-    errors = run_measured(options).validation.errors
+    errors = identify(options).validation.errors
     assert errors is not None and mean_mm(errors.before) == pytest.approx(2.90, abs=0.02)
     assert 0.15 < mean_mm(errors.after) <= 0.25
 
@@ -121,7 +121,7 @@ def test_ur10_is_no_worse_with_what_it_calls_for() -> None:
     after = []
     for model in ("geometric", "auto"):
         file, robot = data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml"))
-        outcome = run_measured(MeasuredCampaign(file, robot, holdout=0.3, fitting=Fitting(model)))
+        outcome = identify(MeasuredCampaign(file, robot, holdout=0.3, fitting=Fitting(model)))
         assert outcome.validation.errors is not None and outcome.verdict.word == "good"
         after.append(mean_mm(outcome.validation.errors.after))
     assert outcome.fit.groups[:1] == ("harmonics2",) and after[1] <= after[0]
@@ -131,7 +131,7 @@ def test_ur10_as_poses(tmp_path) -> None:
     """Orientations are what the target near axis 6 lacks: the condition falls from thousands to tens."""
     file, robot = data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml"))
     options = MeasuredCampaign(file, robot, holdout=0.3, observe="pose", orientation="intrinsic-xyz")
-    outcome = run_measured(options)
+    outcome = identify(options)
     errors = outcome.validation.errors
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
@@ -140,7 +140,7 @@ def test_ur10_as_poses(tmp_path) -> None:
     few = tmp_path / "every_fourth.csv"
     few.write_text("\n".join([header, *rows[::4]]) + "\n")
     options = replace(options, file=few)
-    stated = summary(run_measured(replace(options, noise_mm=0.3, noise_mrad=0.6)))
+    stated = summary(identify(replace(options, noise_mm=0.3, noise_mrad=0.6)))
     assert stated["noise_mm"] == pytest.approx(0.3) and stated["noise_mrad"] == pytest.approx(0.6)
-    wrong = run_measured(replace(options, orientation="fixed-xyz"))
+    wrong = identify(replace(options, orientation="fixed-xyz"))
     assert wrong.verdict.word == "bad" and "wrong --orientation" in wrong.verdict.reason

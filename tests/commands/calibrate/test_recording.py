@@ -11,7 +11,8 @@ from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.commands.calibrate.recording import record
 from lab.commands.calibrate.recording_text import parameter_table, wording
-from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, run_measured, run_virtual
+from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, calibrate
+from lab.commands.calibrate.run import identify as identify_file
 from lab.commands.calibrate.scene import scene
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
@@ -137,14 +138,14 @@ def test_the_drawn_hand_carries_the_predicted_targets(outcome):
 
 def test_the_same_seed_gives_an_equal_recording_and_another_does_not(recording, tmp_path, home):
     for name, seed in (("same", 7), ("other", 8)):
-        record(tmp_path / f"{name}.rrd", run_virtual(VirtualCampaign(seed=seed, poses=30)))
+        record(tmp_path / f"{name}.rrd", calibrate(VirtualCampaign(seed=seed, poses=30)))
     done = rrd(home, "compare", "--unordered", recording, tmp_path / "same.rrd")
     assert done.returncode == 0, done.stderr
     assert rrd(home, "compare", "--unordered", recording, tmp_path / "other.rrd").returncode != 0
 
 
 def test_unseen_targets_are_left_out(tmp_path, home):
-    outcome = run_virtual(VirtualCampaign(seed=3, targets=("p1", "p2")))
+    outcome = calibrate(VirtualCampaign(seed=3, targets=("p1", "p2")))
     points = outcome.fitted.points.copy()
     points[4], points[5, 0], points[6, 1] = np.nan, np.nan, np.nan
     fitted = replace(outcome.fitted, points=points)
@@ -168,7 +169,7 @@ def test_unseen_targets_are_left_out(tmp_path, home):
 @pytest.mark.parametrize("poses", [9, 50])
 def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home, poses):
     """Nine poses of one target give as many equations as parameters: sigma stays unknown; with 50 it is zero."""
-    outcome = run_virtual(VirtualCampaign(seed=1, poses=poses, instrument="exact"))
+    outcome = calibrate(VirtualCampaign(seed=1, poses=poses, instrument="exact"))
     sigma = outcome.identification.sigma_m
     assert np.isnan(sigma) if poses == 9 else sigma < 1e-12
     path = tmp_path / "unknown.rrd"
@@ -180,7 +181,7 @@ def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home
 
 @needs_data
 def test_a_table_is_drawn_with_rods_and_many_poses_are_thinned_out(tmp_path, home):
-    outcome = run_measured(MeasuredCampaign(DATA / "ur10_ipa_D.csv", robot=str(DATA / "ur10.toml")))
+    outcome = identify_file(MeasuredCampaign(DATA / "ur10_ipa_D.csv", robot=str(DATA / "ur10.toml")))
     path = tmp_path / "table.rrd"
     record(path, outcome)
     assert rrd(home, "verify", path).returncode == 0
@@ -266,7 +267,7 @@ def test_shells_enclose_their_geoms(tmp_path):
 def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
     """What is left out is drawn where it was measured; the others stand at their rows of the file."""
     effects = ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))
-    outcome = run_virtual(VirtualCampaign(seed=2, effects=effects, fitting=Fitting(robust=True)))
+    outcome = calibrate(VirtualCampaign(seed=2, effects=effects, fitting=Fitting(robust=True)))
     assert len(outcome.fit.outliers) >= 2 and {pose.id for pose in outcome.fit.outliers} == set(outcome.bad)
     path = tmp_path / "off.rrd"
     record(path, outcome)

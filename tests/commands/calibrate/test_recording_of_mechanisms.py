@@ -10,10 +10,10 @@ from lab.campaign import virtual_robot as virtual_arm
 from lab.campaign.options import DesignOptions
 from lab.commands.calibrate.recording import record
 from lab.commands.calibrate.recording_text import wording
-from lab.commands.calibrate.run import VirtualCampaign, run_virtual
+from lab.commands.calibrate.run import VirtualCampaign, calibrate
 from lab.commands.calibrate.scene import scene
 from lab.commands.design.recording import record_plan
-from lab.commands.design.run import plan_campaign
+from lab.commands.design.run import design
 from lab.commands.design.scene import plan_scene
 from lab.render.rerun_primitives import LEGS
 
@@ -34,7 +34,7 @@ def quick():
 
 @pytest.fixture(scope="module", params=["delta", "rpr2", "rpr3"])
 def recorded(request, tmp_path_factory):
-    outcome = run_virtual(VirtualCampaign(robot=request.param, seed=4, poses=POSES))
+    outcome = calibrate(VirtualCampaign(robot=request.param, seed=4, poses=POSES))
     path = tmp_path_factory.mktemp("recording") / f"{request.param}.rrd"
     record(path, outcome)
     return path, outcome
@@ -108,7 +108,7 @@ def test_measured_legs_are_told_from_rods(recorded):
 
 
 def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
-    outcome = run_virtual(VirtualCampaign(poses=12))
+    outcome = calibrate(VirtualCampaign(poses=12))
     shown = scene(outcome)
     assert shown.legs.ends.shape == (12, 0, 2, 3) and shown.legs.measured == ()
     record(tmp_path / "serial.rrd", outcome)
@@ -118,7 +118,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
 
 
 def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):
-    plan = plan_campaign(DesignOptions(robot="delta", poses=9, candidates=60, starts=1))
+    plan = design(DesignOptions(robot="delta", poses=9, candidates=60, starts=1))
     path = tmp_path / "plan.rrd"
     record_plan(path, plan)
     assert rrd(home, "verify", path).returncode == 0

@@ -21,7 +21,7 @@ from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.report import write_report
 from lab.commands.calibrate.result import human_unit, parameters, summary
-from lab.commands.calibrate.run import run_measured, run_virtual
+from lab.commands.calibrate.run import calibrate, identify
 from lab.commands.calibrate.scene import world_of
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.provenance import command_line
@@ -110,7 +110,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def outcome():
-    return run_virtual(VirtualCampaign(seed=7))
+    return calibrate(VirtualCampaign(seed=7))
 
 
 @pytest.fixture(scope="module")
@@ -183,13 +183,13 @@ def test_the_same_seed_gives_the_same_bytes(runs: Path, outcome, tmp_path: Path)
 
 def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     """The names of files, robots, poses and targets are text, in the page as in its pictures."""
-    bad = run_virtual(VirtualCampaign(seed=2, effects=ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))))
+    bad = calibrate(VirtualCampaign(seed=2, effects=ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))))
     target = "a$b<i>&"
     data = replace(bad.measurements, targets=(target,), ids=tuple(f"{NASTY}{i}" for i in range(len(bad.measurements))))
     file = tmp_path / f"{NASTY.replace('/', '')}.csv"
     write_measurements(file, data, bad.robot.chain.prismatic)
     options = MeasuredCampaign(file, noise_mm=0.005)
-    found = run_measured(options)
+    found = identify(options)
     assert found.fit.outliers and found.fitted.targets == (target,)
     found = replace(found, robot=replace(found.robot, name=NASTY), warnings=(f"{NASTY} of a warning",))
     seen = written(tmp_path / "report.html", found, options)
@@ -232,7 +232,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
     options, verdict, missing = CASES[case]
-    found = run_virtual(options)
+    found = calibrate(options)
     assert found.verdict.word == verdict
     seen = written(tmp_path / "report.html", found, options)
     assert set(seen.figures) == set(FIGURES) - missing and seen.headings[0].endswith(verdict)
@@ -244,7 +244,7 @@ def test_a_run_that_is_not_judged(outcome, tmp_path: Path) -> None:
     file = tmp_path / "few.csv"
     write_measurements(file, outcome.measurements.take(range(11)), outcome.robot.chain.prismatic)
     options = MeasuredCampaign(file)
-    seen = written(tmp_path / "report.html", run_measured(options), options)
+    seen = written(tmp_path / "report.html", identify(options), options)
     assert seen.headings[0] == "irb120: identified, not judged" and "not judged" in seen.text
     assert list(seen.figures) == FIGURES[1:]
 
@@ -253,7 +253,7 @@ def test_held_out_poses_are_drawn_where_they_are(outcome, tmp_path: Path) -> Non
     file = tmp_path / "all.csv"
     write_measurements(file, outcome.measurements, outcome.robot.chain.prismatic)
     options = MeasuredCampaign(file, holdout=0.3, instrument="uniform-8um")
-    found = run_measured(options)
+    found = identify(options)
     seen = written(tmp_path / "report.html", found, options)
     assert "Shown are the poses held out" in seen.figures["where"]["caption"]
     held = found.measurements.without(found.fitted.ids)
@@ -285,7 +285,7 @@ def test_whatever_was_observed_gives_a_report(name: str, rows, options, tmp_path
     if "robot" in options:
         options = options | {"robot": str(data_file(options["robot"]))}
     asked = MeasuredCampaign(file, **options)
-    found = run_measured(asked)
+    found = identify(asked)
     seen = written(tmp_path / "report.html", found, asked)
     assert set(seen.figures) == set(FIGURES)
     words = {"cable": "error of the cable's length", "socket": "distance from the socket", "pose": "position error"}

@@ -20,7 +20,7 @@ from lab.cli import main
 from lab.commands.design.figures import plot_plan
 from lab.commands.design.recording import record_plan
 from lab.commands.design.result import plan_summary
-from lab.commands.design.run import plan_campaign
+from lab.commands.design.run import design
 from lab.commands.design.scene import plan_scene
 from lab.core.instruments import instrument
 from lab.core.random import rng_for
@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def plan():
-    return plan_campaign(DesignOptions(candidates=300, starts=1, poses=POSES, seed=3))
+    return design(DesignOptions(candidates=300, starts=1, poses=POSES, seed=3))
 
 
 def test_the_result_holds_what_was_asked_for(folder: Path) -> None:

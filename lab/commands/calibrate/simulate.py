@@ -1,0 +1,110 @@
+"""A virtual measuring day: a robot that is off, an instrument that is somewhere, and what it measures."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lab.campaign.observation_kinds import simulation_of
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import Robot, load_virtual
+from lab.campaign.virtual_robot import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
+from lab.commands.keywords import options_of, takes
+from lab.commands.payload.known_payload import carrying
+from lab.core.errors import LabError
+from lab.core.instruments import instrument
+from lab.core.measurements import Measurements
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import write_measurements
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["MeasuringDay", "measuring_day", "simulate"]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class MeasuringDay:
+    """What a virtual measuring day gives.
+
+    Attributes:
+        robot: the nominal model, which is all that an identification may know.
+        measurements: points (m) in the instrument's frame, and joint positions (rad or m) as the controller has them.
+        true_robot: what was measured: a robot that differs from its nominal model, and where the instrument stood.
+        outliers: ids of the rows whose reading is bad.
+    """
+
+    options: VirtualCampaign
+    robot: Robot
+    measurements: Measurements
+    true_robot: TrueRobot
+    outliers: frozenset[str]
+
+    @property
+    def T_world_instrument(self) -> Array:
+        """Pose ``(4, 4)`` of the instrument's frame, in which the measurements are, in the MuJoCo world (m)."""
+        return self.true_robot.T_world_tracker
+
+    def validation_points(self) -> Measurements:
+        """Exact points (m, in the instrument's frame) at 1,000 random poses that were not measured."""
+        return fresh_poses(self.true_robot, self.options, asked_conditions(self.robot, self.options))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the measurements as the CSV that ``lab identify`` reads.
+
+        Raises:
+            LabError: the file cannot be written.
+        """
+        try:
+            write_measurements(Path(path), self.measurements, self.robot.chain.prismatic)
+        except OSError as error:
+            raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
+        return Path(path)
+
+    def __repr__(self) -> str:
+        rows = len(self.measurements)
+        return f"<MeasuringDay: {rows} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}>"
+
+
+@takes(VirtualCampaign)
+def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> MeasuringDay:
+    """Simulate a measuring day: perturb a robot, set up an instrument, and measure poses that touch nothing.
+
+    Args:
+        robot: a model's name, a path, or a loaded robot; or all options in one object.
+        options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``,
+            ``position_sigma_mm``, ``backlash_mrad`` and so on.
+
+    Returns:
+        The measurements (m, in the instrument's frame), the nominal robot and the true one. The same options give the
+        same measurements as ``lab calibrate``.
+
+    Raises:
+        LabError: an option is unknown or makes no sense; the message says what is valid.
+
+    Example:
+        >>> import lab
+        >>> day = lab.simulate("irb120", poses=20, seed=7)
+        >>> day.measurements.points.shape  # poses, targets, x y z
+        (20, 1, 3)
+    """
+    if isinstance(robot, VirtualCampaign):
+        return measuring_day(robot, load_virtual(robot.robot))
+    known = load_virtual(robot)
+    return measuring_day(options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options}), known)
+
+
+def measuring_day(options: VirtualCampaign, robot: Robot) -> MeasuringDay:
+    """The measuring day of these options, with a robot that ``load_virtual`` gave."""
+    options.check()
+    robot, _ = carrying(robot, options.fitting.load)
+    robot.refuse_unknown(options.targets)
+    real = perturbed_arm(robot, options)
+    joints, set_there, notes = poses_to_measure(robot, options)
+    asked = asked_conditions(robot, options)
+    conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
+    noise, device = rng_for(options.seed, "noise"), instrument(options.instrument)
+    measure = simulation_of(options.observe)
+    data, bad = measure(real, joints, options.targets, device, noise, options.readings, conditions)
+    named = frozenset(np.array(data.ids)[bad].tolist())
+    return MeasuringDay(options, robot, replace(data, warnings=notes), real, named)

@@ -1,0 +1,115 @@
+"""Results of commands that have no document yet: how each is written and printed."""
+
+from pathlib import Path
+from typing import Any
+
+from lab.commands.result import Result
+
+
+def write(folder: Path, name: str, result: Any) -> None:
+    """Write all files of a run."""
+    if isinstance(result, Result):
+        return result.write(folder)
+    globals()[f"_write_{name}"](folder, result)
+    return None
+
+
+def exit_code(name: str, result: Any) -> int:
+    """Whether the answer is good."""
+    if isinstance(result, Result):
+        return result.exit_code
+    match name:
+        case "calibrate" | "identify":
+            return 1 if result.verdict.word == "bad" else 0
+    return 0
+
+
+def tell(name: str, result: Any, place: Path | None) -> None:
+    """Print a result for a person."""
+    if isinstance(result, Result):
+        from lab.render.terminal import print_document
+
+        print_document(result.document(), warnings=False)
+        if place is not None:
+            print(f"run: {place}")
+        return
+    globals()[f"_tell_{name}"](result, place)
+
+
+def warnings(name: str, result: Any) -> Any:
+    """What a reader should be told."""
+    return () if name == "study" else result.warnings
+
+
+def values(name: str, result: Any) -> Any:
+    """What ``--json`` prints."""
+    from lab.commands.calibrate.result import summary
+    from lab.commands.design.result import plan_summary
+
+    if isinstance(result, Result):
+        return result.to_dict()
+    if name == "inspect":
+        return result.values
+    if name == "study":
+        return result.summary
+    return {
+        "calibrate": summary,
+        "identify": summary,
+        "design": plan_summary,
+    }[name](result)
+
+
+def _write_calibrate(folder: Path, result: Any) -> None:
+    from lab.calibration.observations.protocol import observation_of
+    from lab.commands.run_folder import write_run
+
+    write_run(folder, result, result.options)
+    if observation_of(result.identification.model).positions:  # of a cable or a socket there is nothing to draw
+        from lab.commands.calibrate.recording import record
+
+        record(folder / "recording.rrd", result)
+    from lab.commands.calibrate.report import write_report
+
+    write_report(folder / "report.html", result, result.options)
+
+
+_write_identify = _write_calibrate
+
+
+def _write_design(folder: Path, plan: Any) -> None:
+    from lab.commands.design.figures import plot_plan
+    from lab.commands.design.recording import record_plan
+    from lab.commands.design.report import write_plan_report
+    from lab.commands.design.result import write_plan
+
+    write_plan(folder, plan)
+    plot_plan(folder, plan)
+    write_plan_report(folder, plan)
+    record_plan(folder / "recording.rrd", plan)
+
+
+def _tell_calibrate(result: Any, place: Path) -> None:
+    from lab.commands.calibrate.console import print_outcome
+
+    print_outcome(result, place)
+
+
+_tell_identify = _tell_calibrate
+
+
+def _tell_design(plan: Any, place: Path) -> None:
+    from lab.commands.design.console import print_plan
+
+    print_plan(plan, place)
+
+
+def _tell_inspect(found: Any, place: None) -> None:
+    from lab.commands.inspect.run import print_inspection
+
+    print_inspection(found)
+
+
+def _tell_study(done: Any, place: None) -> None:
+    from lab.commands.study.report import analysis_of, print_study
+
+    print_study(done, analysis_of(done))
