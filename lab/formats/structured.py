@@ -185,5 +185,5 @@ def _first(error: BaseException, path: tuple[str, ...]) -> str:
     if isinstance(error, _InvalidError):
         return f"{error.value!r} is no value of option '{name}'; give {error.valid}"
     if isinstance(error, KeyError):
-        return f"option '{name}' is missing; give it"
+        return f"'{name}' is missing"
     return str(error)  # a dataclass's own refusal

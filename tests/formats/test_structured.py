@@ -48,7 +48,7 @@ def test_json_and_back_is_the_same(value: Outer) -> None:
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({}, "f.json: option 'count' is missing"),
+        ({}, "f.json: 'count' is missing"),
         ({"count": 1.0}, "f.json: 1.0 is no value of option 'count'; give a whole number"),
         ({"count": True}, "f.json: True is no value of option 'count'; give a whole number"),
         ({"count": 1, "on": 1}, "give true or false"),

@@ -127,7 +127,7 @@ class Calibrated:
         if result.verdict != "good":
             said.append(f"the verdict of the run is '{result.get('verdict')}': what it promises is not to be believed")
         if result.adequate is False:
-            said.append(f"of the run: {result['adequacy']}: what the model lacked is taken for noise")
+            said.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
         if self.left_out:
             said.append(f"of the run: {', '.join(self.left_out)} was of its own day, and is left out")
         return tuple(said)

@@ -60,15 +60,16 @@ def payload(
         LabError: the file lacks what the method needs, or does not show a payload.
     """
     if isinstance(file, PayloadOptions):
+        file.check()
         return _payload(file, file.robot, None if file.run is None else read_calibrated(file.run))
     known = load_robot(robot)
     given = {"file": str(file), "robot": known.source, **folder_of(run), **options}
     asked = options_of("lab.payload", PayloadOptions, given)
+    asked.check()
     return _payload(asked, known, None if asked.run is None else calibrated_by(run, asked.run))
 
 
 def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:
-    options.check()
     if run is not None:
         return _by_sag(options, run)
     robot = load_robot(nominal)

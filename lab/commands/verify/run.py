@@ -65,15 +65,16 @@ def verify(
         True
     """
     if isinstance(run, VerifyOptions):
+        run.check()
         return _verified(run, read_calibrated(run.run))
     in_memory = measurements if isinstance(measurements, Measurements) else None
     file = "measurements.csv" if in_memory is not None else str(measurements)
     asked = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
+    asked.check()
     return _verified(asked, calibrated_by(run, asked.run), in_memory)
 
 
 def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurements | None = None) -> VerificationResult:
-    options.check()
     if not options.force:
         calibrated.refuse_unfit("a verification")
     _refuse_unseen_base(calibrated, options)

@@ -45,7 +45,7 @@ def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path)
     assert (calibrated.covariance == outcome.identification.covariance[np.ix_(kept, kept)]).all()
     assert calibrated.left_out == ("drift",)
     assert calibrated.warnings == ("of the run: drift was of its own day, and is left out",)
-    assert calibrated.result["residual_mm"] == pytest.approx(calibrated.result["noise_mm"], rel=0.3)
+    assert calibrated.result.residual_mm == pytest.approx(calibrated.result.noise_mm, rel=0.3)
 
 
 def broken(soft: Path, tmp_path: Path, name: str, change) -> Path:
@@ -77,7 +77,7 @@ def without_tool(text: str) -> str:
         ("result.json", lambda text: "[]", "does not hold"),
         ("parameters.json", without_tool, "has no tool"),
         ("parameters.json", lambda text: text.replace("link3.d", "link3.e"), "has no link3.d"),
-        ("parameters.json", lambda text: text.replace("exported", "export"), "lacks name"),
+        ("parameters.json", lambda text: text.replace("exported", "export"), "'exported' is missing"),
         ("covariance.csv", lambda text: text.replace("parameter", "name"), "not those of its columns"),
         ("covariance.csv", lambda text: text.replace("e-1", "f-1"), "identify again"),
     ],
