@@ -36,7 +36,7 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.experiments.closed_loop import compensator_of
-from lab.kinematics.effects.groups import HOUR_S
+from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
@@ -45,8 +45,8 @@ from lab.kinematics.serial.batch import StackedArm
 from lab.pose_selection.certificate import certify
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
+from lab.simulation.effects import random_conditions
 from lab.simulation.observations.points import track
-from lab.simulation.random_effects import random_conditions
 
 BUDGET_MS = {
     "identify 27 parameters, 50 poses": 5,

@@ -27,20 +27,22 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.groups import HOUR_S
+from lab.kinematics.effects.conditions import HOUR_S
+from lab.kinematics.effects.effect import ArmFacts
+from lab.kinematics.effects.registry import EffectOptions
 from lab.kinematics.gauge import base_set
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
+from lab.simulation.effects import random_effects
 from lab.simulation.observations.points import track
-from lab.simulation.random_effects import EffectSizes, random_effects
 from lab.simulation.true_robot import TrueRobot
 
 POSES, CANDIDATES, FRESH = 60, 1000, 1000
 TARGETS, PAYLOADS_KG = ("p1",), (0.0, 3.0)
 GROUPS = ("compliance", "harmonics")
-SIZES = EffectSizes(stiffness_nm_per_rad={2: 1e5, 3: 1e5}, harmonic_rad=0.2e-3)
+SIZES = EffectOptions(stiffness_nm_per_rad=1e5, harmonic_mrad=0.2)
 STIFF = ("joint2.compliance", "joint3.compliance")
 DEVICE = instrument("uniform-8um")
 
@@ -123,7 +125,7 @@ def flexible_arm(seed: int) -> Found:
     with threadpool_limits(1):
         robot = drawing()
         real = perturbed_arm(robot, VirtualCampaign(seed=seed))
-        real = real.with_effects(random_effects(robot.chain, SIZES, rng_for(seed, "effects")))
+        real = real.with_effects(random_effects(ArmFacts(robot.chain, robot.loads), SIZES, rng_for(seed, "effects")))
         data = measured(real, seed)
         chosen = selected(data)
         arm = robot.arm(TARGETS)

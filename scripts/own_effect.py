@@ -9,7 +9,7 @@ from lab.core.instruments import instrument
 from lab.core.measurements import measured
 from lab.core.random import rng_for
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.groups import Effect
+from lab.kinematics.effects.effect import Effect
 from lab.kinematics.parameter import joint_parameter
 
 

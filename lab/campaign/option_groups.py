@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import tyro
 
 from lab.core.errors import LabError
-from lab.core.numbers import LARGEST, positive
+from lab.core.numbers import positive
+from lab.kinematics.effects.registry import EffectOptions, fitted_groups
+
+Options = TypeVar("Options", bound=EffectOptions)
 
 
 def number(text: str) -> float:
@@ -56,15 +59,17 @@ Numbers = Annotated[
 ]
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 
+_GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
+MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(
+    _GROUPS
+)
+
 
 @dataclass(frozen=True)
 class Fitting:
     """How parameters are fitted."""
 
-    model: str = "geometric"
-    """geometric; auto, which adds the groups that the data support; or groups joined by +: compliance, payload
-    (compliance with an unknown mass at the flange), harmonics, harmonics2, gear, coupling, backlash, drift,
-    sessions (a frame that was bumped between the sessions of the file)."""
+    model: Annotated[str, tyro.conf.arg(help=MODEL_HELP)] = "geometric"
     robust: Flag = False
     """Leave out poses that are off, found by a test that names one in 1 % of clean campaigns."""
     fix: Names = ()
@@ -93,63 +98,13 @@ class Fitting:
         return () if self.model in ("geometric", "auto") else tuple(self.model.removeprefix("geometric+").split("+"))
 
 
+def comma_separated(kind: type[Options]) -> type[Options]:
+    """A class whose inherited options of several numbers are given as one word, e.g. ``0,3``."""
+    kind.__annotations__ = {each.name: Numbers for each in fields(kind) if each.type == tuple[float, ...]}
+    return kind
+
+
 @dataclass(frozen=True)
-class ArmEffects:
+@comma_separated
+class ArmEffects(EffectOptions):
     """What of the virtual arm is not geometry; all of it is off unless given."""
-
-    stiffness_nm_per_rad: float | None = None
-    """Stiffness of the joints that bear the arm's weight (2 and 3 of the IRB 120)."""
-    payload_kg: Numbers = (0.0,)
-    """Payloads at the flange, one of which each pose has."""
-    harmonic_mrad: float = 0.0
-    """Runout of each joint once a turn, with a random phase."""
-    harmonic2_mrad: float = 0.0
-    """The same twice a turn."""
-    gear_ppm: float = 0.0
-    """How far gear ratios are off (1σ)."""
-    coupling_ppm: float = 0.0
-    """How far wrist joints follow their neighbours (1σ)."""
-    backlash_mrad: float = 0.0
-    """Mean play of the joints."""
-    repeatability_mrad: float = 0.0
-    """How far a joint stands off from one visit to the next (1σ)."""
-    lag: float = 0.0
-    """Share of the last move that the readings still lack, from 0 to below 1."""
-    bending_mrad_per_knm: float = 0.0
-    """How far each link bends under the moment of what it carries."""
-    drift_mm_per_h: float = 0.0
-    """How fast the tracker creeps, in a random direction."""
-    drift_mrad_per_h: float = 0.0
-    """How fast it turns."""
-    bump_mm: float = 0.0
-    """How far the tracker is moved in the middle of the campaign: what follows is session 2."""
-    bump_mrad: float = 0.0
-    """How far it is turned then."""
-    growth_ppm_per_h: float = 0.0
-    """How fast the arm grows with its temperature."""
-    hours: float | None = None
-    """How long the campaign takes: an hour, if drift or growth need to know."""
-    bad_share: float = 0.0
-    """Share of the poses whose reading is bad."""
-    bad_mm: Numbers = (1.0, 50.0)
-    """Least and largest displacement of a bad reading."""
-
-    def check(self) -> None:
-        """Refuse numbers that make no sense, with a LabError that names the option."""
-        for name in fields(self):
-            value, flag = getattr(self, name.name), "--" + name.name.replace("_", "-")
-            for each in value if isinstance(value, tuple) else (value,):
-                if each is not None and not 0 <= each <= LARGEST:
-                    raise LabError(f"{flag} {each:g}: give a number from 0 to {LARGEST:g}")
-        if self.stiffness_nm_per_rad is not None:
-            positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
-        if self.hours is not None:
-            positive("--hours", self.hours)
-        if not self.lag < 1 or not self.bad_share <= 1:
-            raise LabError("--lag is to be below 1 and --bad-share at most 1")
-        if len(self.bad_mm) != 2 or not 0 < self.bad_mm[0] <= self.bad_mm[1]:
-            raise LabError("--bad-mm: give the least and the largest displacement, e.g. 1,50")
-        if self.bad_mm != ArmEffects.bad_mm and not self.bad_share:
-            raise LabError("--bad-mm says how large bad readings are; give --bad-share too")
-        if not self.payload_kg:
-            raise LabError("--payload-kg: give at least one payload, e.g. 0,3")

@@ -19,7 +19,8 @@ from lab.formats.mechanism_toml import is_mechanism, read_mechanism
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import Arm, affected
-from lab.kinematics.effects.groups import SessionInfo, effect
+from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.registry import effect
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
@@ -112,16 +113,11 @@ class Robot(ABC):
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
-        self.refuse_effects(groups)
         return affected(self.arm(targets), [effect(name, self.chain, self.loads, course) for name in groups])
 
     @abstractmethod
     def simulated_loads(self) -> Loads | None:
         """The masses of its model, assumed ones too; None where it has none, or where nothing bends such a robot."""
-
-    @abstractmethod
-    def refuse_effects(self, groups: Sequence[str]) -> None:
-        """A LabError for groups of effects that no robot of this kind can have."""
 
     @abstractmethod
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueRobot:
@@ -194,9 +190,6 @@ class SerialRobot(Robot):
         """The arm as equations, with these targets."""
         return self.serial_arm(targets)
 
-    def refuse_effects(self, groups: Sequence[str]) -> None:
-        """A serial arm can have them all."""
-
     def simulated_loads(self) -> Loads | None:
         """The masses of its model, assumed ones too; None where there are none."""
         return _some(loads_of(self.model))
@@ -244,11 +237,6 @@ class ClosedRobot(Robot):
 
     def simulated_loads(self) -> None:
         """Nothing bends it, so none are asked for."""
-
-    def refuse_effects(self, groups: Sequence[str]) -> None:
-        """A LabError for what bends its links."""
-        if bent := {"compliance", "payload"} & set(groups):
-            raise LabError(f"--model {min(bent)}: robot {self.name} has loops, and nothing bends such a robot here")
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueMechanism:
         """A copy with every dimension off."""

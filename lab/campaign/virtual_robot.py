@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.most_likely_parameters import SAME_M
-from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.core.errors import LabError
@@ -16,14 +14,15 @@ from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.groups import GROUPS, HOUR_S
+from lab.kinematics.effects.conditions import HOUR_S
+from lab.kinematics.effects.effect import ArmFacts
+from lab.kinematics.effects.registry import GROUPS
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.simulation.collisions import collides, random_poses
-from lab.simulation.effects import Effects
+from lab.simulation.effects import Effects, random_conditions, random_effects
 from lab.simulation.observations.points import recorded
-from lab.simulation.random_effects import EffectSizes, random_conditions, random_effects
 from lab.simulation.true_robot import GeometryErrors, TrueRobot, random_tracker
 
 FRESH_POSES = 1000
@@ -32,9 +31,8 @@ USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     """The virtual arm of these options, before its tracker, with its effects."""
-    effects = random_effects(robot.chain, _sizes(robot, options.effects), rng_for(options.seed, "effects"))
-    if robot.loads is not None:
-        effects = replace(effects, payload_at_m=robot.loads.payload_at_m)
+    arm = ArmFacts(robot.chain, robot.loads)
+    effects = random_effects(arm, options.effects, rng_for(options.seed, "effects"))
     return _geometry(robot, options).with_effects(effects)
 
 
@@ -54,34 +52,6 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     found = fit(arm, Observations.unweighted(exact), structure.kept, values, tolerance_m=1e-12).values
     missed = np.nanmax(np.abs(arm.points(joints, found) - exact.points))
     return Truth(arm, found, structure) if missed < SAME_M else None
-
-
-def _sizes(robot: Robot, asked: ArmEffects) -> EffectSizes:
-    """How large the effects are, in SI units."""
-    stiffness = {}
-    if asked.stiffness_nm_per_rad is not None:
-        if robot.loads is None:
-            raise LabError(f"--stiffness-nm-per-rad: robot {robot.name} has no masses, so nothing bends it")
-        bearing = robot.loads.bearing(rng_for(0, "structure"))
-        stiffness = {joint + 1: asked.stiffness_nm_per_rad for joint in bearing}
-    return EffectSizes(
-        stiffness_nm_per_rad=stiffness,
-        harmonic_rad=asked.harmonic_mrad / 1e3,
-        second_harmonic_rad=asked.harmonic2_mrad / 1e3,
-        gear_sigma=asked.gear_ppm / 1e6,
-        coupling_sigma=asked.coupling_ppm / 1e6,
-        backlash_rad=asked.backlash_mrad / 1e3,
-        repeatability_rad=asked.repeatability_mrad / 1e3,
-        lag=asked.lag,
-        bending_rad_per_nm=asked.bending_mrad_per_knm / 1e6,
-        drift_m_per_h=asked.drift_mm_per_h / 1e3,
-        drift_rad_per_h=asked.drift_mrad_per_h / 1e3,
-        bump_m=asked.bump_mm / 1e3,
-        bump_rad=asked.bump_mrad / 1e3,
-        growth_per_h=asked.growth_ppm_per_h / 1e6,
-        bad_share=asked.bad_share,
-        bad_range_m=(asked.bad_mm[0] / 1e3, asked.bad_mm[1] / 1e3),
-    )
 
 
 def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:

@@ -15,7 +15,7 @@ from lab.core.instruments import Instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M
-from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse, ordered
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import collides, random_poses

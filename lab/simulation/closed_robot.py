@@ -124,7 +124,7 @@ class TrueMechanism(TrueRobot):
 
     def with_effects(self, effects: Effects) -> Self:
         """As of any arm; nothing of it bends."""
-        if effects.yielding:
+        if effects.is_elastic:
             raise LabError(f"robot {self.robot.chain.name} has loops, and nothing bends such a robot here")
         return super().with_effects(effects)
 

@@ -12,9 +12,12 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.kinematics.effects.bending import LinkBending
+from lab.kinematics.effects.compliance import JointSprings
+from lab.kinematics.effects.conditions import PAYLOAD, PoseConditions
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
-from lab.simulation.effects import BUMPED, NOTHING_SET, Effects, condition
+from lab.simulation.effects import NOTHING_SET, Effects
 from lab.simulation.elastic import FlexibleArm
 from lab.simulation.model import RobotModel, coordinates, joint_axes
 from lab.simulation.serial_model import SerialModel
@@ -107,12 +110,7 @@ class TrueRobot(ABC):
         Raises:
             LabError: they are of an arm with other joints.
         """
-        chain = self.robot.chain
-        if len(effects.gear) != chain.size:
-            raise LabError(f"effects of {len(effects.gear)} joints: robot {chain.name} has {chain.size}")
-        slides = list(chain.prismatic)
-        if effects.harmonics_rad[slides].any() or effects.bending_rad_per_nm[slides].any():
-            raise LabError(f"robot {chain.name}: a slide has no harmonics_rad and no bending_rad_per_nm; give it zeros")
+        effects.refuse_unfit(self.robot.chain)
         return replace(self, effects=effects)
 
     def points(
@@ -131,15 +129,13 @@ class TrueRobot(ABC):
                 bump), ``(m,)`` each; where missing there is no payload, no approach, no time gone by, no bump.
             scatter: ``(m, n)`` rad or m, how far the joints stand off by chance.
         """
-        poses, sites = len(joints), [self.model.site(name).id for name in targets]
-        names = [f"approach_{name}" for name in self.robot.chain.joint_names]
-        approach = np.stack([condition(conditions, name, poses) for name in names], axis=1)
-        time_s = condition(conditions, "time_s", poses)
-        driven = self.effects.driven(joints, approach) + scatter
-        world = self._stand(driven, sites, condition(conditions, "payload_kg", poses))
-        world = self.effects.grown(world, self.robot.T_world_frame0[:3, 3], time_s)
+        sites = [self.model.site(name).id for name in targets]
+        there = PoseConditions(conditions, len(joints), self.robot.chain.joint_names)
+        driven = self.effects.driven(joints, there) + scatter
+        world = self._stand(driven, sites, there.column(PAYLOAD))
+        world = self.effects.moved(world, self.robot.T_world_frame0[:3, 3], there)
         first = se3.transform(se3.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
-        return self.effects.bumped(self.effects.drifted(first, time_s), condition(conditions, BUMPED, poses))
+        return self.effects.seen_after(first, there)
 
     @abstractmethod
     def truth(self, targets: tuple[str, ...]) -> Truth | None:
@@ -176,10 +172,11 @@ class TrueSerialRobot(TrueRobot):
     joint_offset: Array
 
     def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
-        if not self.effects.yielding:
+        if not self.effects.is_elastic:
             return super()._stand(driven, sites, payload_kg)
-        arm = FlexibleArm(self.model, self.robot, self.effects.payload_at_m)
-        compliance, bending = self.effects.compliance_rad_per_nm, self.effects.bending_rad_per_nm
+        springs = self.effects.part(JointSprings)
+        arm = FlexibleArm(self.model, self.robot, springs.payload_at_m)
+        compliance, bending = springs.compliance_rad_per_nm, self.effects.part(LinkBending).bending_rad_per_nm
         return arm.positions(arm.settled(driven + self.joint_offset, compliance, bending, payload_kg), sites)
 
     def _qpos(self, driven: Array) -> Array:

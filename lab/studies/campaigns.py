@@ -194,7 +194,7 @@ def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joint
     effects = real.effects
     conditions = _conditions(real, asked, joints, "conditions")
     noises = [rng_for(asked.seed, "noise", draw) for draw in range(draws)]
-    if effects.repeatability_rad.any() or effects.bad_share:
+    if effects.varies:
         seen = [track(real, joints, asked.targets, device, rng, conditions=conditions).points for rng in noises]
         return np.array(seen)
     exact = real.points(joints, asked.targets, conditions)

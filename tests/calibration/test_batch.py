@@ -226,7 +226,7 @@ def test_what_is_not_fitted_and_what_is_not_geometry_costs() -> None:
         ({"factors": {"parameters": ["few"]}}, r"add \[parameters.few\]"),
         ({"effects": {"soft": {"stiffness": 3}}}, "effects.soft: 'stiffness' is no option"),
         ({"factors": {"poses": ["many"]}}, "'many' is no value of option 'poses'"),
-        ({"effects": {"soft": {"lag": 2.0}}}, "effects.soft: --lag is to be below 1"),
+        ({"effects": {"soft": {"lag": 2.0}}}, "effects.soft: --lag 2: give a share from 0 to below 1"),
         ({"robots": 0}, "robots 0"),
     ],
 )

@@ -22,7 +22,7 @@ from lab.calibration.verdict import verdict
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm import affected
-from lab.kinematics.effects.groups import backlash
+from lab.kinematics.effects.backlash import backlash
 from lab.kinematics.serial.arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)

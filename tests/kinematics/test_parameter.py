@@ -5,11 +5,14 @@ import pytest
 from helpers.robots import IRB120, VERSATRAN
 
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observations.fixture_kinds import Cable, Planes, Sockets
+from lab.calibration.observations.cable import Cable
 from lab.calibration.observations.full_pose import Poses
+from lab.calibration.observations.plane import Planes
+from lab.calibration.observations.socket import Sockets
 from lab.calibration.prior import Tolerance, standard_deviations
 from lab.campaign.robot import load_robot, load_virtual
-from lab.kinematics.effects.groups import GROUPS, SessionInfo, effect
+from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.registry import GROUPS, effect
 from lab.kinematics.parameter import (
     BASE_PARAMETERS,
     Parameter,

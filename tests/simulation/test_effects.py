@@ -14,34 +14,47 @@ from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.groups import effect
+from lab.kinematics.effects.backlash import Play
+from lab.kinematics.effects.bad_readings import Displaced
+from lab.kinematics.effects.bending import LinkBending
+from lab.kinematics.effects.compliance import JointSprings, compliances
+from lab.kinematics.effects.conditions import PoseConditions
+from lab.kinematics.effects.coupling import JointCoupling
+from lab.kinematics.effects.drift import TrackerDrift
+from lab.kinematics.effects.effect import LEVER_M, ArmFacts, SimulatedEffect
+from lab.kinematics.effects.gear import GearErrors
+from lab.kinematics.effects.growth import ThermalGrowth
+from lab.kinematics.effects.harmonics import Runout
+from lab.kinematics.effects.lag import ReadingLag
+from lab.kinematics.effects.registry import EffectOptions, effect
+from lab.kinematics.effects.repeatability import VisitScatter
 from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.effects import Effects, true_parameters
+from lab.simulation.effects import Effects, random_conditions, random_effects, true_parameters
 from lab.simulation.elastic import FlexibleArm
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.model import RobotModel
 from lab.simulation.observations.points import measure_with_outlier_mask, track
-from lab.simulation.random_effects import LEVER_M, EffectSizes, random_conditions, random_effects
 from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbation, random_tracker, true_robot
 
 MODEL, CHAIN = IRB120.model, IRB120.chain
 TARGETS = ("p1", "p2", "p3")
 OFF = Effects.none(6)
 OUTSTRETCHED = np.deg2rad([[0.0, 90.0, -90.0, 0.0, 0.0, 0.0]])
-ALL = EffectSizes(
-    stiffness_nm_per_rad={2: 1e5, 3: 8e4},
-    harmonic_rad=2e-4,
-    second_harmonic_rad=1e-4,
-    gear_sigma=1e-4,
-    coupling_sigma=1e-3,
-    backlash_rad=1e-4,
-    repeatability_rad=2e-5,
+FACTS = ArmFacts(CHAIN, IRB120.loads)
+ALL = EffectOptions(
+    stiffness_nm_per_rad=1e5,
+    harmonic_mrad=0.2,
+    harmonic2_mrad=0.1,
+    gear_ppm=100.0,
+    coupling_ppm=1000.0,
+    backlash_mrad=0.1,
+    repeatability_mrad=0.02,
     lag=1e-4,
-    bending_rad_per_nm=1e-6,
-    drift_m_per_h=2e-5,
-    drift_rad_per_h=1e-5,
-    growth_per_h=1e-5,
+    bending_mrad_per_knm=1.0,
+    drift_mm_per_h=0.02,
+    drift_mrad_per_h=0.01,
+    growth_ppm_per_h=10.0,
     bad_share=0.1,
 )
 
@@ -62,8 +75,23 @@ REAL = perturbed()
 JOINTS = CHAIN.random_joints(40, np.random.default_rng(8))
 
 
-def only(**effect: object) -> Effects:
-    return replace(OFF, **effect)
+def only(*parts: SimulatedEffect) -> Effects:
+    return OFF.having(*parts)
+
+
+def sprung_by(compliance_rad_per_nm: Array) -> JointSprings:
+    return JointSprings(compliance_rad_per_nm, np.zeros(3))
+
+
+def drawn_values(effects: Effects) -> dict[str, Array]:
+    """What of the effects is drawn, by name."""
+    return {
+        "gear": effects.part(GearErrors).gear,
+        "harmonics_rad": effects.part(Runout).harmonics_rad,
+        "coupling": effects.part(JointCoupling).coupling,
+        "backlash_rad": effects.part(Play).backlash_rad,
+        "drift_per_h": effects.part(TrackerDrift).drift_per_h,
+    }
 
 
 def entry(joint: int, value: float, joints: int = 6) -> Array:
@@ -114,7 +142,7 @@ def test_without_effects_nothing_changes_not_even_a_bit() -> None:
     assert rng.bit_generator.state == alone.bit_generator.state
     np.testing.assert_array_equal(data.joints, JOINTS)
     assert data.conditions == {}
-    quiet = random_effects(CHAIN, EffectSizes(), np.random.default_rng(0))
+    quiet = random_effects(FACTS, EffectOptions(), np.random.default_rng(0))
     np.testing.assert_array_equal(REAL.with_effects(quiet).points(JOINTS, TARGETS), plain)
     assert random_conditions(CHAIN, quiet, 5, np.random.default_rng(0), (0.0, 3.0), 60.0) == {}
     assert set(true_parameters(quiet).values()) == {0.0}
@@ -176,12 +204,12 @@ def test_loads_do_the_virtual_work_of_gravity() -> None:
 
 def test_the_outstretched_arm_sags_as_a_lever() -> None:
     """1e5 Nm/rad at axis 2: p1 goes down by torque over stiffness times its distance from the axis."""
-    real = drawn().with_effects(only(compliance_rad_per_nm=entry(2, 1e-5)))
+    real = drawn().with_effects(only(sprung_by(entry(2, 1e-5))))
     level = drawn().points(OUTSTRETCHED, TARGETS)
     for mass, torque in ((0.0, 31.902), (3.0, 31.902 + 3 * 9.81 * 0.644)):
         sag = real.points(OUTSTRETCHED, TARGETS, {"payload_kg": np.array([mass])}) - level
         np.testing.assert_allclose(sag[..., 2], -1e-5 * torque * level[..., 0], rtol=1e-3)
-    gain = drawn().with_effects(only(compliance_rad_per_nm=entry(1, 1e-5))).points(OUTSTRETCHED, TARGETS) - level
+    gain = drawn().with_effects(only(sprung_by(entry(1, 1e-5)))).points(OUTSTRETCHED, TARGETS) - level
     np.testing.assert_allclose(gain, 0.0, atol=1e-15)  # gravity has no torque about a vertical axis
 
 
@@ -196,7 +224,7 @@ def test_joints_are_like_sprung_hinges() -> None:
         spring.armature = 1.0  # two hinges on one axis: MuJoCo asks for inertia between them, a balance does not
         spring.stiffness = np.array([1 / compliance[i], 0.0, 0.0])
     model = spec.compile()
-    data, real = mujoco.MjData(model), drawn().with_effects(only(compliance_rad_per_nm=compliance))
+    data, real = mujoco.MjData(model), drawn().with_effects(only(sprung_by(compliance)))
     motors = [int(model.joint(name).qposadr[0]) for name in CHAIN.joint_names]
     springs = [int(model.joint(f"spring{i}").qposadr[0]) for i in soft]
 
@@ -244,22 +272,22 @@ def test_a_link_bends_as_a_beam_that_carries_a_weight(tmp_path) -> None:
     zero = np.zeros((1, 2))
     level = drawn(robot).points(zero, ("tip",))[0, 0]
     np.testing.assert_allclose(level, [reach, 0, 1], atol=1e-15)
-    real = drawn(robot).with_effects(replace(Effects.none(2), bending_rad_per_nm=entry(2, b, 2)))
+    real = drawn(robot).with_effects(Effects.none(2).having(LinkBending(entry(2, b, 2))))
     angle = optimize.brentq(lambda t: t - b * weight * reach * np.cos(t), 0, 1, xtol=1e-15)
     expected = [reach * np.cos(angle), 0, 1 - reach * np.sin(angle)]
     np.testing.assert_allclose(real.points(zero, ("tip",))[0, 0], expected, atol=1e-12)
-    foot = drawn(robot).with_effects(replace(Effects.none(2), bending_rad_per_nm=entry(1, b, 2)))
+    foot = drawn(robot).with_effects(Effects.none(2).having(LinkBending(entry(1, b, 2))))
     lean = optimize.brentq(lambda t: t - b * weight * (reach * np.cos(t) + np.sin(t)), 0, 1, xtol=1e-15)
     expected = [reach * np.cos(lean) + np.sin(lean), 0, np.cos(lean) - reach * np.sin(lean)]
     np.testing.assert_allclose(foot.points(zero, ("tip",))[0, 0], expected, atol=1e-12)  # the post leans as well
-    soft = replace(Effects.none(2), compliance_rad_per_nm=np.full(2, 1e-3))
+    soft = Effects.none(2).having(sprung_by(np.full(2, 1e-3)))
     sprung = drawn(robot).with_effects(soft).points(zero, ("tip",))[0, 0]
     np.testing.assert_allclose(sprung, level, atol=1e-15)  # neither joint turns that way
 
 
 def test_bending_about_a_joints_own_axis_looks_like_its_compliance() -> None:
     """As the truth says: on axis 2, outstretched, the one or the other, to first order."""
-    bent, sprung = only(bending_rad_per_nm=entry(2, 1e-5)), only(compliance_rad_per_nm=entry(2, 1e-5))
+    bent, sprung = only(LinkBending(entry(2, 1e-5))), only(sprung_by(entry(2, 1e-5)))
     assert true_parameters(bent)["joint2.compliance"] == true_parameters(sprung)["joint2.compliance"] == 1e-5
     level = drawn().points(OUTSTRETCHED, TARGETS)
     by_bending, by_joint = (drawn().with_effects(e).points(OUTSTRETCHED, TARGETS) - level for e in (bent, sprung))
@@ -275,16 +303,17 @@ def test_a_slide_gives_way_in_metres_per_newton(tmp_path) -> None:
         "<body name='lift' pos='.3 0 .5'><joint name='q2' type='slide' axis='0 0 1' range='0 1'/>"
         "<inertial pos='.1 0 0' mass='4' diaginertia='1 1 1'/></body></body>",
     )
-    sizes = EffectSizes(stiffness_nm_per_rad={2: 9e3}, harmonic_rad=1e-3, bending_rad_per_nm=1e-6)
-    effects = random_effects(robot.chain, sizes, np.random.default_rng(0))
-    assert effects.compliance_rad_per_nm[1] == pytest.approx(LEVER_M**2 / 9e3)  # 1e-5 m/N
-    assert not effects.harmonics_rad[1].any() and not effects.bending_rad_per_nm[1] and effects.harmonics_rad[0].any()
-    real = drawn(robot).with_effects(replace(Effects.none(2), compliance_rad_per_nm=np.array([0.0, 1e-5])))
+    sizes = EffectOptions(harmonic_mrad=1.0, bending_mrad_per_knm=1.0)
+    effects = random_effects(ArmFacts(robot.chain), sizes, np.random.default_rng(0))
+    assert compliances(robot.chain, {2: 9e3})[1] == pytest.approx(LEVER_M**2 / 9e3)  # 1e-5 m/N
+    waves = effects.part(Runout).harmonics_rad
+    assert not waves[1].any() and not effects.part(LinkBending).bending_rad_per_nm[1] and waves[0].any()
+    real = drawn(robot).with_effects(Effects.none(2).having(sprung_by(np.array([0.0, 1e-5]))))
     joints = np.array([[0.4, 0.2]])
     drop = real.points(joints, ("p1",), {"payload_kg": np.array([2.0])}) - drawn(robot).points(joints, ("p1",))
     np.testing.assert_allclose(drop[0, 0], [0, 0, -1e-5 * 6 * 9.81], atol=1e-14)
-    with pytest.raises(LabError, match="a slide has no harmonics_rad"):
-        drawn(robot).with_effects(replace(Effects.none(2), bending_rad_per_nm=np.ones(2)))
+    with pytest.raises(LabError, match="a slide has no bending_rad_per_nm"):
+        drawn(robot).with_effects(Effects.none(2).having(LinkBending(np.ones(2))))
 
 
 def test_a_payload_hangs_at_the_flange_of_a_balanced_body(tmp_path) -> None:
@@ -306,7 +335,7 @@ def test_a_payload_hangs_at_the_flange_of_a_balanced_body(tmp_path) -> None:
 
 
 def test_an_arm_of_rubber_is_refused() -> None:
-    real = drawn().with_effects(only(compliance_rad_per_nm=np.full(6, 10.0)))
+    real = drawn().with_effects(only(sprung_by(np.full(6, 10.0))))
     with pytest.raises(LabError, match="too soft"):
         real.points(JOINTS[:3], TARGETS)
 
@@ -316,7 +345,7 @@ def test_an_arm_of_rubber_is_refused() -> None:
 
 def test_a_gear_scales_readings() -> None:
     gear = np.array([1e-3, -2e-3, 0, 3e-4, 0, 1e-4])
-    seen = REAL.with_effects(only(gear=gear)).points(JOINTS, TARGETS)
+    seen = REAL.with_effects(only(GearErrors(gear))).points(JOINTS, TARGETS)
     np.testing.assert_allclose(seen, REAL.points(JOINTS * (1 + gear), TARGETS), atol=1e-14)
     assert np.abs(seen - REAL.points(JOINTS, TARGETS)).max() > 1e-4
 
@@ -327,9 +356,9 @@ def test_runout_is_a_wave_of_each_joints_reading() -> None:
     for joint, (s1, c1, s2, c2) in enumerate(waves):
         for pose, q in enumerate(JOINTS[:, joint]):
             stands[pose, joint] += s1 * np.sin(q) + c1 * np.cos(q) + s2 * np.sin(2 * q) + c2 * np.cos(2 * q)
-    seen = REAL.with_effects(only(harmonics_rad=waves)).points(JOINTS, TARGETS)
+    seen = REAL.with_effects(only(Runout(waves))).points(JOINTS, TARGETS)
     np.testing.assert_allclose(seen, REAL.points(stands, TARGETS), atol=1e-14)
-    turned = REAL.with_effects(only(harmonics_rad=waves)).points(JOINTS + 2 * np.pi, TARGETS)
+    turned = REAL.with_effects(only(Runout(waves))).points(JOINTS + 2 * np.pi, TARGETS)
     np.testing.assert_allclose(turned, seen, atol=1e-13)  # the same after a turn
 
 
@@ -338,7 +367,7 @@ def test_a_coupled_joint_goes_along_and_its_neighbour_does_not() -> None:
     coupling[4, 3] = 0.01
     stands = JOINTS.copy()
     stands[:, 4] += 0.01 * JOINTS[:, 3]
-    effects = only(coupling=coupling)
+    effects = only(JointCoupling(coupling))
     np.testing.assert_allclose(
         REAL.with_effects(effects).points(JOINTS, TARGETS), REAL.points(stands, TARGETS), atol=1e-14
     )
@@ -347,7 +376,7 @@ def test_a_coupled_joint_goes_along_and_its_neighbour_does_not() -> None:
 
 
 def test_backlash_is_even_about_the_reading() -> None:
-    real = REAL.with_effects(only(backlash_rad=entry(2, 1e-3)))
+    real = REAL.with_effects(only(Play(entry(2, 1e-3))))
     side = {"approach_q2": np.where(np.arange(len(JOINTS)) % 2, 1.0, -1.0), "approach_q3": np.ones(len(JOINTS))}
     stands = JOINTS + np.outer(side["approach_q2"], entry(2, 0.5e-3))
     np.testing.assert_allclose(real.points(JOINTS, TARGETS, side), REAL.points(stands, TARGETS), atol=1e-14)
@@ -358,19 +387,21 @@ def test_backlash_is_even_about_the_reading() -> None:
 
 
 def test_growth_is_a_similarity_about_the_foot() -> None:
-    real, hours = REAL.with_effects(only(growth_per_h=1e-4)), np.linspace(0, 2, len(JOINTS))
+    real, hours = REAL.with_effects(only(ThermalGrowth(1e-4))), np.linspace(0, 2, len(JOINTS))
     foot = se3.transform(se3.inverse(REAL.T_world_tracker), MODEL.T_world_frame0[None, :3, 3])
     cold, warm = REAL.points(JOINTS, TARGETS), real.points(JOINTS, TARGETS, {"time_s": 3600 * hours})
     np.testing.assert_allclose(warm - foot, (1 + 1e-4 * hours)[:, None, None] * (cold - foot), atol=1e-14)
     np.testing.assert_array_equal(real.points(JOINTS, TARGETS), cold)
-    elsewhere = real.effects.grown(cold, np.array([1.0, 2.0, 3.0]), np.full(len(cold), 7200.0))
+    later = PoseConditions({"time_s": np.full(len(cold), 7200.0)}, len(cold), CHAIN.joint_names)
+    elsewhere = real.effects.moved(cold, np.array([1.0, 2.0, 3.0]), later)
     np.testing.assert_allclose(elsewhere, cold + 2e-4 * (cold - [1.0, 2.0, 3.0]), atol=1e-14)
-    assert [name for name in true_parameters(real.effects) if "drift" in name] == ["drift.rx", "drift.ry", "drift.rz"]
+    truth = true_parameters(real.effects.having(TrackerDrift.none(6)))
+    assert [name for name in truth if "drift" in name] == ["drift.rx", "drift.ry", "drift.rz"]
 
 
 def test_drift_is_a_tracker_that_moves() -> None:
     rate = np.array([1e-4, -2e-4, 3e-4, 2e-5, 1e-5, -3e-5])
-    real, time = REAL.with_effects(only(drift_per_h=rate)), np.linspace(0, 5400, len(JOINTS))
+    real, time = REAL.with_effects(only(TrackerDrift(rate))), np.linspace(0, 5400, len(JOINTS))
     seen, still = real.points(JOINTS, TARGETS, {"time_s": time}), REAL.points(JOINTS, TARGETS)
     np.testing.assert_array_equal(seen[0], still[0])
     T_world_moved = REAL.T_world_tracker @ se3.pose(se3.exp(1.5 * rate[3:]), 1.5 * rate[:3])
@@ -389,7 +420,7 @@ def test_drift_is_a_tracker_that_moves() -> None:
 def test_joints_come_back_within_their_repeatability() -> None:
     """One pose visited 20,000 times: the target scatters along axis 1's circle alone."""
     sigma, visits = 1e-4, np.tile(JOINTS[:1], (20_000, 1))
-    real = drawn().with_effects(only(repeatability_rad=entry(1, sigma)))
+    real = drawn().with_effects(only(VisitScatter(entry(1, sigma))))
     seen = track(real, visits, ("p1",), INSTRUMENTS["exact"], np.random.default_rng(0)).points[:, 0]
     centre = drawn().points(JOINTS[:1], ("p1",))[0, 0]
     radius = np.hypot(*centre[:2])
@@ -397,13 +428,13 @@ def test_joints_come_back_within_their_repeatability() -> None:
     assert stats.kstest(along / (radius * sigma), "norm").pvalue > 0.01
     np.testing.assert_allclose(np.hypot(seen[:, 0], seen[:, 1]), radius, atol=1e-14)
     np.testing.assert_allclose(seen[:, 2], centre[2], atol=1e-14)
-    everywhere = only(repeatability_rad=np.full(6, sigma)).scatter(20_000, np.random.default_rng(1))
+    everywhere = only(VisitScatter(np.full(6, sigma))).scatter(20_000, np.random.default_rng(1))
     np.testing.assert_allclose(np.cov(everywhere.T) / sigma**2, np.eye(6), atol=0.03)
 
 
 def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
     visits, device = np.tile(JOINTS, (250, 1)), INSTRUMENTS["uniform-8um"]
-    real = REAL.with_effects(only(bad_share=0.05, bad_range_m=(1e-3, 50e-3)))
+    real = REAL.with_effects(only(Displaced(0.05, (1e-3, 50e-3))))
     data, bad = measure_with_outlier_mask(real, visits, TARGETS, device, np.random.default_rng(2))
     clean = track(REAL, visits, TARGETS, device, np.random.default_rng(2))
     np.testing.assert_array_equal(data.points[~bad], clean.points[~bad])
@@ -418,7 +449,7 @@ def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
 
 
 def test_readings_lag_and_points_do_not() -> None:
-    real, device = REAL.with_effects(only(lag=0.01)), INSTRUMENTS["exact"]
+    real, device = REAL.with_effects(only(ReadingLag(0.01))), INSTRUMENTS["exact"]
     data = track(real, JOINTS, TARGETS, device, np.random.default_rng(0))
     np.testing.assert_array_equal(data.points, REAL.points(JOINTS, TARGETS))
     np.testing.assert_array_equal(data.joints[0], JOINTS[0])
@@ -426,23 +457,26 @@ def test_readings_lag_and_points_do_not() -> None:
 
 
 def test_the_same_seed_gives_the_same_campaign_and_one_effect_leaves_the_others() -> None:
-    first, again, other = (random_effects(CHAIN, ALL, np.random.default_rng(seed)) for seed in (5, 5, 6))
+    first, again, other = (random_effects(FACTS, ALL, np.random.default_rng(seed)) for seed in (5, 5, 6))
     rng = np.random.default_rng(5)
-    random_effects(CHAIN, ALL, rng)
+    random_effects(FACTS, ALL, rng)
     assert rng.bit_generator.state == np.random.default_rng(5).bit_generator.state
-    for name in ("gear", "harmonics_rad", "coupling", "backlash_rad", "drift_per_h"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
-        assert (getattr(first, name) != getattr(other, name)).any()
-    for name, column in (("gear_sigma", "gear"), ("backlash_rad", "backlash_rad"), ("drift_m_per_h", "drift_per_h")):
-        changed = random_effects(CHAIN, replace(ALL, **{name: 0.0}), np.random.default_rng(5))
-        for kept in {"gear", "harmonics_rad", "coupling", "backlash_rad", "drift_per_h"} - {column}:
-            np.testing.assert_array_equal(getattr(changed, kept), getattr(first, kept))
-        assert (getattr(changed, column) != getattr(first, column)).any()
+    values, same, others = drawn_values(first), drawn_values(again), drawn_values(other)
+    for name in values:
+        np.testing.assert_array_equal(values[name], same[name])
+        assert (values[name] != others[name]).any()
+    options = (("gear_ppm", "gear"), ("backlash_mrad", "backlash_rad"), ("drift_mm_per_h", "drift_per_h"))
+    for name, column in options:
+        changed = random_effects(FACTS, replace(ALL, **{name: 0.0}), np.random.default_rng(5))
+        now = drawn_values(changed)
+        for kept in set(values) - {column}:
+            np.testing.assert_array_equal(now[kept], values[kept])
+        assert (now[column] != values[column]).any()
     real, device = REAL.with_effects(first), INSTRUMENTS["uniform-8um"]
     conditions = random_conditions(CHAIN, first, 40, np.random.default_rng(1), (0.0, 3.0), 3600.0)
     one, two = (track(real, JOINTS, TARGETS, device, np.random.default_rng(9), 1, conditions) for _ in range(2))
     np.testing.assert_array_equal(one.points, two.points)
-    quiet = REAL.with_effects(replace(first, repeatability_rad=np.zeros(6), bad_share=0.0, lag=0.0))
+    quiet = REAL.with_effects(first.having(VisitScatter.none(6), Displaced.none(6), ReadingLag.none(6)))
     np.testing.assert_array_equal(
         track(quiet, JOINTS, TARGETS, device, np.random.default_rng(9), 1, conditions).points,
         device.sample(real.points(JOINTS, TARGETS, conditions), np.random.default_rng(9)),
@@ -453,22 +487,22 @@ def test_the_same_seed_gives_the_same_campaign_and_one_effect_leaves_the_others(
 
 
 @pytest.mark.parametrize(
-    ("group", "fields"),
+    ("group", "kind"),
     [
-        ("compliance", ("compliance_rad_per_nm",)),
-        ("harmonics+harmonics2", ("harmonics_rad",)),
-        ("gear", ("gear",)),
-        ("coupling", ("coupling",)),
-        ("backlash", ("backlash_rad",)),
-        ("drift", ("drift_per_h",)),
+        ("compliance", JointSprings),
+        ("harmonics+harmonics2", Runout),
+        ("gear", GearErrors),
+        ("coupling", JointCoupling),
+        ("backlash", Play),
+        ("drift", TrackerDrift),
     ],
 )
-def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, fields: tuple[str, ...]) -> None:
+def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, kind: type[SimulatedEffect]) -> None:
     """The equations of calibration, at these parameters, say where the arm that MuJoCo moves is."""
     drawing = SerialArm(CHAIN, TARGETS)
     arm = ArmWithEffects(drawing, tuple(effect(name, CHAIN, loads_of(MODEL)) for name in group.split("+")))
-    every = random_effects(CHAIN, ALL, np.random.default_rng(4))
-    effects = only(**{name: getattr(every, name) for name in fields})
+    every = random_effects(FACTS, ALL, np.random.default_rng(4))
+    effects = only(every.part(kind))
     real = true_robot(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), REAL.T_world_tracker)
     real = real.with_effects(effects)
     truth = true_parameters(effects)
@@ -482,16 +516,17 @@ def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, f
 
 
 def test_sizes_are_what_the_effects_have() -> None:
-    effects = random_effects(CHAIN, ALL, np.random.default_rng(5))
-    np.testing.assert_allclose(effects.compliance_rad_per_nm, [0, 1e-5, 1.25e-5, 0, 0, 0])
-    np.testing.assert_allclose(np.hypot(*effects.harmonics_rad[:, :2].T), 2e-4)
-    np.testing.assert_allclose(np.hypot(*effects.harmonics_rad[:, 2:].T), 1e-4)
-    assert [tuple(pair) for pair in np.argwhere(effects.coupling)] == [(4, 3), (5, 4)]
-    assert ((effects.backlash_rad >= 0.5e-4) & (effects.backlash_rad <= 1.5e-4)).all()
+    effects = random_effects(FACTS, ALL, np.random.default_rng(5))
+    np.testing.assert_allclose(effects.part(JointSprings).compliance_rad_per_nm, [0, 1e-5, 1e-5, 0, 0, 0])
+    values = drawn_values(effects)
+    np.testing.assert_allclose(np.hypot(*values["harmonics_rad"][:, :2].T), 2e-4)
+    np.testing.assert_allclose(np.hypot(*values["harmonics_rad"][:, 2:].T), 1e-4)
+    assert [tuple(pair) for pair in np.argwhere(values["coupling"])] == [(4, 3), (5, 4)]
+    assert ((values["backlash_rad"] >= 0.5e-4) & (values["backlash_rad"] <= 1.5e-4)).all()
     np.testing.assert_allclose(
-        [np.linalg.norm(effects.drift_per_h[:3]), np.linalg.norm(effects.drift_per_h[3:])], [2e-5, 1e-5]
+        [np.linalg.norm(values["drift_per_h"][:3]), np.linalg.norm(values["drift_per_h"][3:])], [2e-5, 1e-5]
     )
-    many = [random_effects(CHAIN, ALL, np.random.default_rng(seed)).gear for seed in range(500)]
+    many = [random_effects(FACTS, ALL, np.random.default_rng(seed)).part(GearErrors).gear for seed in range(500)]
     assert np.std(many) == pytest.approx(1e-4, rel=0.05)
 
 
@@ -499,12 +534,12 @@ def test_a_campaign_sets_what_its_effects_need() -> None:
     def columns(effects: Effects, **options: object) -> set[str]:
         return set(random_conditions(CHAIN, effects, 7, np.random.default_rng(0), **options))
 
-    assert columns(only(gear=np.ones(6))) == set()
-    assert columns(only(backlash_rad=entry(3, 1e-4))) == {"approach_q3"}
-    assert columns(only(growth_per_h=1e-5), duration_s=60.0) == {"time_s"}
-    soft = only(compliance_rad_per_nm=entry(2, 1e-5))
+    assert columns(only(GearErrors(np.ones(6)))) == set()
+    assert columns(only(Play(entry(3, 1e-4)))) == {"approach_q3"}
+    assert columns(only(ThermalGrowth(1e-5)), duration_s=60.0) == {"time_s"}
+    soft = only(sprung_by(entry(2, 1e-5)))
     assert columns(soft, payload_kg=(0.0, 3.0)) == {"payload_kg"} and columns(soft) == set()
-    full = random_effects(CHAIN, ALL, np.random.default_rng(5))
+    full = random_effects(FACTS, ALL, np.random.default_rng(5))
     few, more = (random_conditions(CHAIN, full, n, np.random.default_rng(0), (0.0, 1.0, 3.0), 90.0) for n in (10, 900))
     assert set(few) == {"payload_kg", "time_s", *(f"approach_q{i}" for i in range(1, 7))}
     for name in set(few) - {"time_s"}:
@@ -520,17 +555,17 @@ def test_a_campaign_sets_what_its_effects_need() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (lambda: only(gear=np.full(6, np.nan)), "gear is to be finite"),
-        (lambda: only(harmonics_rad=np.zeros((6, 2))), r"harmonics_rad is to be finite numbers of shape \(6, 4\)"),
-        (lambda: only(coupling=np.eye(6)), "itself"),
-        (lambda: only(compliance_rad_per_nm=np.full(6, -1e-5)), "compliance_rad_per_nm has a negative entry"),
-        (lambda: only(lag=1.0), r"lag is to be in \[0, 1\)"),
-        (lambda: only(bad_range_m=(2.0, 1.0)), "bad_range_m"),
+        (lambda: only(GearErrors(np.full(6, np.nan))), "gear is to be finite"),
+        (lambda: only(Runout(np.zeros((6, 2)))), r"harmonics_rad is to be finite numbers of shape \(6, 4\)"),
+        (lambda: only(JointCoupling(np.eye(6))), "itself"),
+        (lambda: only(sprung_by(np.full(6, -1e-5))), "compliance_rad_per_nm has a negative entry"),
+        (lambda: only(ReadingLag(1.0)), r"lag is to be in \[0, 1\)"),
+        (lambda: only(Displaced(0.0, (2.0, 1.0))), "bad_range_m"),
         (lambda: REAL.with_effects(Effects.none(5)), "effects of 5 joints"),
         (lambda: REAL.points(JOINTS, TARGETS, {"time_s": np.zeros(3)}), "condition time_s"),
         (lambda: REAL.points(JOINTS[:1], TARGETS, {"payload_kg": np.array([np.nan])}), "condition payload_kg"),
-        (lambda: random_effects(CHAIN, EffectSizes({7: 1e5}), np.random.default_rng(0)), "joints 1 to 6"),
-        (lambda: random_effects(CHAIN, EffectSizes({2: 0.0}), np.random.default_rng(0)), "above zero"),
+        (lambda: compliances(CHAIN, {7: 1e5}), "joints 1 to 6"),
+        (lambda: compliances(CHAIN, {2: 0.0}), "above zero"),
     ],
 )
 def test_what_cannot_be_is_refused(wrong, message: str) -> None:

@@ -18,11 +18,10 @@ from lab.calibration.validation import ROWS_PER_PARAMETER
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements
 from lab.core.significance import MODEL_GROUPS
-from lab.kinematics.effects.groups import GROUPS
+from lab.kinematics.effects.registry import CANDIDATES
 
-__all__ = ["CANDIDATES", "GroupTrial", "Selection", "follow", "objection", "select"]
+__all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
 
-CANDIDATES = tuple(name for name in GROUPS if name != "payload")  # a mass and a stiffness, both unknown, hardly differ
 _GEOMETRY = "geometric"
 _BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
 

@@ -14,7 +14,7 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
-from lab.calibration.statistics.model_selection import CANDIDATES, Selection, follow, select
+from lab.calibration.statistics.model_selection import Selection, follow, select
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
@@ -34,7 +34,8 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.groups import SessionInfo
+from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.registry import CANDIDATES
 from lab.kinematics.model import Model
 
 CLEANINGS = 5  # of the poses and what they are judged by

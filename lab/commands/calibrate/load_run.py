@@ -16,7 +16,7 @@ from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
 from lab.formats.structured import read_json, structured
 from lab.kinematics.effects.arm import Arm
-from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
 

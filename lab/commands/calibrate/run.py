@@ -41,7 +41,7 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.groups import CAMPAIGN_SPECIFIC
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueRobot
 

@@ -8,13 +8,11 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.measurements import SESSION
 from lab.core.se3 import Array
-from lab.kinematics.effects.groups import HOUR_S, Effect
+from lab.kinematics.effects.conditions import structure_values
+from lab.kinematics.effects.effect import Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter, names_of
-
-LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ class ArmWithEffects:
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Readings within the limits, and conditions of every kind."""
         joints = self.arm.structure_joints(count, rng)
-        columns = [_some(name, count, rng)[:, None] for name in self.conditions]
+        columns = [structure_values(name, count, rng)[:, None] for name in self.conditions]
         return np.concatenate([joints, *columns], axis=1)
 
     @property
@@ -152,17 +150,6 @@ def _by_frame(points: Array, frame: Array) -> Array:
     out[..., 3:6] = -se3.skew(seen) @ se3.left_jacobian(frame[:, 3:6])[:, None]
     out[..., 6] = seen / stretch
     return out
-
-
-def _some(condition: str, count: int, rng: np.random.Generator) -> Array:
-    """Values of a condition at which the rank is decided."""
-    if condition == "payload_kg":
-        return rng.choice([0.0, LARGEST_PAYLOAD_KG], count)
-    if condition.startswith("approach_"):
-        return rng.choice([-1.0, 1.0], count)
-    if condition.startswith(SESSION):
-        return rng.choice([0.0, 1.0], count)
-    return rng.uniform(0.0, HOUR_S, count)
 
 
 Arm = RigidArm | ArmWithEffects

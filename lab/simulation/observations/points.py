@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
-from lab.simulation.effects import BUMPED, NOTHING_SET
+from lab.kinematics.effects.conditions import BUMPED
+from lab.simulation.effects import NOTHING_SET
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["measure_with_outlier_mask", "recorded", "track"]

@@ -11,7 +11,7 @@ from helpers.robots import IRB120, data_file, somewhere, table_robot
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.statistics import candidate_models as trials
 from lab.calibration.statistics.candidate_models import FullModel, SelectionTask
-from lab.calibration.statistics.model_selection import CANDIDATES, Selection, objection, select
+from lab.calibration.statistics.model_selection import Selection, objection, select
 from lab.calibration.statistics.nested_models import Score
 from lab.calibration.weights import Noise
 from lab.campaign.robot import Robot
@@ -21,13 +21,14 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.arm import ArmWithEffects, affected
-from lab.kinematics.effects.groups import Effect, SessionInfo
+from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
+from lab.kinematics.effects.registry import CANDIDATES, EffectOptions
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter
 from lab.simulation.collisions import random_poses
+from lab.simulation.effects import random_effects
 from lab.simulation.observations.points import track
-from lab.simulation.random_effects import EffectSizes, random_effects
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 SIGMA = 5e-6
@@ -105,9 +106,9 @@ def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
     robot, device = IRB120.model, instrument("uniform-8um")
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        sizes = EffectSizes(stiffness_nm_per_rad={2: 1e5, 3: 1e5}, harmonic_rad=0.2e-3)
+        sizes = EffectOptions(stiffness_nm_per_rad=1e5, harmonic_mrad=0.2)
         real = true_robot(robot, random_perturbation(robot, 0.5e-3, 1.5e-3, rng), random_tracker(robot, rng))
-        real = real.with_effects(random_effects(IRB120.chain, sizes, rng))
+        real = real.with_effects(random_effects(ArmFacts(IRB120.chain, IRB120.loads), sizes, rng))
         joints, fresh = random_poses(robot, 60, rng), random_poses(robot, 200, rng)
         conditions = {"payload_kg": rng.choice([0.0, 3.0], 60)}
         data = track(real, joints, ("p1",), device, rng, conditions=conditions)

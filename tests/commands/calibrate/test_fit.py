@@ -11,7 +11,7 @@ from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.fit import Fitter
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.effects.groups import SessionInfo
+from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
 
 SIGMA = 5e-6

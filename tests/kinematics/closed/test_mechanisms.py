@@ -17,7 +17,7 @@ from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Frame, Pin, Rod, Step, Tree
 from lab.kinematics.effects.arm import affected
-from lab.kinematics.effects.groups import gear
+from lab.kinematics.effects.gear import gear
 from lab.kinematics.gauge import base_set, base_set_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import stacked

@@ -15,7 +15,9 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.groups import GROUPS, HOUR_S, Effect, SessionInfo, effect
+from lab.kinematics.effects.conditions import HOUR_S
+from lab.kinematics.effects.effect import Effect, SessionInfo
+from lab.kinematics.effects.registry import GROUPS, effect
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import joint_parameter
 from lab.kinematics.serial.arm import SerialArm

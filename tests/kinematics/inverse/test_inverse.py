@@ -8,7 +8,7 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.groups import effect
+from lab.kinematics.effects.registry import effect
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import PoseTarget, reach, shortest_step, within_reach
 from lab.kinematics.serial.arm import SerialArm

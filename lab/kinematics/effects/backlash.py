@@ -1,0 +1,86 @@
+"""Play of full width b_i: joint i is at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from lab.core.se3 import Array
+from lab.kinematics.effects.conditions import PoseConditions, approach_of
+from lab.kinematics.effects.effect import (
+    ArmFacts,
+    Effect,
+    FittedGroup,
+    MovesJoints,
+    SimulatedEffect,
+    VirtualEffect,
+    levers,
+    refuse_negative,
+)
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.parameter import Kind, joint_parameter
+
+__all__ = ["Backlash", "Play", "backlash"]
+
+SCALE = 1e-3  # rad, m of a slide
+
+
+def backlash(chain: JointSpec) -> Effect:
+    """The fitted group: b_i of every joint."""
+    kinds: list[Kind] = ["length" if slides else "angle" for slides in chain.prismatic]
+    parameters = tuple(joint_parameter("backlash", i, "backlash", kind, scale=SCALE) for i, kind in enumerate(kinds))
+
+    def offsets(joints: Array, approach: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, chain.size))
+        derivative[:, range(chain.size), range(chain.size)] = approach / 2
+        return approach * values / 2, derivative
+
+    return Effect("backlash", parameters, offsets, tuple(map(approach_of, chain.joint_names)))
+
+
+@dataclass(frozen=True)
+class Play(SimulatedEffect, MovesJoints):
+    """Of one arm.
+
+    Attributes:
+        backlash_rad: ``(n,)`` full widths, m of a slide.
+    """
+
+    backlash_rad: Array
+
+    def __post_init__(self) -> None:
+        refuse_negative("backlash_rad", self.backlash_rad)
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Joints without play."""
+        return cls(np.zeros(joints))
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """The direction of approach of joints with play."""
+        return tuple(approach_of(name) for name, width in zip(joint_names, self.backlash_rad, strict=True) if width)
+
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """Half the width above the measured position at approach +1, below it at -1."""
+        offsets: Array = self.backlash_rad / 2 * conditions.approach
+        return offsets
+
+    def true_parameters(self) -> dict[str, float]:
+        """b_i."""
+        return {f"joint{i + 1}.backlash": float(value) for i, value in enumerate(self.backlash_rad)}
+
+
+@dataclass(frozen=True)
+class Backlash(VirtualEffect):
+    """Play of a virtual arm."""
+
+    backlash_mrad: float = 0.0
+    """Mean play of the joints."""
+
+    draws: ClassVar[int] = 1
+    groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("backlash", lambda arm: backlash(arm.chain)),)
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Each joint's between half the mean and one and a half of it."""
+        return Play(levers(arm.chain) * (self.backlash_mrad / 1e3) * rngs[0].uniform(0.5, 1.5, arm.chain.size))

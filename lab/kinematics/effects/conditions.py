@@ -1,0 +1,77 @@
+"""What is set at each pose beside the joints: payload, directions of approach, time, sessions; columns of a file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.measurements import SESSION
+from lab.core.se3 import Array
+
+__all__ = [
+    "BUMPED",
+    "HOUR_S",
+    "PAYLOAD",
+    "TIME",
+    "PoseConditions",
+    "approach_of",
+    "in_order",
+    "structure_values",
+]
+
+PAYLOAD, TIME = "payload_kg", "time_s"
+BUMPED = SESSION + "2"  # 1 of the rows after a bump
+HOUR_S = 3600.0
+LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
+_APPROACH = "approach_"
+
+
+def approach_of(joint_name: str) -> str:
+    """The condition that says from which side a joint came: +1 or -1."""
+    return _APPROACH + joint_name
+
+
+def in_order(names: Sequence[str]) -> tuple[str, ...]:
+    """Conditions, each once, in the order of a file's columns: payload, approaches, time, sessions."""
+    ranks = {PAYLOAD: 0, TIME: 2}
+    return tuple(sorted(dict.fromkeys(names), key=lambda name: ranks.get(name, 1 if name.startswith(_APPROACH) else 3)))
+
+
+def structure_values(name: str, count: int, rng: np.random.Generator) -> Array:
+    """Values ``(count,)`` of a condition at which the rank is decided."""
+    if name == PAYLOAD:
+        return rng.choice([0.0, LARGEST_PAYLOAD_KG], count)
+    if name.startswith(_APPROACH):
+        return rng.choice([-1.0, 1.0], count)
+    if name.startswith(SESSION):
+        return rng.choice([0.0, 1.0], count)
+    return rng.uniform(0.0, HOUR_S, count)
+
+
+@dataclass(frozen=True)
+class PoseConditions:
+    """What is set at m poses of an arm.
+
+    Attributes:
+        columns: ``(m,)`` each, by name; where one is missing there is no payload, no approach, no time, no bump.
+    """
+
+    columns: Mapping[str, Array]
+    poses: int
+    joint_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in (PAYLOAD, TIME, BUMPED, *map(approach_of, self.joint_names)):
+            column = self.columns.get(name)
+            if column is not None and (column.shape != (self.poses,) or not np.isfinite(column).all()):
+                raise LabError(f"condition {name}: give one finite number for each of {self.poses} poses")
+
+    def column(self, name: str) -> Array:
+        """One of them ``(m,)``; zeros where it is missing."""
+        return self.columns.get(name, np.zeros(self.poses))
+
+    @property
+    def approach(self) -> Array:
+        """Each joint's direction of approach ``(m, n)``."""
+        return np.stack([self.column(approach_of(name)) for name in self.joint_names], axis=1)

@@ -1,0 +1,90 @@
+"""Axes that their neighbours drag along: joint i is at q_i + k_ij q_j."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.effects.conditions import PoseConditions
+from lab.kinematics.effects.effect import (
+    ArmFacts,
+    Effect,
+    FittedGroup,
+    MovesJoints,
+    SimulatedEffect,
+    VirtualEffect,
+    turning_joints,
+)
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.parameter import joint_parameter
+
+__all__ = ["Coupling", "JointCoupling", "coupling"]
+
+
+def coupling(chain: JointSpec) -> Effect:
+    """The fitted group: k_ij of every hinge and its inner neighbour, and of the last one also of the one before."""
+    last, turning = chain.size - 1, turning_joints(chain)
+    pairs = [*((i, i - 1) for i in range(1, chain.size)), *([(last, last - 2)] if last >= 2 else [])]
+    pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
+    parameters = tuple(joint_parameter("coupling", i, f"coupling{j + 1}", "ratio") for i, j in pairs)
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, len(pairs)))
+        for k, (i, j) in enumerate(pairs):
+            derivative[:, i, k] = joints[:, j]
+        return derivative @ values, derivative
+
+    return Effect("coupling", parameters, offsets)
+
+
+@dataclass(frozen=True)
+class JointCoupling(SimulatedEffect, MovesJoints):
+    """Of one arm.
+
+    Attributes:
+        coupling: ``(n, n)``; joint i moves by coupling[i, j] where joint j's position says 1. Zero diagonal.
+    """
+
+    coupling: Array
+
+    def __post_init__(self) -> None:
+        if self.coupling.ndim == 2 and np.diag(self.coupling).any():
+            raise LabError("effects: coupling of a joint with itself is its gear error; give that instead")
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Joints that do not follow each other."""
+        return cls(np.zeros((joints, joints)))
+
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """In proportion to the other joints' positions."""
+        offsets: Array = joints @ self.coupling.T
+        return offsets
+
+    def true_parameters(self) -> dict[str, float]:
+        """k_ij of all pairs."""
+        n = len(self.coupling)
+        pairs = ((i, j) for i in range(n) for j in range(n) if i != j)
+        return {f"joint{i + 1}.coupling{j + 1}": float(self.coupling[i, j]) for i, j in pairs}
+
+
+@dataclass(frozen=True)
+class Coupling(VirtualEffect):
+    """Coupled joints of a virtual arm."""
+
+    coupling_ppm: float = 0.0
+    """How far wrist joints follow their neighbours (1σ)."""
+
+    draws: ClassVar[int] = 1
+    groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("coupling", lambda arm: coupling(arm.chain)),)
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Normal draws, of the last two hinges with their inner neighbour, itself a hinge."""
+        chain = arm.chain
+        coupled = np.zeros((chain.size, chain.size))
+        for i in range(max(1, chain.size - 2), chain.size):
+            coupled[i, i - 1] = not (chain.prismatic[i] or chain.prismatic[i - 1])
+        return JointCoupling(self.coupling_ppm / 1e6 * rngs[0].standard_normal(coupled.shape) * coupled)

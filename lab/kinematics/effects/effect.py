@@ -1,0 +1,262 @@
+"""What an effect is: a fitted group of parameters, its simulated counterpart, and the options that ask for that.
+
+A module of this folder describes one effect, or a small family: the fitted function with its derivative, what it does
+to a virtual arm, how large that is drawn, and the options of ``lab calibrate`` that say so. ``registry`` lists them.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.effects.conditions import PoseConditions
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.parameter import Parameter
+
+__all__ = [
+    "AXES",
+    "LEVER_M",
+    "NO_SESSIONS",
+    "ArmFacts",
+    "ChangesJointPositions",
+    "DisplacesReadings",
+    "Effect",
+    "FittedGroup",
+    "MovesArm",
+    "MovesJoints",
+    "MovesTracker",
+    "Offsets",
+    "ScattersJoints",
+    "SessionInfo",
+    "SimulatedEffect",
+    "VirtualEffect",
+    "in_moved_frame",
+    "levers",
+    "random_direction",
+    "refuse_negative",
+    "turning_joints",
+]
+
+Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad times this, Nm/rad over its square
+
+
+@dataclass(frozen=True)
+class SessionInfo:
+    """How a campaign went: its sessions in their order, and when its clock was started (s)."""
+
+    sessions: tuple[str, ...] = ()
+    start_s: float = 0.0
+
+
+NO_SESSIONS = SessionInfo()
+
+
+@dataclass(frozen=True)
+class ArmFacts:
+    """What an effect may know of the arm that it is of: the nominal joints, the masses, how the campaign went."""
+
+    chain: JointSpec
+    loads: Loads | None = None
+    sessions: SessionInfo = NO_SESSIONS
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A fitted group of parameters, all zero in the nominal model.
+
+    Attributes:
+        name: of the group, e.g. ``compliance``.
+        parameters: what they are, e.g. ``joint2.compliance``.
+        offsets: joint positions ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
+            joints are from their measured positions ``(n, joints)`` (rad, m of a slide), and the derivatives
+            ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
+            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v).
+        conditions: columns of ``Measurements.conditions`` that it asks for.
+        moves: the joints, or the frame in which points are measured.
+        typical: values at which the rank is decided, where zeros would hide a parameter.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    offsets: Offsets
+    conditions: tuple[str, ...] = ()
+    moves: Literal["joints", "frame"] = "joints"
+    typical: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class FittedGroup:
+    """A group that ``--model`` can name.
+
+    Attributes:
+        fitted: the group for an arm; it raises a LabError where the arm cannot have it.
+        meaning: what its name does not say, for the help.
+        of_one_campaign: it says nothing of another day.
+        is_candidate: ``--model auto`` tries it.
+    """
+
+    name: str
+    fitted: Callable[[ArmFacts], Effect]
+    meaning: str = ""
+    of_one_campaign: bool = False
+    is_candidate: bool = True
+
+
+@dataclass(frozen=True)
+class SimulatedEffect(ABC):
+    """An effect of one virtual arm with n joints, in SI units; it is off at zero.
+
+    What it does is said by the classes that it also derives from: ``MovesJoints``, ``MovesArm``, ``MovesTracker``,
+    ``ChangesJointPositions``, ``ScattersJoints``, ``DisplacesReadings``.
+    """
+
+    @classmethod
+    @abstractmethod
+    def none(cls, joints: int) -> Self:
+        """None of it, on an arm of so many joints."""
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of the conditions that matter to it."""
+        return ()
+
+    def true_parameters(self) -> dict[str, float]:
+        """Its share of what an identifier should find, by the parameters' names; shares of several effects add up."""
+        return {}
+
+    def obscured(self) -> tuple[str, ...]:
+        """Names of parameters that have no true value while it is on."""
+        return ()
+
+    def refuse_unfit(self, chain: JointSpec) -> None:  # noqa: B027 (most fit every arm)
+        """A LabError where an arm with these joints cannot have it."""
+
+
+class MovesJoints(ABC):
+    """It puts the joints elsewhere than their measured positions say, alike at every visit."""
+
+    addition_order: ClassVar[int] = 0  # lower ones are added first, so that sums keep their rounding
+
+    @abstractmethod
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """``(m, n)`` rad or m, at measured joint positions ``(m, n)``."""
+
+
+class MovesArm(ABC):
+    """It moves the arm's points in the world."""
+
+    @abstractmethod
+    def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
+        """Points of the arm ``(m, k, 3)`` after it moved, its foot ``(3,)`` in the same frame."""
+
+
+class MovesTracker(ABC):
+    """It moves the tracker."""
+
+    @abstractmethod
+    def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
+        """Points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
+
+
+class ChangesJointPositions(ABC):
+    """It makes the measured joint positions differ from those where the arm is."""
+
+    @abstractmethod
+    def shown(self, joints: Array) -> Array:
+        """The measured joint positions ``(m, n)`` of where the joints settle, in the order visited."""
+
+
+class ScattersJoints(ABC):
+    """It puts the joints elsewhere at each visit, by chance."""
+
+    @property
+    @abstractmethod
+    def is_on(self) -> bool:
+        """Whether it does anything."""
+
+    @abstractmethod
+    def scatter(self, poses: int, rng: np.random.Generator) -> Array:
+        """``(poses, n)`` rad or m."""
+
+
+class DisplacesReadings(ABC):
+    """It displaces some of the measured points, by chance."""
+
+    @property
+    @abstractmethod
+    def is_on(self) -> bool:
+        """Whether it does anything."""
+
+    @abstractmethod
+    def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+        """What is added to all points of a pose, ``(poses, 3)`` m, and which poses are displaced, ``(poses,)``."""
+
+
+@dataclass(frozen=True)
+class VirtualEffect(ABC):
+    """The options of ``lab calibrate`` for one effect of a virtual arm, which are the fields of a subclass.
+
+    A field's default means that the effect is off; the text below it is the option's help.
+
+    Attributes:
+        draws: how many random substreams it takes. Each is its own, so that one effect leaves the draws of the others
+            as they are.
+        groups: what of it is fitted.
+    """
+
+    draws: ClassVar[int] = 0
+    groups: ClassVar[tuple[FittedGroup, ...]] = ()
+
+    def check(self) -> None:  # noqa: B027 (most have nothing to add)
+        """Refuse numbers that make no sense together, with a LabError that names the option.
+
+        That each is finite and not negative is checked beforehand.
+        """
+
+    @abstractmethod
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """The effect of one arm, as large as the options say; None of options that describe no effect.
+
+        Args:
+            rngs: ``draws`` of them.
+
+        Raises:
+            LabError: the arm cannot have it.
+        """
+
+
+def in_moved_frame(points: Array, moved: Array) -> Array:
+    """Points ``(m, k, 3)`` in a frame that has moved by ``(m, 6)``, m and rad, in itself."""
+    Ts_first_now = se3.pose(se3.exp(moved[:, 3:]), moved[:, :3])
+    return se3.transform(se3.inverse(Ts_first_now), points)
+
+
+def turning_joints(chain: JointSpec) -> tuple[int, ...]:
+    """The hinges, from 0."""
+    return tuple(i for i in range(chain.size) if not chain.prismatic[i])
+
+
+def levers(chain: JointSpec) -> Array:
+    """``(n,)``, 1 of a hinge, and of a slide how many m are like one rad."""
+    return np.where(chain.prismatic, LEVER_M, 1.0)
+
+
+def random_direction(rng: np.random.Generator) -> Array:
+    """A unit vector ``(3,)``, any direction as likely."""
+    vector = rng.standard_normal(3)
+    unit: Array = vector / np.linalg.norm(vector)
+    return unit
+
+
+def refuse_negative(name: str, values: Array) -> None:
+    """A LabError where an entry is below zero."""
+    if (values < 0).any():
+        raise LabError(f"effects: {name} has a negative entry; give zero or more")

@@ -1,0 +1,104 @@
+"""All effects, one line each: what ``--model`` can fit, and the options of a virtual arm.
+
+The order is that of the options, of the groups and of the random substreams: a new effect goes to the end, so that
+what is drawn for the others stays as it is.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TypeVar
+
+from lab.core.errors import LabError
+from lab.core.numbers import LARGEST
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.effects.backlash import Backlash
+from lab.kinematics.effects.bad_readings import BadReadings
+from lab.kinematics.effects.bending import Bending
+from lab.kinematics.effects.campaign import Duration, Payloads
+from lab.kinematics.effects.compliance import Compliance
+from lab.kinematics.effects.coupling import Coupling
+from lab.kinematics.effects.drift import Drift
+from lab.kinematics.effects.effect import NO_SESSIONS, ArmFacts, Effect, FittedGroup, SessionInfo, VirtualEffect
+from lab.kinematics.effects.gear import Gear
+from lab.kinematics.effects.growth import Growth
+from lab.kinematics.effects.harmonics import Harmonics
+from lab.kinematics.effects.lag import Lag
+from lab.kinematics.effects.repeatability import Repeatability
+from lab.kinematics.effects.sessions import Bump
+from lab.kinematics.joints import JointSpec
+
+__all__ = [
+    "CAMPAIGN_SPECIFIC",
+    "CANDIDATES",
+    "EFFECTS",
+    "GROUPS",
+    "EffectOptions",
+    "effect",
+    "fitted_groups",
+]
+
+Kind = TypeVar("Kind", bound=VirtualEffect)
+
+
+@dataclass(frozen=True)
+class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
+    BadReadings,
+    Duration,
+    Growth,
+    Bump,
+    Drift,
+    Bending,
+    Lag,
+    Repeatability,
+    Backlash,
+    Coupling,
+    Gear,
+    Harmonics,
+    Payloads,
+    Compliance,
+):
+    """The options of all effects side by side."""
+
+    def of(self, kind: type[Kind]) -> Kind:
+        """Those of one effect."""
+        return kind(**{each.name: getattr(self, each.name) for each in fields(kind)})
+
+    def each(self) -> Iterator[VirtualEffect]:
+        """Those of every effect, in their order."""
+        return (self.of(kind) for kind in EFFECTS)
+
+    def check(self) -> None:
+        """Refuse numbers that make no sense, with a LabError that names the option."""
+        for each in fields(self):
+            value, flag = getattr(self, each.name), "--" + each.name.replace("_", "-")
+            for number in value if isinstance(value, tuple) else (value,):
+                if number is not None and not 0 <= number <= LARGEST:
+                    raise LabError(f"{flag} {number:g}: give a number from 0 to {LARGEST:g}")
+        for effect_options in self.each():
+            effect_options.check()
+
+
+EFFECTS: tuple[type[VirtualEffect], ...] = EffectOptions.__bases__[::-1]
+_FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
+GROUPS = tuple(_FITTED)
+CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
+CAMPAIGN_SPECIFIC = tuple(group.name for group in _FITTED.values() if group.of_one_campaign)  # nothing of another day
+
+
+def fitted_groups() -> tuple[FittedGroup, ...]:
+    """What ``--model`` can name."""
+    return tuple(_FITTED.values())
+
+
+def effect(name: str, chain: JointSpec, loads: Loads | None, sessions: SessionInfo = NO_SESSIONS) -> Effect:
+    """The fitted group of that name for an arm.
+
+    Raises:
+        LabError: there is no such group, the arm cannot have it, or there are no masses or sessions for it.
+    """
+    if name not in _FITTED:
+        raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}")
+    found = _FITTED[name].fitted(ArmFacts(chain, loads, sessions))
+    if not found.parameters:
+        raise LabError(f"--model {name}: robot {chain.name} has no joint that could have it; leave it out")
+    return found

@@ -1,0 +1,99 @@
+"""A tracker, or a foot, that was bumped: every session after the first has a frame moved by a little."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.measurements import SESSION
+from lab.core.se3 import Array
+from lab.kinematics.effects.conditions import BUMPED, PoseConditions
+from lab.kinematics.effects.effect import (
+    AXES,
+    ArmFacts,
+    Effect,
+    FittedGroup,
+    MovesTracker,
+    SimulatedEffect,
+    VirtualEffect,
+    in_moved_frame,
+    random_direction,
+)
+from lab.kinematics.parameter import placed_parameters
+
+__all__ = ["Bump", "TrackerBump", "sessions"]
+
+
+def sessions(names: Sequence[str]) -> Effect:
+    """The fitted group: how the frame of every session but the first is moved and turned."""
+    moved = [placed_parameters(f"session.{name}", "sessions", AXES, scaled=True) for name in names[1:]]
+    parameters = tuple(itertools.chain.from_iterable(moved))
+
+    def offsets(_: Array, within: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((len(within), 7, len(parameters)))
+        for k in range(len(names) - 1):
+            derivative[:, :6, 6 * k : 6 * k + 6] = within[:, k, None, None] * np.eye(6)
+        return derivative @ values, derivative
+
+    return Effect("sessions", parameters, offsets, tuple(SESSION + name for name in names[1:]), "frame")
+
+
+def _fitted(arm: ArmFacts) -> Effect:
+    if len(arm.sessions.sessions) < 2:
+        raise LabError("--model sessions: all rows are of one session; say in a column session which belong together")
+    return sessions(arm.sessions.sessions)
+
+
+@dataclass(frozen=True)
+class TrackerBump(SimulatedEffect, MovesTracker):
+    """Of one campaign.
+
+    Attributes:
+        bump: ``(6,)`` motion of the tracker in its own frame, m and rad, all at once in the middle of a campaign.
+    """
+
+    bump: Array
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """A tracker that nobody touches."""
+        return cls(np.zeros(6))
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """Which poses are after the bump."""
+        return (BUMPED,) if self.bump.any() else ()
+
+    def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
+        """In the tracker's new frame where that is the condition."""
+        return in_moved_frame(points, self.bump * conditions.column(BUMPED)[:, None]) if self.bump.any() else points
+
+    def true_parameters(self) -> dict[str, float]:
+        """The tracker's motion reversed."""
+        return {f"session.2.{axis}": float(value) for axis, value in zip(AXES, -self.bump, strict=True)}
+
+
+@dataclass(frozen=True)
+class Bump(VirtualEffect):
+    """A bump of a virtual arm's tracker."""
+
+    bump_mm: float = 0.0
+    """How far the tracker is moved in the middle of the campaign: what follows is session 2."""
+    bump_mrad: float = 0.0
+    """How far the tracker is turned in the middle of the campaign."""
+
+    draws: ClassVar[int] = 2
+    groups: ClassVar[tuple[FittedGroup, ...]] = (
+        FittedGroup(
+            "sessions", _fitted, "a frame that was bumped between the sessions of the file", of_one_campaign=True
+        ),
+    )
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Both directions are drawn."""
+        sizes = self.bump_mm / 1e3, self.bump_mrad / 1e3
+        return TrackerBump(
+            np.concatenate([size * random_direction(rng) for size, rng in zip(sizes, rngs, strict=True)])
+        )
