@@ -1,0 +1,110 @@
+"""The registry of effects: options, groups and random substreams in one order, and what one effect has to describe."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, SCARA
+
+from lab.campaign.option_groups import ArmEffects
+from lab.core.errors import LabError
+from lab.kinematics.effects.conditions import in_order
+from lab.kinematics.effects.effect import ArmFacts, SessionInfo, SimulatedEffect
+from lab.kinematics.effects.registry import (
+    CAMPAIGN_SPECIFIC,
+    CANDIDATES,
+    EFFECTS,
+    GROUPS,
+    EffectOptions,
+    effect,
+    fitted_groups,
+)
+from lab.simulation.effects import random_effects
+
+FACTS = ArmFacts(IRB120.chain, IRB120.loads, SessionInfo(("1", "2")))
+ALL_ON = EffectOptions(
+    **{each.name: 0.5 for each in fields(EffectOptions) if each.name not in ("payload_kg", "bad_mm")}
+)
+OPTIONS = """stiffness_nm_per_rad payload_kg harmonic_mrad harmonic2_mrad gear_ppm coupling_ppm backlash_mrad
+    repeatability_mrad lag bending_mrad_per_knm drift_mm_per_h drift_mrad_per_h bump_mm bump_mrad growth_ppm_per_h hours
+    bad_share bad_mm"""
+
+
+def test_the_order_is_that_of_every_run_so_far() -> None:
+    """Flags, keys in config.json and random substreams are an interface: a new effect comes last."""
+    first = OPTIONS.split()
+    assert [each.name for each in fields(ArmEffects)][: len(first)] == first
+    assert GROUPS[:9] == (
+        "compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions"
+    )  # fmt: skip
+    assert set(GROUPS) - set(CANDIDATES) == {"payload"} and CAMPAIGN_SPECIFIC == ("drift", "sessions")
+    draws = [kind.draws for kind in EFFECTS if kind.draws]
+    assert draws[:6] == [2, 1, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.__name__)
+def test_every_effect_is_off_by_default_and_knows_its_truth(kind) -> None:
+    """What it simulates is zero unless asked for; its true parameters are those that its groups fit, and zero then."""
+    rngs = [np.random.default_rng(i) for i in range(kind.draws)]
+    off, on = kind().simulated(FACTS, rngs), ALL_ON.of(kind).simulated(FACTS, rngs)
+    if off is None:
+        assert on is None and not kind.groups and not kind.draws
+        return
+    assert not off.conditions(IRB120.chain.joint_names) and not off.obscured()
+    assert not any(off.true_parameters().values())
+    truth = on.true_parameters()
+    for group in kind.groups:
+        names = {each.name for each in group.fitted(FACTS).parameters} - {"payload.mass"}
+        assert names and names <= set(truth)
+    nothing = type(on).none(IRB120.chain.size)
+    assert isinstance(on, SimulatedEffect)
+    for name, value in vars(nothing).items():
+        assert np.shape(getattr(on, name)) == np.shape(value)
+
+
+def test_an_effect_draws_from_its_own_streams() -> None:
+    """Whatever another effect is asked for, the numbers of this one stay."""
+    every = random_effects(FACTS, ALL_ON, np.random.default_rng(3))
+    for kind in EFFECTS:
+        alone = EffectOptions(**vars(ALL_ON.of(kind)))
+        part = next((part for part in every.parts if type(part) is type(kind().simulated(FACTS, _streams()))), None)
+        if part is None:
+            continue
+        same = random_effects(FACTS, alone, np.random.default_rng(3)).part(type(part))
+        for name, value in vars(part).items():
+            np.testing.assert_array_equal(getattr(same, name), value)
+
+
+def _streams() -> list[np.random.Generator]:
+    return [np.random.default_rng(0), np.random.default_rng(1)]
+
+
+def test_options_of_one_effect_are_checked_where_it_is_described() -> None:
+    for wrong, message in (
+        ({"gear_ppm": -1.0}, "--gear-ppm -1: give a number from 0"),
+        ({"lag": 1.0}, "--lag 1: give a share from 0 to below 1"),
+        ({"bad_share": 1.5}, "--bad-share 1.5: give a share from 0 to 1"),
+        ({"stiffness_nm_per_rad": 0.0}, "--stiffness-nm-per-rad 0: give a number above zero"),
+        ({"bad_mm": (2.0, 5.0)}, "give --bad-share too"),
+        ({"payload_kg": ()}, "--payload-kg: give at least one payload"),
+        ({"hours": 0.0}, "--hours 0: give a number above zero"),
+        ({"bump_mm": float("nan")}, "--bump-mm nan"),
+    ):
+        with pytest.raises(LabError, match=message):
+            replace(EffectOptions(), **wrong).check()
+    EffectOptions().check()
+
+
+def test_what_cannot_be_fitted_says_why() -> None:
+    for name in GROUPS:
+        assert effect(name, IRB120.chain, IRB120.loads, FACTS.sessions).name == name
+    with pytest.raises(LabError, match="robot scara is a table without masses"):
+        effect("payload", SCARA, None)
+    assert [each.meaning for each in fitted_groups() if each.name == "payload"] == [
+        "compliance with an unknown mass at the flange"
+    ]
+
+
+def test_conditions_come_in_the_order_of_a_files_columns() -> None:
+    mixed = ["session 2", "time_s", "approach_q2", "payload_kg", "approach_q1", "time_s"]
+    assert in_order(mixed) == ("payload_kg", "approach_q2", "approach_q1", "time_s", "session 2")
