@@ -42,7 +42,8 @@ from lab.simulation.true_robot import TrueRobot
 POSES, CANDIDATES, FRESH = 60, 1000, 1000
 TARGETS, PAYLOADS_KG = ("p1",), (0.0, 3.0)
 GROUPS = ("compliance", "harmonics")
-SIZES = EffectOptions(stiffness_nm_per_rad=1e5, harmonic_mrad=0.2)
+STIFFNESS_NM_PER_RAD = 1e5
+SIZES = EffectOptions(stiffness_nm_per_rad=STIFFNESS_NM_PER_RAD, harmonic_mrad=0.2)
 STIFF = ("joint2.compliance", "joint3.compliance")
 DEVICE = instrument("uniform-8um")
 
@@ -159,7 +160,7 @@ def rigid_arm(seed: int) -> tuple[str, ...]:
 def summary(found: Sequence[Found], rigid: Sequence[tuple[str, ...]]) -> dict[str, Any]:
     """The figures of both studies; lengths in mm."""
     alone, after = (1e3 * np.array([getattr(f, name) for f in found]) for name in ("alone", "after"))
-    true = np.array([1 / SIZES.stiffness_nm_per_rad[axis] for axis in (2, 3)])
+    true = np.full(2, 1 / STIFFNESS_NM_PER_RAD)  # of axes 2 and 3
     error, std = (np.array([f.compliance for f in found]) - true) / true, np.array([f.std for f in found]) / true
     z = error / std
     return {
