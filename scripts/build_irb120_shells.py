@@ -11,7 +11,6 @@ radii of gyration say how far each link's mass spreads (models/irb120/README.md)
 The shells are for seeing and for collision; no mass is computed from them.
 """
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 import trimesh
+import tyro
 from shapely import Polygon
 from trimesh import Trimesh
 
@@ -330,11 +330,12 @@ def stl_bytes(triangles: np.ndarray) -> bytes:
     return b"virtual calibration lab: IRB 120 shell".ljust(80) + np.uint32(len(triangles)).tobytes() + record.tobytes()
 
 
-def main() -> None:
-    """Write every shell, and say how large it is."""
-    parser = argparse.ArgumentParser(description="Build the shells of the IRB 120.")
-    parser.add_argument("--out", type=Path, default=ASSETS, help="folder for the STL files")
-    out = parser.parse_args().out
+def main(out: Path = ASSETS) -> None:
+    """Write every shell, and say how large it is.
+
+    Args:
+        out: folder for the STL files.
+    """
     out.mkdir(parents=True, exist_ok=True)
     for name, build in BUILDERS.items():
         triangles = canonical(build(Arm()))
@@ -346,4 +347,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main)

@@ -4,23 +4,20 @@ Virtual arms measured by each instrument from designed poses, few and many; the 
 poses without noise: the mean error, and within what 95 % of the poses are.
 """
 
-import json
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import tyro
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Table
-from threadpoolctl import threadpool_limits
-
 from lab.campaign.option_groups import Flag
 from lab.commands.design.figures import save
 from lab.experiments.figures import instruments_figure
+from lab.experiments.script import Answer, paragraphs
+from lab.render.document import Document, Table
 from lab.studies.analysis import Mean, means
 from lab.studies.grid import Study
 from lab.studies.progress import study_runner
+
+__all__ = ["Options", "answer"]
 
 INSTRUMENTS = ("uniform-8um", "leica-at960", "leica-at500", "faro-vantage", "optical-cmm")
 METRICS = {"fresh_mean_mm": "mean", "fresh_p95_mm": "95 % of the poses are within"}
@@ -50,25 +47,20 @@ class Options:
     """Print one JSON object."""
 
 
-def main() -> None:
-    """Run the study, draw it, say what it shows."""
-    given, console = tyro.cli(Options), Console(highlight=False)
-    robots, draws, poses = (10, 10, (15, 30)) if given.quick else (given.robots, given.draws, given.poses)
-    factors = {"instrument": given.instruments, "poses": tuple(sorted(poses))}
+def answer(options: Options) -> Answer:
+    """Run the study, or go on with it, and draw it."""
+    robots, draws, poses = (10, 10, (15, 30)) if options.quick else (options.robots, options.draws, options.poses)
+    factors = {"instrument": options.instruments, "poses": tuple(sorted(poses))}
     study = Study(name="accuracy-versus-instrument", robots=robots, draws=draws, factors=factors)
-    with threadpool_limits(1), study_runner(given.workers) as run:
-        arranged, _ = run(study, given.out / "study")
-        curves = {metric: by_instrument(study, means(arranged, metric)) for metric in METRICS}
+    with study_runner(options.workers) as run:
+        campaigns, _ = run(study, options.out / "study")
+    curves = {metric: by_instrument(study, means(campaigns, metric)) for metric in METRICS}
     title = f"Which instrument, how many poses? {robots * draws:,} campaigns with {robots} arms at each point"
-    save(given.out, "instruments", instruments_figure({METRICS[m]: curves[m] for m in METRICS}, title))
-    if given.json:
-        print(json.dumps({"rows": rows(curves), "words": words(curves["fresh_p95_mm"])}))
-        return
-    for metric, lines in curves.items():
-        console.print(table(lines, METRICS[metric]))
-    for line in words(curves["fresh_p95_mm"]):
-        console.print(line)
-    console.print(f"picture: {given.out / 'instruments.png'}")
+    save(options.out, "instruments", instruments_figure({METRICS[m]: curves[m] for m in METRICS}, title))
+    said = words(curves["fresh_p95_mm"])
+    tables = (table(lines, METRICS[metric]) for metric, lines in curves.items())
+    blocks = (*tables, *paragraphs([*said, f"picture: {options.out / 'instruments.png'}"]))
+    return Answer({"rows": rows(curves), "words": said}, Document(title, blocks))
 
 
 def by_instrument(study: Study, found: tuple[Mean, ...]) -> Curves:
@@ -91,13 +83,12 @@ def rows(curves: dict[str, Curves]) -> list[dict[str, object]]:
 
 def table(curves: Curves, title: str) -> Table:
     """A row an instrument, a column a number of poses."""
-    made = Table(title=f"error on fresh poses, µm (± 95 %): {title}", title_justify="left", box=SIMPLE, padding=0)
-    made.add_column("instrument", no_wrap=True)
-    for poses, _ in next(iter(curves.values())):
-        made.add_column(f"{poses} poses", justify="right", no_wrap=True)
-    for name, points in curves.items():
-        made.add_row(name, *(f"{1e3 * m.mean:.2f} ± {500 * (m.upper - m.lower):.2f}" for _, m in points))
-    return made
+    headings = (f"{poses} poses" for poses, _ in next(iter(curves.values())))
+    cells = (
+        (name, *(f"{1e3 * m.mean:.2f} ± {500 * (m.upper - m.lower):.2f}" for _, m in points))
+        for name, points in curves.items()
+    )
+    return Table(("instrument", *headings), tuple(cells), f"error on validation poses, µm (± 95 %): {title}")
 
 
 def words(curves: Curves) -> list[str]:
@@ -120,7 +111,3 @@ def _fewest(points: list[tuple[int, Mean]], wanted: float) -> str:
     if not enough:
         return f"more than {points[-1][0]}"
     return f"{enough[0]} or fewer" if enough[0] == points[0][0] else str(enough[0])
-
-
-if __name__ == "__main__":
-    main()

@@ -6,10 +6,7 @@ designed for all parameters of both groups. Rigid arms at the same poses, with e
 for, say how often a group is taken that is not there.
 """
 
-import argparse
-import json
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -20,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from lab.calibration.identify import identify
 from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.weights import Noise
+from lab.campaign.option_groups import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
 from lab.campaign.virtual_robot import perturbed_arm
@@ -27,17 +25,25 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.experiments.script import Answer, paragraphs
+from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.effects.effect import ArmFacts
 from lab.kinematics.effects.registry import EffectOptions
 from lab.kinematics.gauge import base_set
+from lab.kinematics.model import Model
+from lab.kinematics.serial.arm import SerialArm
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
+from lab.render.document import Document, Paragraph
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_effects
 from lab.simulation.observations.points import track
 from lab.simulation.true_robot import TrueRobot
+from lab.studies import executors
+
+__all__ = ["Options", "answer"]
 
 POSES, CANDIDATES, FRESH = 60, 1000, 1000
 TARGETS, PAYLOADS_KG = ("p1",), (0.0, 3.0)
@@ -46,6 +52,20 @@ STIFFNESS_NM_PER_RAD = 1e5
 SIZES = EffectOptions(stiffness_nm_per_rad=STIFFNESS_NM_PER_RAD, harmonic_mrad=0.2)
 STIFF = ("joint2.compliance", "joint3.compliance")
 DEVICE = instrument("uniform-8um")
+
+
+@dataclass(frozen=True)
+class Options:
+    """How much to simulate."""
+
+    arms: int = 30
+    """Arms with effects."""
+    rigid: int = 50
+    """Arms without."""
+    workers: int = 2
+    """Processes."""
+    json: Flag = False
+    """Print one JSON object."""
 
 
 @dataclass(frozen=True)
@@ -67,23 +87,17 @@ class Found:
     half: float
 
 
-def main() -> None:
-    """Run both studies and print what they say."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--arms", type=int, default=30, help="with effects")
-    parser.add_argument("--rigid", type=int, default=50, help="arms without")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    with ProcessPoolExecutor(given.workers) as pool:
-        found = list(pool.map(flexible_arm, range(given.arms)))
-        rigid = list(pool.map(rigid_arm, range(given.rigid)))
+def answer(options: Options) -> Answer:
+    """Both studies."""
+    with executors.local_executor(options.workers) as pool:
+        found = list(pool.map(flexible_arm, range(options.arms)))
+        rigid = list(pool.map(rigid_arm, range(options.rigid)))
     result = summary(found, rigid)
-    print(json.dumps(result) if given.json else table(result))
+    return Answer(result, Document("Are compliance and harmonics found, and only where they are?", table(result)))
 
 
 @cache
-def drawing() -> Robot:
+def nominal_robot() -> Robot:
     """The nominal robot, loaded once."""
     return load_robot("irb120")
 
@@ -91,7 +105,7 @@ def drawing() -> Robot:
 @cache
 def designed() -> tuple[Array, Array]:
     """Readings ``(60, joints)`` and payloads ``(60,)`` kg, D-optimal for geometry and both groups."""
-    robot = drawing()
+    robot = nominal_robot()
     model, arm = robot.model, robot.arm_with(TARGETS, GROUPS)
     drawn = draw_candidates(model, TARGETS, DEVICE, CANDIDATES, rng_for(0, "candidates")).joints
     inputs = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in PAYLOADS_KG])
@@ -117,14 +131,19 @@ def measured(real: TrueRobot, seed: int) -> Measurements:
 
 def selected(data: Measurements) -> Selection:
     """As ``--model auto`` does."""
-    robot = drawing()
-    return select(lambda g: robot.arm_with(TARGETS, g), data, lambda m: m.nominal(robot.tool), Noise(DEVICE))
+    robot = nominal_robot()
+
+    def nominal(model: Model) -> Array:
+        assert isinstance(model, SerialArm | ArmWithEffects)
+        return model.nominal(robot.tool)
+
+    return select(lambda groups: robot.arm_with(TARGETS, groups), data, nominal, Noise(DEVICE))
 
 
 def flexible_arm(seed: int) -> Found:
     """One arm with effects."""
     with threadpool_limits(1):
-        robot = drawing()
+        robot = nominal_robot()
         real = perturbed_arm(robot, VirtualCampaign(seed=seed))
         real = real.with_effects(random_effects(ArmFacts(robot.chain, robot.loads), SIZES, rng_for(seed, "effects")))
         data = measured(real, seed)
@@ -154,7 +173,7 @@ def flexible_arm(seed: int) -> Found:
 def rigid_arm(seed: int) -> tuple[str, ...]:
     """The groups taken for an arm without effects."""
     with threadpool_limits(1):
-        return selected(measured(perturbed_arm(drawing(), VirtualCampaign(seed=seed)), seed)).chosen
+        return selected(measured(perturbed_arm(nominal_robot(), VirtualCampaign(seed=seed)), seed)).chosen
 
 
 def summary(found: Sequence[Found], rigid: Sequence[tuple[str, ...]]) -> dict[str, Any]:
@@ -179,8 +198,8 @@ def summary(found: Sequence[Found], rigid: Sequence[tuple[str, ...]]) -> dict[st
     }
 
 
-def table(result: dict[str, Any]) -> str:
-    """The same as a few lines."""
+def table(result: dict[str, Any]) -> tuple[Paragraph, ...]:
+    """The figures in a few lines."""
     alone, after = result["alone_mm"], result["after_mm"]
     lines = [
         f"{result['arms']} arms with {' and '.join(GROUPS)}, {POSES} designed poses, mean error on fresh poses:",
@@ -198,8 +217,4 @@ def table(result: dict[str, Any]) -> str:
     lines.append(
         f"{result['rigid']} rigid arms: {len(taken)} with a group taken{': ' if taken else ''}{', '.join(taken)}"
     )
-    return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    main()
+    return paragraphs(lines)

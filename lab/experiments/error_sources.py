@@ -4,27 +4,28 @@ The base: rigid arms, 30 designed poses, noise of ±8 µm. The same arms and the
 the mean error on fresh poses, where the source acts as well.
 """
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
-from rich.console import Console
-from rich.table import Table
-from threadpoolctl import threadpool_limits
 
 from lab.campaign.option_groups import ArmEffects, Flag
 from lab.commands.design.figures import save
 from lab.core.errors import LabError
+from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
 from lab.experiments.figures import Cost, costs_figure
+from lab.experiments.script import Answer, paragraphs
+from lab.render.document import Document, Table
+from lab.render.format import fixed
 from lab.studies.analysis import compared, means
 from lab.studies.bootstrap import holm
 from lab.studies.grid import NONE, Cell, Study
 from lab.studies.progress import study_runner
 from lab.studies.table import CampaignArray, CellGroup
+
+__all__ = ["Options", "answer"]
 
 METRIC = "fresh_mean_mm"
 BASE = Cell()
@@ -72,22 +73,18 @@ class Options:
     """Print one JSON object."""
 
 
-def main() -> None:
-    """Run all cases, sort them, draw them."""
-    given, console = tyro.cli(Options), Console(highlight=False)
-    robots, draws = (10, 10) if given.quick else (given.robots, given.draws)
-    with threadpool_limits(1):
-        arranged = together(studies(robots, draws, given.cases), given)
-        base, costs = sorted_costs(arranged, ["", *(name for name in (*EFFECTS, *OTHERS) if name in given.cases)])
+def answer(options: Options) -> Answer:
+    """Run all cases, sort them by what they cost, draw them."""
+    robots, draws = (10, 10) if options.quick else (options.robots, options.draws)
+    campaigns = together(studies(robots, draws, options.cases), options)
+    cases = [name for name in (*EFFECTS, *OTHERS) if name in options.cases]
+    base, costs = sorted_costs(campaigns, ["", *cases])
     words = f"30 designed poses, ±8 µm, {1e3 * base:.2f} µm"
     title = f"Which error source costs most? {robots * draws:,} paired campaigns each"
-    save(given.out, "what_matters", costs_figure(costs, words, title))
-    if given.json:
-        print(json.dumps({"base_mm": base, "costs": [asdict(cost) for cost in costs], "words": said(base, costs)}))
-        return
-    console.print(table(costs))
-    console.print(said(base, costs))
-    console.print(f"picture: {given.out / 'what_matters.png'}")
+    save(options.out, "what_matters", costs_figure(costs, words, title))
+    said = summary(base, costs)
+    blocks = (table(costs), *paragraphs([said, f"picture: {options.out / 'what_matters.png'}"]))
+    return Answer({"base_mm": base, "costs": [asdict(cost) for cost in costs], "words": said}, Document(title, blocks))
 
 
 def studies(robots: int, draws: int, cases: tuple[str, ...]) -> list[Study]:
@@ -102,19 +99,20 @@ def studies(robots: int, draws: int, cases: tuple[str, ...]) -> list[Study]:
     return [base, *(Study(name, robots=robots, draws=draws, factors=change) for name, change in changes.items())]
 
 
-def together(asked: list[Study], given: Options) -> CampaignArray:
+def together(asked: list[Study], options: Options) -> CampaignArray:
     """The campaigns of all studies as those of one, its cells numbered through."""
-    parts, cells = [], []
-    with study_runner(given.workers) as run:
+    parts: list[dict[str, Array]] = []
+    cells: list[Cell] = []
+    with study_runner(options.workers) as run:
         for study in asked:
-            columns = run(study, given.out / study.name.replace(" ", "-"))[0].columns
+            columns = run(study, options.out / study.name.replace(" ", "-"))[0].columns
             parts.append({**columns, "cell": columns["cell"] + len(cells)})
             cells += study.cells
     return CampaignArray.of({name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, cells)
 
 
 def sorted_costs(arranged: CampaignArray, names: list[str]) -> tuple[float, list[Cost]]:
-    """The base's mean error (mm), and what each case adds to it, the dearest first."""
+    """The base's mean error (mm), and what each case adds to it, the most expensive first."""
     base = means(arranged, METRIC)[0].mean
     group = CellGroup(("case",), {}, tuple(range(len(names))))
     pairs = [pair for pair in compared(arranged, group, METRIC, "difference").pairs if pair.first == 0]
@@ -127,27 +125,20 @@ def sorted_costs(arranged: CampaignArray, names: list[str]) -> tuple[float, list
 
 
 def table(costs: list[Cost]) -> Table:
-    """The dearest first."""
-    made = Table(title="mean error on fresh poses (95 % intervals over the arms)", title_justify="left")
-    for heading in ("case", "adds, µm", "times the base"):
-        made.add_column(heading, justify="left" if heading == "case" else "right")
-    for cost in costs:
-        made.add_row(cost.name, f"{1e3 * cost.extra_mm:+.2f}".replace("-", "−"), cost.words)
-    return made
+    """The most expensive first."""
+    rows = tuple((cost.name, fixed(1e3 * cost.extra_mm, 2, signed=True), cost.words) for cost in costs)
+    caption = "mean error on validation poses (95 % intervals over the arms)"
+    return Table(("case", "adds, µm", "times the base"), rows, caption)
 
 
-def said(base: float, costs: list[Cost]) -> str:
+def summary(base: float, costs: list[Cost]) -> str:
     """The answer in a sentence or two."""
     dear = [cost for cost in costs if cost.ratio >= 2]
     small = [cost for cost in costs if abs(cost.ratio - 1) < 0.05 or not cost.told]
     lost = sum(cost.left_out for cost in costs)
     return (
-        f"The base has {1e3 * base:.2f} µm. Dearest: "
+        f"The base has {1e3 * base:.2f} µm. Most expensive: "
         + "; ".join(f"{cost.name} {cost.ratio:.3g} times" for cost in dear)
         + f". Hardly anything (below 5 %, or not to be told): {', '.join(cost.name for cost in small) or 'none'}."
         + (f" {lost} campaigns did not converge, and are left out." if lost else "")
     )
-
-
-if __name__ == "__main__":
-    main()

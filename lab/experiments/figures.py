@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lab.commands.design.figures import STYLE
-from lab.experiments.which_criterion import REFERENCE, Answer
+from lab.experiments.which_criterion import REFERENCE, CriterionComparison
 from lab.studies.analysis import Mean, Pair
 from lab.studies.grid import ANY
 
@@ -42,7 +42,7 @@ _LINES = (
 _STYLE: Any = {**STYLE, "axes.spines.right": False}
 
 
-def criteria_figure(answer: Answer, metrics: Sequence[str], titles: Sequence[str], title: str) -> Figure:
+def criteria_figure(answer: CriterionComparison, metrics: Sequence[str], titles: Sequence[str], title: str) -> Figure:
     """Errors against those of O1's poses: a row of panels a metric, a column a number of poses, a mark a scaling."""
     numbers = list(dict.fromkeys(poses for _, poses in answer.compared))
     order = _by_error(answer)
@@ -73,7 +73,7 @@ def criteria_figure(answer: Answer, metrics: Sequence[str], titles: Sequence[str
     return figure
 
 
-def _by_error(answer: Answer) -> list[str]:
+def _by_error(answer: CriterionComparison) -> list[str]:
     """The criteria, best on top: by the logarithm of their fresh error over all numbers of poses and scalings."""
     logs: dict[str, list[float]] = {}
     for cell, mean in zip(answer.cells, answer.means["fresh_mean_mm"], strict=True):
@@ -81,7 +81,7 @@ def _by_error(answer: Answer) -> list[str]:
     return sorted(logs, key=lambda name: (name != REFERENCE, np.mean(logs[name])))
 
 
-def _criteria_panel(axes: Axes, answer: Answer, metric: str, poses: int, order: Sequence[str]) -> None:
+def _criteria_panel(axes: Axes, answer: CriterionComparison, metric: str, poses: int, order: Sequence[str]) -> None:
     comparison = answer.compared[metric, poses]
     scalings = [scaling for scaling in _MARKS if scaling != ANY]
     pairs = [pair for each in answer.compared.values() for pair in each.pairs]
@@ -112,7 +112,7 @@ def _criteria_panel(axes: Axes, answer: Answer, metric: str, poses: int, order: 
     axes.tick_params(axis="y", length=0)
 
 
-def _with_reference(answer: Answer, pair: Pair) -> bool:
+def _with_reference(answer: CriterionComparison, pair: Pair) -> bool:
     return REFERENCE in (answer.cells[pair.first].criterion, answer.cells[pair.second].criterion)
 
 

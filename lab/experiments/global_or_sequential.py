@@ -7,25 +7,18 @@ after Tx(a3). Every answer sees the same arms, poses and noise; errors are those
 noise. Beside what is simulated stands what linear propagation of the noise predicts.
 """
 
-import csv
-import json
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-import tyro
-from matplotlib.figure import Figure
 from scipy.special import elliprg
-from threadpoolctl import threadpool_limits
 
 from lab.calibration.batch import MAX_STEPS
 from lab.calibration.batch_poses import MeasuredPoses, StackedPoseArm, fit_poses
+from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
 from lab.campaign.option_groups import Flag
 from lab.campaign.robot import load_robot
-from lab.commands.design.figures import save
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
@@ -35,6 +28,21 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.studies.bootstrap import resampled
 from lab.studies.table import RESAMPLES
+
+__all__ = [
+    "CURVE_RAD",
+    "PREDICTED",
+    "SIGMA_M",
+    "WORSE",
+    "Interval",
+    "Options",
+    "beside",
+    "campaigns",
+    "crossing_rad",
+    "predicted_mm",
+    "ranks",
+    "table_of",
+]
 
 SIGMA_M = 1e-4  # of a coordinate
 SIGMAS_RAD = (1e-5, 1e-4, 3e-4, 1e-3)  # of an orientation, per axis
@@ -116,14 +124,14 @@ def campaigns(options: Options) -> Campaigns:
     """Every parameter of the arms off, base and tool too; random poses within the limits."""
     if options.poses < FEWEST or options.robots < 2:
         raise LabError(f"give --poses {FEWEST} or more, for 27 unknowns from positions alone, and two --robots or more")
-    arm = load_robot("rx130").arm(("p1",))
+    arm = load_robot("rx130").serial_arm(("p1",))
     real, drawing = StackedPoseArm(arm), StackedPoseArm(SerialArm(with_y3(arm.chain)))
     size, seed = options.robots, options.seed
-    off = np.where([each.is_angle for each in real.parameters], OFF_RAD, OFF_M)
+    off = np.where([each.is_angle for each in (*arm.parameters, *ROTATION_PARAMETERS)], OFF_RAD, OFF_M)
     truth = real.nominal() + off * rng_for(seed, "arm").standard_normal((size, len(off)))
     joints, fresh = (
-        arm.chain.random_joints(size * count, rng_for(seed, purpose)).reshape(size, count, -1)
-        for purpose, count in (("poses", options.poses), ("fresh", options.fresh))
+        arm.chain.random_joints(size * count, rng).reshape(size, count, -1)
+        for rng, count in ((rng_for(seed, "poses"), options.poses), (rng_for(seed, "fresh"), options.fresh))
     )
     noise = rng_for(seed, "noise").standard_normal((size, options.poses, 6))
     exact = MeasuredPoses(still(joints), *real.poses(joints, truth))
@@ -138,14 +146,17 @@ def with_y3(chain: Chain) -> Chain:
     theta, d, a, alpha, _ = chain.table[2]
     table = np.insert(chain.table, 2, [0.0, 0.0, a, alpha - np.pi / 2, 0.0], axis=0)
     table[3] = theta, d, 0.0, np.pi / 2, 0.0
-    vectors = {"sign": 1.0, "lower": -1.0, "upper": 1.0, "speed": np.nan, "acceleration": np.nan}
     return replace(
         chain,
         table=table,
         joint_names=(*chain.joint_names[:2], "still", *chain.joint_names[2:]),
         prismatic=(*chain.prismatic[:2], True, *chain.prismatic[2:]),
         parallel=(*chain.parallel[:2], False, *chain.parallel[2:]),
-        **{name: np.insert(getattr(chain, name), 2, value) for name, value in vectors.items()},
+        sign=np.insert(chain.sign, 2, 1.0),
+        lower=np.insert(chain.lower, 2, -1.0),
+        upper=np.insert(chain.upper, 2, 1.0),
+        speed=np.insert(chain.speed, 2, np.nan),
+        acceleration=np.insert(chain.acceleration, 2, np.nan),
     )
 
 
@@ -227,7 +238,8 @@ def predicted_mm(campaign: Campaigns, sigmas_rad: Sequence[float], robots: int) 
         angles = sigma**2 * alone
         carried = follow @ angles
         rest = SIGMA_M**2 * lengths + carried @ follow.swapaxes(1, 2)
-        errors[0, i] = expected_mm(fresh, np.linalg.inv(by_position / SIGMA_M**2 + by_rotation / sigma**2))
+        together = np.asarray(np.linalg.inv(by_position / SIGMA_M**2 + by_rotation / sigma**2), dtype=float)
+        errors[0, i] = expected_mm(fresh, together)
         errors[1, i] = expected_mm(fresh, np.block([[angles, carried.swapaxes(1, 2)], [carried, rest]]))
     return errors
 
@@ -305,102 +317,3 @@ def beside(campaign: Campaigns, seed: int) -> dict[str, Interval]:
 def crossing_rad(curve: Array, level: float) -> float:
     """The noise at which a rising curve over ``CURVE_RAD`` reaches a level."""
     return float(np.exp(np.interp(level, curve, np.log(CURVE_RAD))))
-
-
-def picture(rows: Sequence[dict[str, float]], curve: Array, alone_mm: float, title: str) -> Figure:
-    """Errors on fresh poses against the orientations' noise: points simulated, lines ``(2, CURVE_RAD)`` predicted."""
-    noise = [row["noise_mrad"] for row in rows]
-    with matplotlib.rc_context({"axes.grid": True, "grid.color": "#e5e7eb", "axes.axisbelow": True}):
-        figure = Figure(figsize=(8.5, 5.5), layout="constrained")
-        axes = figure.add_subplot(xscale="log", yscale="log", title=title)
-        axes.spines[["top", "right"]].set_visible(False)
-        for name, colour, mark, size, line in (
-            ("sequential", "#9d174d", "s--", 6.5, curve[1]),
-            ("global", "#0369a1", "o-", 5, curve[0]),
-        ):
-            mean, lower, upper = (np.array([row[f"{name}_mm{e}"] for row in rows]) for e in ("", "_lower", "_upper"))
-            axes.plot(1e3 * CURVE_RAD, line, mark[1:], color=colour, label=f"{name}: predicted")
-            axes.errorbar(noise, mean, [mean - lower, upper - mean], fmt=mark[0], color=colour, markersize=size,
-                          ecolor="#111827", capsize=5, label=f"{name}: simulated, 95 % interval")  # fmt: skip
-        repaired = [row["one_step_mm"] for row in rows]
-        axes.plot(noise, repaired, "o", color="#111827", fillstyle="none", markersize=13,
-                  label="sequential, then one global step")  # fmt: skip
-        axes.axhline(alone_mm, color="#6b7280", linestyle=":", label="positions alone: global")
-        parting = 1e3 * crossing_rad(curve[1] / curve[0], WORSE)
-        axes.axvline(parting, color="#6b7280", linewidth=1)
-        words = f"from {parting:.2f} mrad on sequential\nis {100 * (WORSE - 1):.0f} % worse and more"
-        axes.text(parting / 1.05, 0.6, words, transform=axes.get_xaxis_transform(), ha="right")
-        for axis, ticks in ((axes.xaxis, (0.01, 0.03, 0.1, 0.3, 1)), (axes.yaxis, (0.05, 0.07, 0.1, 0.2, 0.3, 0.4))):
-            axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
-            axis.set_ticks([], minor=True)
-        axes.set_xlabel("noise of orientations, mrad (1 σ per axis)")
-        axes.set_ylabel("mean position error on fresh poses, mm")
-        axes.legend(loc="upper left")
-    return figure
-
-
-def report(rows: Sequence[dict[str, float]], others: dict[str, Interval]) -> str:
-    """The tables, for a person."""
-    lines = [
-        "mean position error on fresh poses, mm, with 95 % intervals over robots; p: predicted",
-        f"{'mrad':>5}  {'global':34}  {'sequential':34}  one step  {'paired ratio':22}  {'of means':13}  worse in",
-    ]
-    for row in rows:
-        cells = [f"{row['noise_mrad']:>5g}"]
-        for name in ("global_mm", "sequential_mm"):
-            mean, lower, upper, foreseen = (row[name + end] for end in ("", "_lower", "_upper", "_predicted"))
-            cells.append(f"{mean:.4f} ({lower:.4f} to {upper:.4f}) p {foreseen:.4f}")
-        cells.append(f"{row['one_step_mm']:8.4f}")
-        cells.append(f"{row['ratio']:.3f} ({row['ratio_lower']:.3f} to {row['ratio_upper']:.3f})")
-        cells.append(f"{row['ratio_of_means']:.3f} p {row['ratio_of_means_predicted']:.3f}")
-        lines.append("  ".join([*cells, f"{row['share_worse']:8.0%}"]))
-    lines.append("one step: a global one after the sequential answer; worse in: of the robots")
-    for name, (mean, lower, upper) in others.items():
-        lines.append(f"{name}: {mean:.1e}" if mean < 1e-9 else f"{name}: {mean:.4f} ({lower:.4f} to {upper:.4f})")
-    return "\n".join(lines)
-
-
-def said(rows: Sequence[dict[str, float]], curve: Array, alone_mm: float, reach_m: float) -> str:
-    """The answer in a few sentences."""
-    part, useless = crossing_rad(curve[1] / curve[0], WORSE), crossing_rad(curve[1], alone_mm)
-    last, off = rows[-1], max(row["one_step_off"] for row in rows)
-    return (
-        "Sequential equals global only where the noise of orientations times the reach is well below that of "
-        f"positions, {1e3 * SIGMA_M:g} mm. They part at {1e3 * part:.2f} mrad ({1e3 * part * reach_m:.2f} mm at "
-        f"{reach_m:.2f} m), where sequential is {100 * (WORSE - 1):.0f} % worse. From {1e3 * useless:.2f} mrad on "
-        f"it is worse than positions alone, and at {last['noise_mrad']:g} mrad {last['ratio']:.1f} times worse than "
-        "the global fit. One global step after it repairs it: no robot's error then differs from the global one's by "
-        f"more than {100 * off:.1f} %."
-    )
-
-
-def main() -> None:
-    """Simulate, predict, draw, and say what it shows."""
-    given, began = tyro.cli(Options), time.perf_counter()
-    with threadpool_limits(1):
-        campaign = campaigns(given)
-        found, rows, others = ranks(campaign), table_of(campaign, given.seed), beside(campaign, given.seed)
-        curve = predicted_mm(campaign, CURVE_RAD.tolist(), PREDICTED).mean(axis=2)
-    alone_mm = others["positions alone, global"][0]
-    words = said(rows, curve, alone_mm, float(np.abs(campaign.drawing.arm.chain.table[:, [1, 2]]).sum()))
-    size = f"{given.robots} RX 130 arms, {given.poses} poses each, position noise {1e3 * SIGMA_M:g} mm"
-    given.out.mkdir(parents=True, exist_ok=True)
-    save(given.out, "global_or_sequential", picture(rows, curve, alone_mm, f"Global or sequential? {size}"))
-    table = given.out / "global_or_sequential.csv"
-    with table.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    seconds = time.perf_counter() - began
-    if given.json:
-        result = {"ranks": found, "rows": rows, "beside_mm": others, "words": words, "seconds": seconds}
-        print(json.dumps(result))
-        return
-    print(f"ranks: {', '.join(f'{name}: {rank}' for name, rank in found.items())}")
-    print(report(rows, others))
-    print(words)
-    print(f"{seconds:.0f} s; table: {table}, picture: {table.with_suffix('.png')}")
-
-
-if __name__ == "__main__":
-    main()

@@ -5,15 +5,10 @@ Robots with perturbed bodies, random poses, the default target; each robot is me
 Cramér-Rao bound, and how often the test of adequacy rejects a true model, or one that lacks a compliance.
 """
 
-import json
-import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import tyro
 from scipy import stats
-from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import identify
 from lab.calibration.observations.protocol import observation_of
@@ -27,8 +22,13 @@ from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
+from lab.experiments.script import Answer, named_values, paragraphs
+from lab.render.document import Document, Section
 from lab.simulation.collisions import random_poses
 from lab.simulation.observations.points import track
+from lab.studies import executors
+
+__all__ = ["Options", "answer"]
 
 GAUSSIAN = Instrument("gaussian-8um", "gaussian", radial_m=8e-6 / np.sqrt(3))
 NOISES = {
@@ -65,6 +65,7 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
     effects = ArmEffects(stiffness_nm_per_rad=1e5) if case == COMPLIANT else ArmEffects()
     real = perturbed_arm(robot, VirtualCampaign(seed=seed, effects=effects))
     truth, nominal = real.truth(arm.targets), arm.nominal(robot.tool)
+    assert truth is not None
     poses = random_poses(real.robot, options.poses, rng_for(seed, "poses"))
     shape = NoiseDistribution("uniform") if device.kind == "uniform" else NoiseDistribution()
     exact = track(real, poses, arm.targets, instrument("exact"), rng_for(seed, "noise"))
@@ -100,7 +101,7 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
 
 def study(case: str, options: Options) -> dict[str, float]:
     """One case over all robots and draws."""
-    with ProcessPoolExecutor(min(os.cpu_count() or 1, 8), initializer=threadpool_limits, initargs=(1,)) as pool:
+    with executors.local_executor() as pool:
         seeds = range(options.robots)
         parts = list(pool.map(of_one_robot, [case] * options.robots, seeds, [options] * options.robots))
     found = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
@@ -125,18 +126,8 @@ def study(case: str, options: Options) -> dict[str, float]:
     return {key: float(value) for key, value in result.items()}
 
 
-def main() -> None:
-    """Run all cases and print them."""
-    options = tyro.cli(Options)
+def answer(options: Options) -> Answer:
+    """All cases, one after another."""
     results = {case: study(case, options) for case in options.cases}
-    if options.json:
-        print(json.dumps(results))
-        return
-    for case, result in results.items():
-        print(case)
-        for key, value in result.items():
-            print(f"  {key.replace('_', ' '):28} {value:.4f}")
-
-
-if __name__ == "__main__":
-    main()
+    sections = (Section(case, paragraphs(named_values(result))) for case, result in results.items())
+    return Answer(results, Document("Are the intervals honest?", tuple(sections)))

@@ -6,15 +6,13 @@ poses, and compared with the same campaign before anything was moved. Further ca
 tell the level of the test: how often it names anything there.
 """
 
-import argparse
-import json
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.gauss_newton import Observations
@@ -22,6 +20,7 @@ from lab.calibration.identify import identify
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.outliers import Outliers, find_outliers
 from lab.calibration.weights import Noise
+from lab.campaign.option_groups import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
 from lab.campaign.virtual_robot import perturbed_arm
@@ -30,10 +29,15 @@ from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
+from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.document import Document, Paragraph
 from lab.simulation.collisions import random_poses
 from lab.simulation.observations.points import track
 from lab.simulation.true_robot import TrueRobot
+from lab.studies import executors
+
+__all__ = ["Options", "answer"]
 
 INSTRUMENT = instrument("uniform-8um")
 POSES, FRESH, BAD_SHARE = 60, 1000, 0.05
@@ -42,38 +46,48 @@ FIRST_CLEAN = 1_000_000  # seeds of the campaigns for the level, apart from the 
 
 
 @dataclass(frozen=True)
+class Options:
+    """How much to simulate."""
+
+    campaigns: int = 300
+    """With bad readings."""
+    clean: int = 3000
+    """With nothing but noise."""
+    estimated: Flag = False
+    """Sigma is not known but estimated."""
+    workers: int = 2
+    """Processes."""
+    json: Flag = False
+    """Print one JSON object."""
+
+
+@dataclass(frozen=True)
 class Campaign:
     """What came out of one campaign; lengths in m.
 
     Attributes:
-        sizes, named: ``(b,)`` of the rows that were moved.
+        sizes: ``(b,)`` of the rows that were moved; ``named`` says which of them were found.
         good_named: rows that were not moved and are named all the same.
         mean, clean, plain: fresh-pose means with the bad rows, without them, and with them but plain least squares.
     """
 
     sizes: Array
-    named: Array
+    named: NDArray[np.bool_]
     good_named: int
     mean: float
     clean: float
     plain: float
 
 
-def main() -> None:
-    """Run both studies and print what they say."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--campaigns", type=int, default=300, help="with bad readings")
-    parser.add_argument("--clean", type=int, default=3000, help="with nothing but noise")
-    parser.add_argument("--estimated", action="store_true", help="sigma is not known but estimated")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    with ProcessPoolExecutor(given.workers) as pool:
-        spoilt = list(pool.map(partial(bad_campaign, known=not given.estimated), range(given.campaigns), chunksize=5))
-        seeds = range(FIRST_CLEAN, FIRST_CLEAN + given.clean)
-        clean = list(pool.map(partial(names_anything, known=not given.estimated), seeds, chunksize=20))
+def answer(options: Options) -> Answer:
+    """Both studies."""
+    known = not options.estimated
+    with executors.local_executor(options.workers) as pool:
+        spoilt = list(pool.map(partial(bad_campaign, known=known), range(options.campaigns), chunksize=5))
+        seeds = range(FIRST_CLEAN, FIRST_CLEAN + options.clean)
+        clean = list(pool.map(partial(names_anything, known=known), seeds, chunksize=20))
     result = summary(spoilt, clean)
-    print(json.dumps(result) if given.json else table(result))
+    return Answer(result, Document("How much do bad readings cost, and how often are they named?", table(result)))
 
 
 def bad_campaign(seed: int, known: bool) -> Campaign:
@@ -109,23 +123,23 @@ def names_anything(seed: int, known: bool) -> bool:
 
 
 @cache
-def drawing() -> Robot:
+def nominal_robot() -> Robot:
     """The nominal robot, loaded once."""
     return load_robot("irb120")
 
 
 def measured(seed: int) -> tuple[SerialArm, TrueRobot, Measurements]:
     """A virtual arm and what the tracker reads of it."""
-    robot = drawing()
+    robot = nominal_robot()
     real = perturbed_arm(robot, VirtualCampaign(seed=seed))
-    arm = robot.arm(("p1",))
+    arm = robot.serial_arm(("p1",))
     joints = random_poses(real.robot, POSES, rng_for(seed, "poses"))
     return arm, real, track(real, joints, arm.targets, INSTRUMENT, rng_for(seed, "noise"))
 
 
 def outliers_of(arm: SerialArm, data: Measurements, known: bool, seed: int) -> tuple[Array, Outliers]:
     """Plain least squares' values, and what is off."""
-    plain = identify(arm, data, arm.nominal(drawing().tool), Noise(INSTRUMENT if known else None))
+    plain = identify(arm, data, arm.nominal(nominal_robot().tool), Noise(INSTRUMENT if known else None))
     weight = 1 / INSTRUMENT.radial_m if known else 1.0
     seen = Observations(data.joints, data.points, np.full(data.seen.shape, weight))
     rng, shape = np.random.default_rng((seed, 2)), NoiseDistribution("uniform")
@@ -156,9 +170,9 @@ def summary(spoilt: Sequence[Campaign], named_clean: Sequence[bool]) -> dict[str
     }
 
 
-def table(result: dict[str, Any]) -> str:
-    """The same as a few lines."""
-    return "\n".join(
+def table(result: dict[str, Any]) -> tuple[Paragraph, ...]:
+    """The figures in a few lines."""
+    return paragraphs(
         [
             f"{result['campaigns']} campaigns of {POSES} poses, {BAD_SHARE:.0%} of them off by 0.03 to 50 mm",
             f"fresh-pose mean: {result['mean_mm']:.5f} mm, {result['clean_mm']:.5f} without the bad rows "
@@ -170,7 +184,3 @@ def table(result: dict[str, Any]) -> str:
             f"(level {CAMPAIGN_OUTLIERS:.0%})",
         ]
     )
-
-
-if __name__ == "__main__":
-    main()

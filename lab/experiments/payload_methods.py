@@ -1,27 +1,20 @@
-"""Weigh the load, or identify it? Torques along a path and a wrist sensor, both on a virtual TX 40 with 1.5 kg.
+"""Which method identifies a payload best? Torques along a path and a wrist sensor, both on a virtual TX 40 with 1.5 kg.
 
 Differences of torques with and without the load along a D-optimal Fourier path, a wrist sensor at 20 D-optimal static
 poses, and the sensor along the path: what is predicted, what scatters, whether the 95 % intervals hold, and what the
 uncertainty costs where joints give way. Then what biases each, what cures it, and whether the adequacy test notices.
 """
 
-import csv
-import json
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from lab.campaign.option_groups import Flag
 from lab.campaign.robot import load_virtual
-from lab.commands.design.figures import save
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.random import rng_for
@@ -47,21 +40,41 @@ from lab.payload_identification.from_torques import from_torques
 from lab.payload_identification.from_wrench import from_wrench
 from lab.payload_identification.sag_uncertainty import sag_uncertainty
 from lab.pose_selection.exchange import information
+from lab.render.progress import bars
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
 from lab.simulation.payload_bench import LoadBench, RunErrors
-from lab.studies.progress import bars
+
+__all__ = [
+    "DIFFERENCE",
+    "METHODS",
+    "MOVING",
+    "NOISE",
+    "RANDOM",
+    "RESTING",
+    "STIFFNESS",
+    "TORQUES",
+    "Options",
+    "Row",
+    "Run",
+    "biased",
+    "by_torques",
+    "errors_of",
+    "foreseen",
+    "measured",
+    "planned",
+    "precision",
+    "write_motion",
+]
 
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
 MOUNTING = Mounting.tilted(np.zeros(2), sign=-1.0)
 OFFSET = (1.0, -2.0, 0.5, 0.02, -0.01, 0.03)
 NOISE = RunErrors(1e-6, torque_noise=0.005, force_noise_n=0.05, moment_noise_nm=0.002, wrench_offset=OFFSET)
 POSES, COSTED = 20, 200  # static poses measured, and those over which a cost is averaged
-FLOOR = 1e-3  # % and mm: smaller biases are drawn there
 STIFFNESS = (1e5, 2e4)  # Nm/rad, of every joint
 METHODS = (TORQUES, RESTING, MOVING) = ("torques, path", "sensor, 20 poses", "sensor, path")
 RANDOM = "torques, random path"
-COLOURS = {TORQUES: "#9d174d", RESTING: "#0369a1", MOVING: "#3f8f4f", RANDOM: "#c2410c"}
 QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")  # centre, and inertia about it
 UNITS = ("%", *("mm",) * 3, *("kg cm2",) * 6)
 SCALE = np.array([100 / LOAD.mass_kg, *(1e3,) * 3, *(1e4,) * 6])
@@ -78,9 +91,10 @@ BIASES: tuple[tuple[str, dict[str, Any], dict[str, str]], ...] = (  # what is wr
     ("sensor turned by 1°", {"turn_rad": TURN}, {RESTING: "turn", MOVING: "turn"}),
 )
 ROBOT = load_virtual("tx40")
-ARM = ROBOT.arm(("p1",))
+MODEL = ROBOT.serial_model
+ARM = ROBOT.serial_arm(("p1",))
 VALUES = ARM.nominal(ROBOT.tool)
-PEAK = peak_torques(ROBOT.model)
+PEAK = peak_torques(MODEL)
 DIFFERENCE = np.sqrt(2) * NOISE.torque_noise * PEAK
 
 
@@ -129,11 +143,11 @@ def planned(options: Options) -> Plan:
     """The torques' D-optimal path and one by chance, the sensor's D-optimal poses, within limits with the load."""
     if options.runs < 2:
         raise LabError("give two --runs or more: a scatter is asked for")
-    limits, strain = Limits.of(ROBOT.chain, torque=PEAK), CarryingArm(ROBOT.model, MOUNTING.gravity, LOAD).torques
+    limits, strain = Limits.of(MODEL.chain, torque=PEAK), CarryingArm(MODEL, MOUNTING.gravity, LOAD).torques
     ours, theirs = rng_for(options.seed, "design"), rng_for(options.seed, "candidates")
 
     def touches_nothing(joints: Array) -> NDArray[np.bool_]:
-        return ~collides(ROBOT.model, joints)
+        return ~collides(MODEL, joints)
 
     with bars() as shown:
         best = design_path(
@@ -177,7 +191,7 @@ def errors_of(estimates: Run) -> Array:
 
 def measured(plan: Plan, errors: RunErrors, method: str, cures: Sequence[str], runs: int, *seed: int) -> list[Run]:
     """So many virtual measurements, each evaluated with every cure; "" is none."""
-    bench = LoadBench(ROBOT.model, LOAD, MOUNTING, errors)
+    bench = LoadBench(MODEL, LOAD, MOUNTING, errors)
     kept: list[Run] = [[] for _ in cures]
     for run in range(runs):
         rng, path = rng_for(seed[0], "noise", *seed[1:], run), plan.random if method == RANDOM else plan.path
@@ -199,8 +213,8 @@ def estimated(method: str, records: PayloadSamples, cure: str) -> LoadEstimate:
 def cost_um(covariance: Array, stiffness: float) -> float:
     """RMS over random poses of how far a corrected point is off, by a covariance ``(4, 4)`` of mass and moment."""
     joints, compliance = (
-        random_poses(ROBOT.model, COSTED, rng_for(0, "fresh")),
-        np.full(ROBOT.chain.size, 1 / stiffness),
+        random_poses(MODEL, COSTED, rng_for(0, "fresh")),
+        np.full(MODEL.chain.size, 1 / stiffness),
     )
     off = sag_uncertainty(ARM, VALUES, compliance, joints, MOUNTING.gravity, covariance)
     return float(1e6 * np.sqrt((off**2).mean()))
@@ -244,90 +258,12 @@ def biased(plan: Plan, noise: RunErrors, runs: int, seed: int) -> list[Row]:
     return rows
 
 
-def picture(found: dict[str, Run], rows: Sequence[Row], biases: Sequence[Row]) -> Figure:
-    """Left: errors of the mass, run by run. Right: biases of mass and centre without and with their cure."""
-    figure = Figure(figsize=(14, 5.8), layout="constrained")
-    left, *right = figure.subplots(1, 3, width_ratios=[1.25, 1, 1])
-    ticks, style = [], {"fmt": "_", "capsize": 8, "linewidth": 2}
-    for i, (method, estimates) in enumerate(found.items()):
-        row, errors = next(row for row in rows if row["method"] == method), errors_of(estimates)[:, 0]
-        left.plot(i + np.linspace(0.15, 0.35, len(errors)), errors, "o", color=COLOURS[method], alpha=0.6)
-        left.errorbar(i - 0.2, 0, row["predicted"], color="#111827", **style)
-        left.errorbar(i, row["mean_error"], row["scatter"], color=COLOURS[method], **style)
-        ticks.append(f"{method}\npredicted {row['predicted']:.2g} %\nscatter {row['scatter']:.2g} %")
-    left.grid(color="#e5e7eb")
-    left.set_xticks(range(len(found)), ticks)
-    left.set(xlim=(-0.5, 2.5), ylabel="error of the mass, %", title="1.5 kg weighed: predicted ±1 σ (black), found")
-    names = ("mass", "mass_percent", "mass, % (dotted: 0.3)"), ("centre", "centre_mm", "centre of mass, mm")
-    for axes, (error, name, words) in zip(right, names, strict=True):
-        for y, row in enumerate(biases):
-            ends, colour = [max(FLOOR, abs(row[f"{name}{end}"])) for end in ("", "_cured")], COLOURS[row["method"]]
-            axes.plot(ends, [y, y], "-", color="#9ca3af", linewidth=1)
-            for end, x, fill in zip(("", "_cured"), ends, ("full", "none"), strict=True):
-                bar = [[0], [2 * row[f"{error}_error{end}"]]]
-                axes.errorbar(x, y, xerr=bar, fmt="o", color=colour, fillstyle=fill, markersize=9)
-        axes.set(xscale="log", xlabel=f"size of the mean error of the {words}", ylim=(len(biases) - 0.5, -0.5))
-        axes.set_yticks(range(len(biases)), [f"{row['what']}\n{row['method']}" for row in biases])
-        axes.grid(color="#e5e7eb")
-        axes.set_xticks([FLOOR, 0.01, 0.1, 1], [f"≤ {FLOOR:g}", "0.01", "0.1", "1"])
-    right[1].tick_params(labelleft=False)
-    right[0].axvline(0.3, color="#111827", linestyle=":")
-    right[0].set_title("filled: unnoticed; hollow: cured")
-    right[1].set_title("bars: up to 2 standard errors more")
-    return figure
-
-
 def write_motion(folder: Path, plan: Plan) -> None:
     """The designed path, at 1 kHz, and the poses, to be run on an arm."""
     times = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
-    joints = [f"{name}_rad" for name in ROBOT.chain.joint_names]
+    joints = [f"{name}_rad" for name in MODEL.chain.joint_names]
     for name, header, table in (
         ("path", ["time_s", *joints], np.column_stack([times, plan.path.at(times)[0]])),
         ("poses", joints, plan.poses),
     ):
         np.savetxt(folder / f"{name}.csv", table, "%.9g", ",", header=",".join(header), comments="")
-
-
-def report(rows: Sequence[Row], biases: Sequence[Row]) -> str:
-    """The tables, for a person."""
-    lines = [
-        f"{'':48}{'predicted 1 σ':>13}{'scatter':>10}{'mean error':>12}  95 % intervals cover; adequacy test fires"
-    ]
-    for row in rows:
-        line = f"{row['method']:18}{row['quantity']:23}{row['unit']:7}{row['predicted']:13.3g}{row['scatter']:10.3g}"
-        ends = f"{row['mean_error']:12.2g}  {row['covered']:.0%}; {row['fired']:.0%}" if "covered" in row else ""
-        lines.append(line + ends)
-    lines.append(
-        f"\nmean errors of mass and centre, µm at {STIFFNESS[0]:g} Nm/rad, test fires: without -> with the cure"
-    )
-    shown = (("mass_percent", ".3f", "%"), ("centre_mm", ".3f", "mm"), ("cost_um", ".3f", "µm"), ("fired", ".0%", ""))
-    for row in biases:
-        cells = [f"{row[name]:{form}} -> {row[name + '_cured']:{form}} {unit}" for name, form, unit in shown]
-        lines.append("  ".join([f"{row['what']:20}{row['method']:22}{row['cure']:13}", *cells]))
-    return "\n".join(lines)
-
-
-def main() -> None:
-    """Plan, measure, identify, draw, and say what it shows."""
-    given, began = tyro.cli(Options), time.perf_counter()
-    with threadpool_limits(1):
-        plan = planned(given)
-        found = {way: measured(plan, NOISE, way, ("",), given.runs, given.seed, 0)[0] for way in METHODS}
-        rows, biases = precision(found, foreseen(plan)), biased(plan, NOISE, given.runs, given.seed)
-    given.out.mkdir(parents=True, exist_ok=True)
-    save(given.out, "payload", picture(found, rows, biases))
-    write_motion(given.out, plan)
-    for name, table in (("payload", rows), ("payload_biases", biases)):
-        with (given.out / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
-            writer: csv.DictWriter[str] = csv.DictWriter(file, list(table[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(table)
-    seconds = time.perf_counter() - began
-    condition, by_chance = (predicted(path, by_torques, DIFFERENCE).condition for path in (plan.path, plan.random))
-    said = f"condition of the torques' information: D-optimal path {condition:.3g}, by chance {by_chance:.3g}"
-    told = f"{report(rows, biases)}\n{said}\n{seconds:.0f} s; tables and picture: {given.out}"
-    print(json.dumps({"rows": rows, "biases": biases, "seconds": seconds}) if given.json else told)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,19 +1,17 @@
 """How fast the lab is: medians on one thread, and the ratio to scipy with finite differences in the same run."""
 
-import argparse
-import json
 import subprocess
 import sys
 import tempfile
 import time
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from threadpoolctl import threadpool_limits
 
 from lab.calibration.batch_points import align, fit_points
 from lab.calibration.gauss_newton import Observations, fit
@@ -26,7 +24,7 @@ from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import ArmEffects, Fitting, Flag
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
@@ -36,6 +34,7 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.experiments.closed_loop import compensator_of
+from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.analytic.select import closed_form_of
@@ -43,10 +42,13 @@ from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
 from lab.pose_selection.certificate import certify
+from lab.render.document import Document
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_conditions
 from lab.simulation.observations.points import track
+
+__all__ = ["Options", "answer"]
 
 BUDGET_MS = {
     "identify 27 parameters, 50 poses": 5,
@@ -69,6 +71,14 @@ BUDGET_MS = {
     "lab --help": 500,
     "lab calibrate": 8000,
 }
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to print."""
+
+    json: Flag = False
+    """Print one JSON object."""
 
 
 def median_ms(call: Callable[[], Any], repeats: int) -> float:
@@ -113,7 +123,7 @@ def by_scipy(arm: SerialArm, data: Measurements, start: Identification) -> None:
 def kernels() -> dict[str, float]:
     """Milliseconds of the parts, and megabytes of the large batch."""
     robot, options = load_robot("irb120"), VirtualCampaign(seed=7)
-    model, arm, tracker = robot.model, robot.arm(("p1",)), instrument("uniform-8um")
+    model, arm, tracker = robot.model, robot.serial_arm(("p1",)), instrument("uniform-8um")
     real, nominal = perturbed_arm(robot, options), arm.nominal(robot.tool)
     data = track(real, random_poses(model, 50, rng_for(7, "poses")), ("p1",), tracker, rng_for(7, "noise"))
     many = robot.chain.random_joints(100_000, rng_for(7, "fresh"))
@@ -137,7 +147,7 @@ def mechanisms() -> dict[str, float]:
     results = {}
     for name, path in (("2-RPR", "rpr2"), ("3-RPR", "rpr3"), ("Delta", "delta")):
         robot = load_robot(path)
-        arm, joints = robot.arm(("p1",)), robot.chain.random_joints(2000, rng_for(7, "poses"))
+        arm, joints = robot.serial_arm(("p1",)), robot.chain.random_joints(2000, rng_for(7, "poses"))
         values = arm.nominal(robot.tool) + 1e-4 * rng_for(7, "arm").standard_normal(len(arm.names))
         results[f"the same, 2,000 poses of a {name}"] = median_ms(partial(arm.observe, joints, values), 20)
     return results
@@ -169,7 +179,7 @@ def effects() -> dict[str, float]:
     data = track(real, poses, targets, tracker, rng, conditions=there)
     fitter = Fitter(robot, targets, data, PointsKind(), Noise(tracker), Fitting("auto"), 7)
 
-    one = robot.arm(("p1",))
+    one = robot.serial_arm(("p1",))
     rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))
     seen, _ = weighed(Points(one), track(rigid, poses, ("p1",), tracker, rng), Noise(tracker))
     free, start = base_set(one, one.nominal(robot.tool)).kept, one.nominal(robot.tool)
@@ -191,7 +201,7 @@ def effects() -> dict[str, float]:
 def stacked() -> dict[str, float]:
     """Milliseconds of many identifications of 27 parameters at once, from no guess of the base."""
     robot = load_robot("irb120")
-    arm, tracker = robot.arm(("p1",)), instrument("uniform-8um")
+    arm, tracker = robot.serial_arm(("p1",)), instrument("uniform-8um")
     nominal, many = arm.nominal(robot.tool), StackedArm(arm)
     free, joints = base_set(arm, nominal).kept, robot.chain.random_joints(30, rng_for(7, "poses"))
     exact = perturbed_arm(robot, VirtualCampaign(seed=7)).points(joints, ("p1",))
@@ -208,15 +218,15 @@ def stacked() -> dict[str, float]:
 
 
 def compensation() -> dict[str, float]:
-    """Milliseconds of the inverse of the drawing and of a calibrated arm."""
+    """Milliseconds of the inverse of the nominal model and of a calibrated arm."""
     outcome = calibrate(VirtualCampaign(seed=7))
-    chain, compensator = outcome.robot.chain, compensator_of(outcome)
+    chain, compensator = outcome.robot.serial_model.chain, compensator_of(outcome)
     closed_form = closed_form_of(chain)
     assert closed_form is not None
     joints, nothing = chain.random_joints(10_000, rng_for(7, "targets")), np.empty((10_000, 0))
     Ts, _ = compensator.arm.tool(joints, compensator.values)
     wanted, anywhere = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan)
-    flanges = compensator.drawing.last_frames(wanted)
+    flanges = compensator.nominal.last_frames(wanted)
     return {
         "all eight inverse solutions, 10,000 poses": median_ms(lambda: closed_form.solve(flanges), 10),
         "10,000 targets corrected, by all three schemes": median_ms(lambda: compensator(wanted, nothing, anywhere), 3),
@@ -237,23 +247,14 @@ def processes() -> dict[str, float]:
         }
 
 
-def main() -> None:
-    """Measure everything and print it beside its budget."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    arguments = parser.parse_args()
-    with threadpool_limits(1):
-        results = kernels() | mechanisms() | planning() | effects() | stacked() | compensation() | processes()
+def answer(options: Options) -> Answer:
+    """Measure everything, and set it beside its budget."""
+    results = kernels() | mechanisms() | planning() | effects() | stacked() | compensation() | processes()
     ratio = results["that fit by scipy, finite differences"] / results["its fit alone"]
-    if arguments.json:
-        print(json.dumps(results | {"times faster than scipy": ratio}))
-        return
+    lines = []
     for name, value in results.items():
         unit = "MB" if name.startswith("MB") else "ms"
         budget = 50 if unit == "MB" else BUDGET_MS.get(name)
-        print(f"{name:46} {value:10.3f} {unit}" + (f"   (budget {budget:g})" if budget else ""))
-    print(f"the fit is {ratio:.1f} times faster than scipy's least_squares from the same start")
-
-
-if __name__ == "__main__":
-    main()
+        lines.append(f"{name:46} {value:10.3f} {unit}" + (f"   (budget {budget:g})" if budget else ""))
+    lines.append(f"the fit is {ratio:.1f} times faster than scipy's least_squares from the same start")
+    return Answer(results | {"times faster than scipy": ratio}, Document("How fast is the lab?", paragraphs(lines)))

@@ -3,9 +3,8 @@
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from lab.experiments.script import paragraphs
 from lab.experiments.thesis_mahdadi_2020 import (
     CRITERIA,
     HIDDEN,
@@ -18,6 +17,7 @@ from lab.experiments.thesis_mahdadi_2020 import (
     thesis_case,
     without,
 )
+from lab.render.document import Block, Row, Strong, Table
 
 NAMES = {name: "cond." if name == "condition" else name for name in CRITERIA}
 
@@ -50,67 +50,54 @@ def thesis_summary(found: Reproduced) -> dict[str, Any]:
     }
 
 
-def print_thesis(found: Reproduced, console: Console) -> None:
+def thesis_blocks(found: Reproduced) -> tuple[Block, ...]:
     """Both tables, the aliasing, and what they say."""
-    console.print(_estimates(found))
-    console.print(_rows(found))
-    console.print(_aliases(found))
-    for line in said(found):
-        console.print(line)
+    return (_estimates(found), _rows(found), _aliases(found), *paragraphs(said(found)))
 
 
 def _estimates(found: Reproduced) -> Table:
-    table = Table(title="Table IV.2: what one draw of the noise gives, mm and rad", title_justify="left")
-    for heading in ("parameter", "true", *NAMES.values()):
-        table.add_column(heading, justify="left" if heading == "parameter" else "right")
+    rows: list[Row] = []
     for i, (name, true) in enumerate(OFF.items()):
         form = ".5f" if thesis_case().parameter(name).is_angle else ".4f"
         cells = [f"{true + off[0, i]:{form}}" for off in found.off.values()]
-        marked = [f"[bold]{cell}[/bold]" for cell in cells] if name in INTO.values() else cells
+        marked = [Strong(cell) if name in INTO.values() else cell for cell in cells]
         unit = "rad" if thesis_case().parameter(name).is_angle else "mm"
-        table.add_row(f"{name} ({unit})", f"{true:{form}}", *marked)
-    return table
+        rows.append((f"{name} ({unit})", f"{true:{form}}", *marked))
+    caption = "Table IV.2: what one draw of the noise gives, mm and rad"
+    return Table(("parameter", "true", *NAMES.values()), tuple(rows), caption)
 
 
 def _rows(found: Reproduced) -> Table:
     draws = len(found.off["O1"])
-    table = Table(title="Table IV.3: over the 19 errors, mm and rad as they are", title_justify="left")
-    for heading in ("", "", *NAMES.values()):
-        table.add_column(heading, justify="right")
+    rows: list[Row] = []
     for row, printed in PRINTED.items():
-        table.add_row(row, "the thesis", *(f"{each:.4f}" for each in printed))
-        table.add_row("", "one draw here", *(f"{rows_of_table(off)[row][0]:.4f}" for off in found.off.values()))
+        rows.append((row, "the thesis", *(f"{each:.4f}" for each in printed)))
+        rows.append(("", "one draw here", *(f"{rows_of_table(off)[row][0]:.4f}" for off in found.off.values())))
         spread = list(found.spread(row).values())
         for words, k in ((f"2.5 % of {draws:,} draws are below", 0), ("2.5 % are above", 2)):
-            table.add_row("", words, *(f"{each[k]:.4f}" for each in spread), end_section=k == 2)
-    for words, rows in (
+            rows.append(("", words, *(f"{each[k]:.4f}" for each in spread)))
+    for words, parts in (
         ("without three rows", {name: without(off) for name, off in found.off.items()}),
         ("without what is hidden", found.clean),
     ):
-        table.add_row("RMS", f"{words}, median", *(f"{_median(off):.4f}" for off in rows.values()))
-    return table
+        rows.append(("RMS", f"{words}, median", *(f"{_median(off):.4f}" for off in parts.values())))
+    caption = "Table IV.3: over the 19 errors, mm and rad as they are"
+    return Table(("", "", *NAMES.values()), tuple(rows), caption)
 
 
 def _aliases(found: Reproduced) -> Table:
-    table = Table(title="What the flange's origin does not show, and where it turns up", title_justify="left")
-    for heading in ("dropped", "true", "turns up in", "a mm of it", "so the error is", "seen, mean over draws"):
-        table.add_column(heading, justify="right")
+    rows: list[Row] = []
     for name, columns in aliasing().items():
         if not columns:
-            table.add_row(name, "any", "nothing: it moves nothing", "", "", "")
+            rows.append((name, "any", "nothing: it moves nothing", "", "", ""))
         for into, share in columns.items():
-            seen = np.mean([off[:, list(OFF).index(into)].mean() for off in found.off.values()])
+            mean = np.mean([off[:, list(OFF).index(into)].mean() for off in found.off.values()])
             unit, form = ("rad", "+.5f") if thesis_case().parameter(into).is_angle else ("mm", "+.4f")
             one = f"{share:+.6f} rad" if thesis_case().parameter(into).is_angle else f"{share:+.3f} mm"
-            table.add_row(
-                name,
-                f"{HIDDEN[name]:.2f} mm",
-                into,
-                one,
-                f"{share * HIDDEN[name]:{form}} {unit}",
-                f"{seen:{form}} {unit}",
-            )
-    return table
+            error = f"{share * HIDDEN[name]:{form}} {unit}"
+            rows.append((name, f"{HIDDEN[name]:.2f} mm", into, one, error, f"{mean:{form}} {unit}"))
+    headings = ("dropped", "true", "aliased with", "a mm of it", "so the error is", "mean over draws")
+    return Table(headings, tuple(rows), "What the flange's origin does not show, and where it turns up")
 
 
 def said(found: Reproduced) -> list[str]:

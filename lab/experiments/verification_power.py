@@ -7,15 +7,10 @@ estimated, and by the uniform noise of the usual tracker.
 """
 
 import copy
-import json
-import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-import tyro
-from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observations.protocol import observation_of
@@ -28,11 +23,17 @@ from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
+from lab.experiments.script import Answer, named_values, paragraphs
+from lab.kinematics.serial.arm import SerialArm
+from lab.render.document import Document, Section
 from lab.simulation.collisions import random_poses
 from lab.simulation.observations.points import track
-from lab.simulation.true_robot import TrueRobot
+from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
+from lab.studies import executors
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified, verify
+
+__all__ = ["Options", "answer"]
 
 TARGETS = ("p1",)
 UNIFORM = instrument("uniform-8um")
@@ -61,9 +62,10 @@ class Options:
     """Print one JSON object."""
 
 
-def promise_of(found: Identification) -> CalibrationPrediction:
+def prediction_of(found: Identification) -> CalibrationPrediction:
     """What an identification by points promises."""
     dof = None if found.sigma_known else found.dof
+    assert isinstance(found.model, SerialArm)
     return CalibrationPrediction(found.model, found.values, found.fit.free, found.covariance, dof)
 
 
@@ -82,11 +84,12 @@ def checked(
     """A verification by what the tracker sees of the arm at some new poses."""
     data = track(real, poses, TARGETS, device, rng)
     noise = Noise(device) if found.sigma_known else Noise(sigma_m=found.sigma_m)
-    return verify(promise_of(found), weighed(observation_of(found.model), data, noise)[0])
+    return verify(prediction_of(found), weighed(observation_of(found.model), data, noise)[0])
 
 
 def changed(real: TrueRobot, case: str, options: Options, rng: np.random.Generator) -> TrueRobot:
     """The arm after something has moved."""
+    assert isinstance(real, TrueSerialRobot)
     direction = rng.standard_normal(3)
     direction /= np.linalg.norm(direction)
     if case == "axis 2":
@@ -144,32 +147,16 @@ def summary(case: str, found: Sequence[Verified]) -> dict[str, float]:
     }
 
 
-def study(options: Options) -> dict[str, dict[str, float]]:
+def answer(options: Options) -> Answer:
     """All cases over all arms, and the level."""
-    with ProcessPoolExecutor(min(os.cpu_count() or 1, 8), initializer=threadpool_limits, initargs=(1,)) as pool:
+    with executors.local_executor() as pool:
         each = [options] * options.arms
         arms = list(pool.map(of_one_arm, range(options.arms), each, chunksize=8))
         counts = list(pool.map(rejected, range(options.arms), each, chunksize=8)) if options.files else []
-    found = {case: summary(case, [arm[case] for arm in arms]) for case in MOVED}
+    results = {case: summary(case, [arm[case] for arm in arms]) for case in MOVED}
     total = options.arms * options.files
     if counts:
-        found["level"] = {"meant": VERIFICATION, "files": total}
-        found["level"] |= {name: sum(count[name] for count in counts) / total for name in LEVELS}
-    return found
-
-
-def main() -> None:
-    """Run all and print it."""
-    options = tyro.cli(Options)
-    results = study(options)
-    if options.json:
-        print(json.dumps(results))
-        return
-    for case, result in results.items():
-        print(case)
-        for key, value in result.items():
-            print(f"  {key.replace('_', ' '):20} {value:.4f}")
-
-
-if __name__ == "__main__":
-    main()
+        results["level"] = {"meant": VERIFICATION, "files": total}
+        results["level"] |= {name: sum(count[name] for count in counts) / total for name in LEVELS}
+    sections = (Section(case, paragraphs(named_values(result))) for case, result in results.items())
+    return Answer(results, Document("Does a verification notice what has moved, and name it?", tuple(sections)))

@@ -5,11 +5,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Table
 
 from lab.commands.study.text import effect_words
+from lab.experiments.script import paragraphs
+from lab.render.document import Block, Table
+from lab.render.format import fixed
 from lab.studies.analysis import Comparison, Mean, Pair, compared, means
 from lab.studies.grid import ANY, Cell, Study
 from lab.studies.table import CampaignArray, groups
@@ -35,7 +35,7 @@ def criterion_study(
 
 
 @dataclass(frozen=True)
-class Answer:
+class CriterionComparison:
     """What a study of criteria says.
 
     Attributes:
@@ -59,11 +59,11 @@ class Answer:
         return None if cell == own else comparison.against(own, cell)
 
 
-def answered(arranged: CampaignArray, searches: Mapping[Cell, tuple[float, ...]]) -> Answer:
+def answered(arranged: CampaignArray, searches: Mapping[Cell, tuple[float, ...]]) -> CriterionComparison:
     """Means, and all pairs of criteria and scalings for each number of poses."""
     cells = arranged.cells
     together = {cells[group.cells[0]].poses: group for group in groups(cells, ["criterion", "scaling"])}
-    return Answer(
+    return CriterionComparison(
         cells,
         {(metric, poses): compared(arranged, group, metric) for metric in METRICS for poses, group in together.items()},
         {metric: means(arranged, metric) for metric in METRICS},
@@ -77,22 +77,18 @@ def name_of(cell: Cell) -> str:
     return criterion if cell.scaling == ANY else f"{criterion} {cell.scaling}"
 
 
-def print_answer(answer: Answer, console: Console) -> None:
+def answer_blocks(answer: CriterionComparison) -> tuple[Block, ...]:
     """A table for each number of poses, and what they say."""
-    for poses in dict.fromkeys(number for _, number in answer.compared):
-        console.print(_table(answer, poses))
-    for line in answer_words(answer):
-        console.print(line)
+    tables = (_table(answer, poses) for poses in dict.fromkeys(number for _, number in answer.compared))
+    return (*tables, *paragraphs(answer_words(answer)))
 
 
-def _table(answer: Answer, poses: int) -> Table:
+def _table(answer: CriterionComparison, poses: int) -> Table:
     title = (
         f"{poses} poses: mean error on fresh poses, µm; how many % more than {REFERENCE}'s it is, and the worst, and "
         "the lengths' and angles' errors; and how many % more the mean is by the poses of other searches"
     )
-    table = Table(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
-    for heading in ("poses by", "µm", "mean", "worst", "lengths", "angles", "searches"):
-        table.add_column(heading, justify="left" if heading == "poses by" else "right", no_wrap=True)
+    rows: list[tuple[str, ...]] = []
     halves: dict[str, list[float]] = {metric: [0.0] for metric in METRICS}
     for rank in answer.compared["fresh_mean_mm", poses].ranks:
         cell, mean = answer.cells[rank.cell], answer.means["fresh_mean_mm"][rank.cell]
@@ -100,16 +96,16 @@ def _table(answer: Answer, poses: int) -> Table:
         shown = []
         for metric in METRICS:
             pair = answer.against_reference(answer.compared[metric, poses], rank.cell)
-            shown.append("" if pair is None else f"{100 * (pair.effect - 1):+.1f}".replace("-", "−"))
+            shown.append("" if pair is None else fixed(100 * (pair.effect - 1), 1, signed=True))
             halves[metric] += [] if pair is None else [50 * (pair.upper - pair.lower)]
         between = f"{min(others):+.0f} to {max(others):+.0f}" if others and cell.criterion != REFERENCE else ""
-        table.add_row(name_of(cell), f"{1e3 * mean.mean:.2f}", *shown, between.replace("-", "−"))
-    table.add_section()
-    table.add_row("95 % intervals, at most", "", *(f"± {np.nanmax(each):.1f}" for each in halves.values()), "")
-    return table
+        rows.append((name_of(cell), f"{1e3 * mean.mean:.2f}", *shown, between.replace("-", "−")))
+    rows.append(("95 % intervals, at most", "", *(f"± {np.nanmax(each):.1f}" for each in halves.values()), ""))
+    headings = ("poses by", "µm", "mean", "worst", "lengths", "angles", "searches")
+    return Table(headings, tuple(rows), title)
 
 
-def answer_words(answer: Answer) -> list[str]:
+def answer_words(answer: CriterionComparison) -> list[str]:
     """A sentence for each metric and number of poses, and one for each criterion over all of them."""
     lines = []
     for (metric, poses), comparison in answer.compared.items():
@@ -127,7 +123,7 @@ def _more(pair: Pair) -> str:
     return f"{effect_words(pair, 'ratio')} {'as much' if pair.effect >= 2 else 'more'}"
 
 
-def _over_all(answer: Answer, criterion: str) -> str:
+def _over_all(answer: CriterionComparison, criterion: str) -> str:
     """How a criterion does against O1 over all metrics, scalings and numbers of poses."""
     pairs = [
         pair
@@ -150,7 +146,7 @@ def _over_all(answer: Answer, criterion: str) -> str:
     )
 
 
-def answer_summary(answer: Answer) -> dict[str, Any]:
+def answer_summary(answer: CriterionComparison) -> dict[str, Any]:
     """What ``--json`` prints of it."""
     rows = []
     for (metric, poses), comparison in answer.compared.items():

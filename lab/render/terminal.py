@@ -1,7 +1,9 @@
 """A document on a terminal, or as plain text."""
 
 import io
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table as RichTable
@@ -24,7 +26,7 @@ from lab.render.document import (
     shown,
 )
 
-__all__ = ["print_document", "to_text"]
+__all__ = ["print_document", "print_json", "to_text"]
 
 _ROW_STYLES = {"before": "red", "after": "green", "quiet": "dim"}
 _BADGE_STYLES = {"good": "bold green", "bad": "bold red", "open": "bold"}
@@ -40,6 +42,15 @@ def print_document(document: Document, console: Console | None = None, *, warnin
     console = console or Console(highlight=False, markup=False)
     console.print(RichText(document.title, style="bold"), soft_wrap=True)
     _print(console, shown(document.blocks, "terminal"), warnings)
+
+
+def print_json(values: Mapping[str, Any]) -> None:
+    """Print one JSON object on standard output; numbers are finite, what is not is None.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    print(json.dumps(values, allow_nan=False))
 
 
 def to_text(document: Document, width: int = 100) -> str:

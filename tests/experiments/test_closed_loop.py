@@ -1,14 +1,11 @@
 """The loop closed: ISO 9283, and corrected targets run on a virtual arm."""
 
-import json
-import subprocess
-import sys
 from functools import partial
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, ROOT
-from helpers.run_script import answer_of, script
+from helpers.robots import IRB120
+from helpers.run_script import answer_in_processes, answer_of
 
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import DesignOptions, VirtualCampaign
@@ -68,16 +65,10 @@ def test_the_cube_is_within_reach_and_touches_nothing() -> None:
     assert jumps < 0.2  # one branch all the way round
 
 
-def loops(*flags: object) -> dict:
-    command = [sys.executable, str(ROOT / "scripts" / "closed_loop.py"), *map(str, flags), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    return json.loads(done.stdout)
-
-
-def test_a_compensated_arm_that_bends_hits() -> None:
-    closed_loop = script("closed_loop.py")
-    closed_loop.DesignOptions = partial(DesignOptions, candidates=300, starts=1)  # poses chosen with less effort
-    bent = answer_of(closed_loop, "--arms", 1, "--targets", 50, "--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
+def test_a_compensated_arm_that_bends_hits(monkeypatch: pytest.MonkeyPatch) -> None:
+    little = partial(DesignOptions, candidates=300, starts=1)  # poses chosen with less effort
+    monkeypatch.setattr("lab.experiments.closed_loop_study.DesignOptions", little)
+    bent = answer_of("closed_loop.py", "--arms", 1, "--targets", 50, "--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
     assert 1 <= bent["ap_before_mm"] <= 4 and 0.002 < bent["rp_mm"] < 0.02
     assert bent["model"] == "compliance" and bent["ap_after_mm"] <= 0.015 and bent["targets_after_mm"] <= 0.015
     assert bent["ap_after_mm_without_compliance"] > bent["ap_after_mm"] + 0.03
@@ -85,10 +76,10 @@ def test_a_compensated_arm_that_bends_hits() -> None:
 
 @pytest.mark.slow
 def test_compensated_arms_hit() -> None:
-    found = loops()
+    found = answer_in_processes("closed_loop.py")
     assert 1 <= found["ap_before_mm"] <= 4 and found["ap_after_mm"] <= 0.010
     assert found["targets_before_mm"] > 1 and found["targets_after_mm"] <= 0.012
     assert 0.002 < found["rp_mm"] < 0.02
-    bent = loops("--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
+    bent = answer_in_processes("closed_loop.py", "--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
     assert bent["model"] == "compliance" and bent["ap_after_mm"] <= 0.03
     assert bent["ap_after_mm_without_compliance"] > bent["ap_after_mm"] + 0.03

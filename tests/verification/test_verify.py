@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.robots import IRB120, data_file, somewhere
-from helpers.run_script import answer_of, script
-from helpers.script_study import study
+from helpers.run_script import answer_in_processes, answer_of
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, whitening
@@ -225,7 +224,7 @@ def test_what_would_be_noticed_is() -> None:
 
 
 def test_the_study_a_little() -> None:
-    found = answer_of(script("verify_study.py"), "--arms", 20, "--files", 0)
+    found = answer_of("verify_study.py", "--arms", 20, "--files", 0)
     assert found["unchanged"]["good"] >= 0.95
     for case in ("base", "tool", "axis 2"):
         assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9
@@ -234,7 +233,7 @@ def test_the_study_a_little() -> None:
 
 @pytest.mark.slow
 def test_the_study() -> None:
-    found = study("verify_study.py")
+    found = answer_in_processes("verify_study.py")
     assert found["unchanged"]["good"] >= 0.97
     for case in ("base", "tool", "axis 2"):
         assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9

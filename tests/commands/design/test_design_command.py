@@ -13,7 +13,7 @@ import pytest
 from helpers.bad_input import ARM_XML, contents, run, swapped, the_line
 from helpers.recordings import column, needs_vulkan, rrd, statics, views_of
 from helpers.robots import IRB120, SCARA
-from helpers.run_script import answer_of, script
+from helpers.run_script import answer_of
 
 from lab.campaign.options import DesignOptions
 from lab.cli import main
@@ -232,7 +232,7 @@ def test_no_view_of_the_plan_complains(folder: Path, home) -> None:
 
 def test_the_script_shows_that_o1_is_the_wrong_rule(tmp_path: Path) -> None:
     asked = ("--poses", 30, "--candidates", 300, "--out")
-    seen = answer_of(script("how_many_poses.py"), *asked, tmp_path)
+    seen = answer_of("how_many_poses.py", *asked, tmp_path)
     plateau, last = seen["plateau"], seen["curve"][-1]
     assert last["o1"] / plateau["o1"] < 1.03 and last["promise_mm"] / plateau["promise_mm"] < 0.75
     assert {path.name for path in tmp_path.iterdir()} == {"how_many_poses.png", "how_many_poses.svg"}

@@ -1,16 +1,16 @@
 """The virtual studies that decide whether intervals and tests are honest: small here, whole where marked slow."""
 
 import pytest
-from helpers.run_script import answer_of, script
-from helpers.script_study import study
+from helpers.run_script import answer_in_processes, answer_of
 
 
 def test_intervals_hold_a_little() -> None:
     """8 robots x 25 draws of 27 intervals: the mean's sigma is 0.3 %, more as a campaign's hang together."""
     cases = ("Gaussian, known", "Gaussian, estimated", "spherical taken for isotropic", "compliance missing")
-    honest = script("honest_intervals.py")
-    found = answer_of(honest, "--robots", 8, "--draws", 25, "--cases", *cases[:2])
-    found |= answer_of(honest, "--robots", 8, "--draws", 10, "--cases", *cases[2:])  # which are plain from fewer
+    found = answer_of("honest_intervals.py", "--robots", 8, "--draws", 25, "--cases", *cases[:2])
+    found |= answer_of(
+        "honest_intervals.py", "--robots", 8, "--draws", 10, "--cases", *cases[2:]
+    )  # which are plain from fewer
     for case in cases[:2]:
         assert found[case]["coverage_mean"] == pytest.approx(0.95, abs=0.015)
         assert found[case]["nees"] == pytest.approx(1.0, abs=0.06)  # 200 means of 27: sigma 0.019
@@ -23,7 +23,7 @@ def test_intervals_hold_a_little() -> None:
 @pytest.mark.slow
 def test_intervals_hold() -> None:
     """10,000 campaigns a case."""
-    found = study("honest_intervals.py")
+    found = answer_in_processes("honest_intervals.py")
     for case in ("Gaussian, known", "Gaussian, estimated", "spherical, weighed"):
         result = found[case]
         assert result["campaigns"] == 10_000
@@ -39,7 +39,7 @@ def test_intervals_hold() -> None:
 @pytest.mark.parametrize("arms", [4, pytest.param(30, marks=pytest.mark.slow)])
 def test_effects_are_found(arms: int) -> None:
     flags = ("--arms", arms, "--rigid", arms)
-    found = study("effects_found.py", *flags) if arms == 30 else answer_of(script("effects_found.py"), *flags)
+    found = (answer_in_processes if arms == 30 else answer_of)("effects_found.py", *flags)
     assert found["alone_mm"]["least"] >= 0.05 and found["after_mm"]["largest"] <= 0.006
     assert found["both_chosen"] == found["only_these"] == arms and not found["rigid_with_groups"]
     most = 1.15 if arms == 30 else 2.0  # of 4 arms the RMS is known to 35 %
@@ -48,6 +48,6 @@ def test_effects_are_found(arms: int) -> None:
 
 @pytest.mark.slow
 def test_bad_readings_are_named_whole() -> None:
-    found = study("bad_readings.py")
+    found = answer_in_processes("bad_readings.py")
     assert found["above_clean"] <= 0.08 and found["large_named"] >= 0.99 and found["small_named"] >= 0.90
     assert 0.005 <= found["named_there"] <= 0.015

@@ -1,16 +1,12 @@
 """Global or sequential: the script's figures on few arms, and its fits against the library's one by one."""
 
 import csv
-import importlib.util
-import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.robots import ROOT
+from helpers.run_script import answer_of
 
 from lab.calibration.batch_poses import StackedPoseArm
 from lab.calibration.identify import IdentifyOptions, identify
@@ -21,14 +17,9 @@ from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import measured
+from lab.experiments import global_or_sequential as script
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
-
-SCRIPT = ROOT / "scripts" / "global_or_sequential.py"
-SPEC = importlib.util.spec_from_file_location("global_or_sequential", SCRIPT)
-script = importlib.util.module_from_spec(SPEC)
-sys.modules["global_or_sequential"] = script
-SPEC.loader.exec_module(script)
 
 ARM = load_robot("rx130").arm(("p1",))
 FEW = script.Options(robots=24, fresh=100, seed=1)
@@ -159,9 +150,7 @@ def test_positions_alone_and_three_points(few) -> None:
 
 
 def test_the_script_answers(tmp_path: Path) -> None:
-    command = [sys.executable, str(SCRIPT), "--robots", "6", "--fresh", "50", "--out", str(tmp_path), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    found = json.loads(done.stdout)
+    found = answer_of("global_or_sequential.py", "--robots", 6, "--fresh", 50, "--out", tmp_path)
     assert "One global step after it repairs it" in found["words"] and found["ranks"]["all 30 from both"] == 30
     with (tmp_path / "global_or_sequential.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

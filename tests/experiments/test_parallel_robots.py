@@ -1,24 +1,16 @@
 """Parallel robots: the script's ranks exactly, its errors within bounds, and no error at all without noise."""
 
-import importlib.util
 import json
-import sys
-from concurrent.futures import Future
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.robots import ROOT
+from helpers.run_script import answer_of
 
 from lab.calibration import gauss_newton as solver
-from lab.core.errors import LabError
-
-SCRIPT = ROOT / "scripts" / "parallel_robots.py"
-SPEC = importlib.util.spec_from_file_location("parallel_robots", SCRIPT)
-script = importlib.util.module_from_spec(SPEC)
-sys.modules["parallel_robots"] = script
-SPEC.loader.exec_module(script)
+from lab.experiments import parallel_robots as script
+from lab.experiments import parallel_robots_answer
+from lab.experiments.script import run_script
 
 # parameters, rank: facts-robots.md, section 5, where the frame is in the plane or known; in space it is fitted too
 RANKS = {
@@ -33,15 +25,6 @@ RANKS = {
     "IRB 120": (34, 27),
 }
 ROUNDING_M = 1e-12
-
-
-class AtOnce:
-    """An executor that does in this process what it is given."""
-
-    def submit(self, call, *given) -> Future:
-        future: Future = Future()
-        future.set_result(call(*given))
-        return future
 
 
 @pytest.mark.parametrize("name", script.NOISELESS)
@@ -66,17 +49,13 @@ def test_a_longer_rod_tilts_the_platform_and_shows():
     assert row["converged"] and 1 < row["fresh_um"] < 40
 
 
-def test_the_script_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
-    monkeypatch.setattr(script, "local_executor", lambda: nullcontext(AtOnce()))
+def test_the_script_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(script, "FRESH", 100)
-    monkeypatch.setattr(script, "PIXELS", 61)
-    monkeypatch.setattr(script, "NOISELESS", ())
-    monkeypatch.setattr(script, "EVERY", 1)
+    monkeypatch.setattr(parallel_robots_answer, "PIXELS", 61)
+    monkeypatch.setattr(parallel_robots_answer, "NOISELESS", ())
+    monkeypatch.setattr(parallel_robots_answer, "EVERY", 1)
     monkeypatch.setattr(solver, "MAX_ITERATIONS", 8)  # of every parameter of six rods, of which 15 do not show
-    options = ["--robots", "2", "--readings", "200", "--out", str(tmp_path), "--json"]
-    monkeypatch.setattr(sys, "argv", ["parallel_robots", *options])
-    script.main()
-    found = json.loads(capsys.readouterr().out)
+    found = answer_of("parallel_robots.py", "--robots", 2, "--readings", 200, "--out", tmp_path)
     table = found["table"]
     assert {name: (rows[0]["parameters"], rows[0]["rank"]) for name, rows in table.items()} == RANKS
     for rows in table.values():
@@ -89,11 +68,11 @@ def test_the_script_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cap
         assert row["exact"]["fresh_um"] < 2 < row["prior"]["fresh_um"] < 20 < row["three rods"]["fresh_um"]
     for kind in ("png", "svg"):
         assert (tmp_path / f"singularities.{kind}").stat().st_size > 10_000
-    assert "of imperfect copies" in script.report(found)
+    assert any("of imperfect copies" in line for line in parallel_robots_answer.report(found))
     assert json.loads((tmp_path / "parallel_robots.json").read_text(encoding="utf-8")) == found
 
 
-def test_one_robot_has_no_median(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(sys, "argv", ["parallel_robots", "--robots", "1"])
-    with pytest.raises(LabError, match="two --robots or more"):
-        script.main()
+def test_one_robot_has_no_median(capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as stop:
+        run_script(script.Options, parallel_robots_answer.answer, ["--robots", "1"])
+    assert stop.value.code == 2 and "two --robots or more" in capsys.readouterr().err

@@ -1,32 +1,25 @@
 """The load, weighed and identified: the script's scatter against its predictions, and its biases with their cures."""
 
 import csv
-import importlib.util
-import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.robots import ROOT
+from helpers.run_script import answer_of
 from scipy import stats
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.experiments import payload_methods as script
+from lab.experiments import payload_methods_answer
 from lab.payload_identification.fourier_path import Limits, random_path
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload_bench import RunErrors
 
-SCRIPT = ROOT / "scripts" / "payload.py"
-SPEC = importlib.util.spec_from_file_location("payload_script", SCRIPT)
-script = importlib.util.module_from_spec(SPEC)
-sys.modules["payload_script"] = script
-SPEC.loader.exec_module(script)
-
 RUNS = 8
-LIMITS = Limits.of(script.ROBOT.chain)
-POSES = random_poses(script.ROBOT.model, 20, np.random.default_rng(5))
+LIMITS = Limits.of(script.MODEL.chain)
+POSES = random_poses(script.MODEL, 20, np.random.default_rng(5))
 PLAN = script.Plan(*(random_path(LIMITS, np.random.default_rng(i)) for i in (3, 4)), POSES)
 QUIET = RunErrors(1e-9, force_noise_n=1e-5, moment_noise_nm=1e-6, torque_noise=1e-6)
 
@@ -83,12 +76,10 @@ def test_a_cost_is_that_of_its_weight() -> None:
     assert soft == pytest.approx(2 * one, rel=1e-9) and 3.2 / 2 < one < 3.2 * 2
 
 
-def test_the_script_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    monkeypatch.setattr(script, "planned", lambda options: replace(PLAN, poses=POSES[:12]))
+def test_the_script_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(payload_methods_answer, "planned", lambda options: replace(PLAN, poses=POSES[:12]))
     monkeypatch.setattr(script, "SECONDS", 2.5)
-    monkeypatch.setattr(sys, "argv", ["payload", "--runs", "2", "--out", str(tmp_path), "--json"])
-    script.main()
-    found = json.loads(capsys.readouterr().out)
+    found = answer_of("payload.py", "--runs", 2, "--out", tmp_path)
     assert set(found) == {"rows", "biases", "seconds"}
     assert len(found["rows"]) == 10 + 4 + 10 + 3 * 2 and len(found["biases"]) == 8
     assert {"mass_percent", "mass_percent_cured", "centre_mm", "fired", "cost_um_cured"} < set(found["biases"][0])
@@ -96,7 +87,7 @@ def test_the_script_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cap
         assert [float(row["z_mm"]) for row in csv.DictReader(file)] == [row["z_mm"] for row in found["biases"]]
     for kind in ("png", "svg"):
         assert (tmp_path / f"payload.{kind}").stat().st_size > 10_000
-    assert "sensor, 20 poses" in script.report(found["rows"], found["biases"])
+    assert any("sensor, 20 poses" in line for line in payload_methods_answer.report(found["rows"], found["biases"]))
 
 
 def test_one_run_has_no_scatter() -> None:

@@ -1,17 +1,15 @@
 """The scripts that answer questions by studies: small here, whole where marked slow; the thesis' tables in full."""
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.robots import ROOT
-from helpers.run_script import answer_of, script
+from helpers.run_script import answer_in_processes, answer_of
 
 from lab.core.instruments import instrument
+from lab.experiments import error_sources
 from lab.experiments.other_searches import predicted_rms
+from lab.experiments.script import run_script
 from lab.experiments.thesis_mahdadi_2020 import (
     CRITERIA,
     HIDDEN,
@@ -34,10 +32,7 @@ ROW = list(OFF).index
 
 
 def answer(name: str, out: Path, *flags: object):
-    command = [sys.executable, str(ROOT / "scripts" / name), "--out", str(out), *map(str, flags), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    assert not done.stderr, "in a pipe there are no bars"
-    return json.loads(done.stdout)
+    return answer_in_processes(name, "--out", out, *flags)
 
 
 def test_what_the_flange_does_not_show_turns_up_elsewhere() -> None:
@@ -131,7 +126,7 @@ def test_thesis_tables_a_little(tmp_path: Path) -> None:
 
 def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
     flags = ("--robots", 6, "--draws", 10, "--poses", 24, "--instruments", "uniform-8um", "optical-cmm")
-    found = answer_of(script("accuracy_versus_instrument.py"), "--out", tmp_path, *flags)
+    found = answer_of("accuracy_versus_instrument.py", "--out", tmp_path, *flags)
     mean = {(row["metric"], row["instrument"], row["poses"]): row["mean"] for row in found["rows"]}
     assert len(mean) == 4
     for metric in ("fresh_mean_mm", "fresh_p95_mm"):
@@ -147,7 +142,7 @@ def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
 
 def test_what_matters_a_little(tmp_path: Path) -> None:
     cases = ("runout 0.2 mrad once a turn", "1 % bad readings, 1 to 50 mm")
-    found = answer_of(script("what_matters.py"), "--out", tmp_path, "--robots", 8, "--draws", 5, "--cases", *cases)
+    found = answer_of("what_matters.py", "--out", tmp_path, "--robots", 8, "--draws", 5, "--cases", *cases)
     base = found["base_mm"]
     ratio = {cost["name"]: 1 + cost["extra_mm"] / base for cost in found["costs"]}
     told = {cost["name"]: cost["told"] for cost in found["costs"]}
@@ -159,10 +154,10 @@ def test_what_matters_a_little(tmp_path: Path) -> None:
     assert (tmp_path / "what_matters.png").is_file() and (tmp_path / "what_matters.svg").is_file()
 
 
-def test_a_case_that_is_none(tmp_path: Path) -> None:
-    command = [sys.executable, str(ROOT / "scripts" / "what_matters.py"), "--out", str(tmp_path), "--cases", "rust"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-    assert done.returncode and "'rust' is none; there are stiffness" in done.stderr
+def test_a_case_that_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        run_script(error_sources.Options, error_sources.answer, ["--out", str(tmp_path), "--cases", "rust"])
+    assert stop.value.code == 2 and "'rust' is none; there are stiffness" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -1,0 +1,63 @@
+"""How many poses are enough: predicted accuracy against their number, with O1 beside it (thesis fig. IV.1).
+
+O1 is information per pose: it flattens early, which says that further poses are as good as the first
+ones, not that they are of no use. The error goes on falling with the root of the number of poses.
+"""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import tyro
+
+from lab.campaign.option_groups import Flag
+from lab.campaign.options import DesignOptions
+from lab.commands.design.figures import curve_figure, save
+from lab.commands.design.result import plan_summary
+from lab.commands.design.run import design
+from lab.experiments.script import Answer, paragraphs
+from lab.render.document import Document, Table
+
+__all__ = ["Options", "answer"]
+
+PLATEAU = 0.98  # of O1 at the last point of the curve
+
+
+@dataclass(frozen=True)
+class Options:
+    """Predicted RMS, worst and 95 % error against the number of poses, and O1."""
+
+    options: tyro.conf.OmitArgPrefixes[DesignOptions] = field(default_factory=lambda: DesignOptions(poses=50, starts=1))
+    out: Path = Path("runs/how-many-poses")
+    """The pictures' folder."""
+    json: Flag = False
+    """Print the curve as one JSON object."""
+
+
+def answer(options: Options) -> Answer:
+    """Plan once, and draw the curve up to twice as many poses."""
+    plan = design(options.options)
+    summary = plan_summary(plan)
+    curve, last = summary["curve"], summary["curve"][-1]
+    plateau = next(step for step in curve if step["o1"] >= PLATEAU * last["o1"])
+    options.out.mkdir(parents=True, exist_ok=True)
+    title = f"{summary['robot']}, {summary['instrument']}: how many poses are enough?"
+    save(options.out, "how_many_poses", curve_figure(plan.curve, title, plan.problem.scaling.describe()))
+    rows = tuple(
+        (
+            str(step["poses"]),
+            *(f"{step[key]:.4f}" for key in ("rms_mm", "worst_mm", "promise_mm")),
+            f"{step['o1']:.2f}",
+            "O1 flattens" if step is plateau else "",
+        )
+        for step in curve
+    )
+    said = (
+        f"From {plateau['poses']} to {last['poses']} poses O1 rises by {last['o1'] / plateau['o1'] - 1:.1%}, "
+        f"and the error falls by {1 - last['promise_mm'] / plateau['promise_mm']:.0%}: "
+        "stop by the accuracy wanted (lab design --accuracy-mm), not by O1."
+    )
+    table = Table(("poses", "RMS, mm", "worst, mm", "95 %/95 %, mm", "O1", ""), rows)
+    picture = f"picture: {options.out / 'how_many_poses.png'}"
+    asked = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options.options).items()}
+    values = {"options": asked, "curve": curve, "plateau": plateau}
+    return Answer(values, Document(title, (table, *paragraphs([said, picture]))))
