@@ -17,6 +17,7 @@ from helpers.robots import ROOT
 
 from lab.campaign.robot import load_virtual
 from lab.cli import main
+from lab.commands.registry import COMMANDS
 from lab.core.load_samples import Mounting
 from lab.formats.dh_table_toml import read_table
 from lab.formats.load_csv import read_mounting, write_loads
@@ -139,12 +140,17 @@ def resolved(name: str) -> bool:
     return True
 
 
-COMMANDS = ("calibrate", "identify", "inspect", "design", "compensate", "verify", "payload", "study")
+def test_every_command_has_its_options_in_the_reference() -> None:
+    names = [command.name for command in COMMANDS]
+    reference = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    assert re.findall(r"^```{lab-help} (\w+)$", reference, re.MULTILINE) == names
+    assert re.findall(r"^\| `lab (\w+)`", reference, re.MULTILINE) == names
+    assert re.findall(r"^\| \[`lab (\w+)`\]", README.text, re.MULTILINE) == names
 
 
 def test_every_flag_exists(capsys) -> None:
     exist = set()
-    for command in ([], *([name] for name in COMMANDS)):
+    for command in ([], *([each.name] for each in COMMANDS)):
         with contextlib.suppress(SystemExit):
             main([*command, "--help"])
         exist |= set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
