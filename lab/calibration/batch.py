@@ -117,7 +117,7 @@ def _gauss_newton(block: BatchObservation, values: Array, free: list[int], short
         square = columns @ columns.swapaxes(1, 2)
         right = columns @ residual[:, :, None]
         if shortest:
-            solution = np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True) @ right
+            solution: Array = np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True) @ right
         else:
             solution = np.linalg.solve(square, right)
         scaled = solution[:, :, 0]

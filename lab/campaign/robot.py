@@ -326,9 +326,8 @@ def load_virtual(robot: str | Path | Robot) -> Robot:
     found = load_robot(robot)
     if found.model.missing:
         raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
-    said = (f"robot {found.name}: {found.model.assumed}",) if found.model.assumed else ()
-    said = tuple(each for each in said if each not in found.warnings)  # of a robot that was loaded so before
-    return replace(found, loads=found.simulated_loads(), warnings=(*found.warnings, *said))
+    said = (*found.warnings, f"robot {found.name}: {found.model.assumed}") if found.model.assumed else found.warnings
+    return replace(found, loads=found.simulated_loads(), warnings=tuple(dict.fromkeys(said)))
 
 
 def _some(loads: Loads) -> Loads | None:

@@ -53,7 +53,7 @@ def _line(event: Any, flags: Sequence[str]) -> str:
             return f"give {_described(event.argument)}"
         return f"{_name(event.argument)}: its value is missing"
     if isinstance(event, events.InvalidChoice):
-        valid = event.argument.lowered.metavar.strip("{}").replace(",", ", ")
+        valid = str(event.argument.lowered.metavar).strip("{}").replace(",", ", ")
         return f"{_name(event.argument)}: '{event.value}' is unknown; give one of {valid}"
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:
         return f"{_name(event.argument)}: {event.message}"

@@ -52,11 +52,12 @@ def values(name: str, result: Any) -> Any:
         return result.values
     if name == "study":
         return result.summary
-    return {
+    made: dict[str, Any] = {
         "calibrate": summary,
         "identify": summary,
         "design": plan_summary,
-    }[name](result)
+    }
+    return made[name](result)
 
 
 def _write_calibrate(folder: Path, result: Any) -> None:

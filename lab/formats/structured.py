@@ -44,7 +44,7 @@ def structured(where: object, kind: type[Kind], values: object, *, extra: bool =
     from cattrs import BaseValidationError
 
     try:
-        return cast(Kind, _converter(extra).structure(values, kind))
+        return _converter(extra).structure(values, kind)
     except BaseValidationError as error:
         message = _first(error, ())
     except _InvalidError as error:

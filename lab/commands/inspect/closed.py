@@ -118,7 +118,7 @@ def _numbers(dimensions: dict[str, Array]) -> dict[str, Any]:
             found[f"{name.removesuffix('_rad')}_deg"] = [tidy(angle) for angle in np.degrees(value)]
         else:
             found[f"{name.removesuffix('_m')}_mm"] = (
-                [_mm(point) for point in value] if value.ndim else tidy(1e3 * value)
+                [_mm(point) for point in value] if value.ndim else tidy(1e3 * float(value))
             )
     return found
 
