@@ -1,4 +1,4 @@
-"""What can be identified, in words: the base set, aliases, and how many poses it takes."""
+"""What can be identified: condition numbers, weakly observable directions, aliases, and how many poses it takes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,18 +10,32 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.model import Model
 
+__all__ = [
+    "WEAK_CONDITION",
+    "Alias",
+    "Direction",
+    "aliases",
+    "condition_of",
+    "enough_poses",
+    "poses_needed",
+    "scaled_condition",
+    "weak_directions",
+]
+
 ALIAS_FLOOR = 1e-9  # coefficients below this share of their row are rounding
 WEAK_CONDITION = 100.0  # directions with less than this part of the largest singular value are weak
 RANK_FLOOR = 1e-12  # of the largest singular value with unit columns: below, there is none
-TOLD_APART = 1e9  # a condition from which on poses do not show every parameter
+LARGEST_CONDITION = 1e9  # a condition number from which on poses do not identify every parameter
 MEMBER = 0.1  # the least share of a direction that names a parameter
 
 
 @dataclass(frozen=True)
 class Alias:
-    """A parameter that is fixed, and the identifiable ones that an error of it goes into.
+    """A fixed parameter, and the identifiable ones that its error is aliased with.
 
-    ``into`` are (name, coefficient) with the coefficient in the units of the two names, SI.
+    Attributes:
+        name: of the fixed parameter.
+        into: (name, coefficient), the coefficient in the SI units of the two.
     """
 
     name: str
@@ -30,10 +44,10 @@ class Alias:
 
 @dataclass(frozen=True)
 class Direction:
-    """Parameters that together hardly move any observation.
+    """A weakly observable change: parameters that together hardly move any observation.
 
     Attributes:
-        singular_value: of the Jacobian with unit columns, beside the largest.
+        singular_value: relative to the largest, of the Jacobian with unit columns.
         moved: root mean square change of an observed number (m of positions) by ``parts``.
         parts: (name, change) in SI units, the strongest first and by 1e-3.
     """
@@ -44,7 +58,13 @@ class Direction:
 
 
 def weak_directions(names: Sequence[str], jacobian: Array, below: float = WEAK_CONDITION) -> tuple[Direction, ...]:
-    """The directions that a Jacobian ``(rows, f)`` of the parameters ``names`` nearly does not see, weakest first."""
+    """The weakly observable directions, weakest first.
+
+    Args:
+        names: of the parameters ``(f,)``.
+        jacobian: ``(rows, f)``.
+        below: directions are weak whose singular value times this is below the largest.
+    """
     scale = np.linalg.norm(jacobian, axis=0)
     _, sizes, vt = np.linalg.svd(np.linalg.qr(jacobian / np.where(scale > 0, scale, 1.0), mode="r"))
     found = []
@@ -60,24 +80,34 @@ def weak_directions(names: Sequence[str], jacobian: Array, below: float = WEAK_C
 
 
 def scaled_condition(jacobian: Array) -> float:
-    """Condition of a Jacobian ``(rows, p)`` with unit columns: infinite where it is short of rank."""
+    """The condition number of a Jacobian ``(rows, p)`` with unit columns: infinite where it is short of rank."""
     sizes = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300), compute_uv=False)
     full = len(sizes) == jacobian.shape[1] and sizes[-1] > RANK_FLOOR * sizes[0]
     return float(sizes[0] / sizes[-1]) if full else float("inf")
 
 
 def condition_of(model: Model, values: Array, inputs: Array) -> float:
-    """Condition of the base set's Jacobian with unit columns at these settings: infinite where it is short of rank."""
+    """The condition number of the base set's Jacobian with unit columns: infinite where it is short of rank.
+
+    Args:
+        model: of what is observed.
+        values: ``(p,)``.
+        inputs: ``(n, joints + conditions)`` where it is measured.
+    """
     structure = base_set(model, values)
     _, jacobian = model.observe(inputs, model.rank_point(values))
     return scaled_condition(jacobian.reshape(-1, len(model.names))[:, list(structure.kept)])
 
 
 def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:
-    """What each fixed parameter is aliased into.
+    """What each fixed parameter is aliased with.
 
-    A coefficient is dropped where its effect is rounding beside the others' of the same
-    parameter; ``jacobian_scale`` ``(p,)`` are the columns' norms by which effects compare.
+    A coefficient is dropped where its effect is rounding beside the others' of the same parameter.
+
+    Args:
+        model: whose parameters these are.
+        structure: the base set.
+        jacobian_scale: ``(p,)`` the columns' norms, by which effects compare; ones if not given.
     """
     scale = np.ones(len(model.names)) if jacobian_scale is None else jacobian_scale
     result = []
@@ -93,7 +123,7 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
 
 
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
-    """The least number of poses at which generic poses tell the whole base set apart."""
+    """The least number of generic poses that identify the whole base set."""
     structure = structure or base_set(model, values)
     joints = model.structure_joints(5 * len(structure.kept), rng_for(0, "structure"))
     _, jacobian = model.observe(joints, model.rank_point(values))
@@ -101,15 +131,16 @@ def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) 
 
 
 def enough_poses(jacobian: Array, measured: Array | None = None) -> int:
-    """How many of the poses ``(m, r, p)``, from the first, show every parameter; all if none do.
+    """How many of the poses, from the first, identify every parameter; all if even these do not.
 
     Args:
-        measured: ``(n0, r, p)``, of poses that were measured already.
+        jacobian: ``(m, r, p)`` of the poses.
+        measured: ``(n0, r, p)`` of poses that were measured already.
     """
     m, rows, p = (int(size) for size in jacobian.shape)
     before = np.empty((0, p)) if measured is None else measured.reshape(-1, p)
     for count in range(max(1, -(-(p - len(before)) // rows)), m):
         part = np.concatenate([before, jacobian[:count].reshape(-1, p)])
-        if scaled_condition(part) < TOLD_APART:
+        if scaled_condition(part) < LARGEST_CONDITION:
             return count
     return m

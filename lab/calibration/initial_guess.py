@@ -1,8 +1,8 @@
-"""Where the base and the targets are, with no idea of either: the start of every fit.
+"""Base and targets from measurements, with no idea of either: the start of every fit.
 
-With nominal links the flange's pose in the base is known at each measured pose. The base's
-rotation, its place and the targets then enter linearly, if the rotation's nine entries are
-taken as free (the direct linear transform); the nearest rotation is the start.
+With nominal links the flange's pose in the base is known at each measured pose. The base's rotation, its position and
+the targets then enter linearly, if the nine entries of the rotation are taken as free (the direct linear transform);
+the nearest rotation is the start.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,8 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
 
+__all__ = ["columns_of", "initial_guess"]
+
 Mask = NDArray[np.bool_]
 
 
@@ -25,33 +27,38 @@ def columns_of(model: Model, groups: Sequence[str]) -> tuple[int, ...]:
     return indices_of_groups(model.parameters, groups)
 
 
-def initial_guess(model: Model, seen: Observations, values: Array, groups: Sequence[str] = ("base", "tool")) -> Array:
-    """Values with the base, the targets, or both placed anew, near enough for Gauss-Newton.
+def initial_guess(
+    model: Model, observed: Observations, values: Array, groups: Sequence[str] = ("base", "tool")
+) -> Array:
+    """Values ``(p,)`` with the base, the targets, or both placed anew, near enough for Gauss-Newton.
 
     Args:
-        values: the links to believe, and whichever of base and targets ``groups`` leaves alone.
+        model: the arm, measured by points.
+        observed: positions of its targets, m in the instrument's frame.
+        values: ``(p,)``: the links, and whichever of base and targets ``groups`` leaves as it is.
+        groups: what is to be placed: base, tool, or both.
     """
     base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
     placed = values.copy()
     placed[list(base)] = 0.0
-    origins, rotations = _flange_poses(model, seen.inputs, placed, tool)
+    origins, rotations = _flange_poses(model, observed.inputs, placed, tool)
     offsets = values[list(tool)].reshape(-1, 3)  # (k, 3)
-    mask = seen_mask(seen.points)
+    mask = seen_mask(observed.points)
     if "base" not in groups:
         starts = [se3.exp(values[list(base)][3:])]
     else:
         expected = origins[:, None] + np.einsum("nij,kj->nki", rotations, offsets)
-        starts = [_kabsch(expected[mask], seen.points[mask])]
+        starts = [_kabsch(expected[mask], observed.points[mask])]
         if "tool" in groups:
-            starts.append(_direct_rotation(origins, rotations, seen.points, mask))
+            starts.append(_direct_rotation(origins, rotations, observed.points, mask))
     best: tuple[float, Array] | None = None
     for rotation in starts:
-        size, place, targets = _given_rotation(
-            rotation, origins, rotations, seen.points, mask, values, base, tool, groups
+        size, position, targets = _given_rotation(
+            rotation, origins, rotations, observed.points, mask, values, base, tool, groups
         )
         if best is None or size < best[0]:
             found = values.copy()
-            found[list(base)] = np.concatenate([place, se3.log(rotation)])
+            found[list(base)] = np.concatenate([position, se3.log(rotation)])
             found[list(tool)] = targets.ravel()
             best = size, found
     assert best is not None
@@ -61,7 +68,7 @@ def initial_guess(model: Model, seen: Observations, values: Array, groups: Seque
 def _flange_poses(model: Model, joints: Array, values: Array, tool: Sequence[int]) -> tuple[Array, Array]:
     """The last frame's origins ``(n, 3)`` and rotations ``(n, 3, 3)`` in the base.
 
-    The derivatives of a target with respect to its place in that frame are the frame's axes.
+    The derivatives of a target by its position in that frame are the frame's axes.
     """
     points, jacobian = model.observe(joints, values)
     rotations = jacobian[:, 0, :, list(tool[:3])].transpose(1, 2, 0)
@@ -70,13 +77,13 @@ def _flange_poses(model: Model, joints: Array, values: Array, tool: Sequence[int
 
 
 def _kabsch(source: Array, measured: Array) -> Array:
-    """The rotation that turns ``source`` best into ``measured``, each ``(m, 3)`` about its mean."""
+    """The rotation ``(3, 3)`` that takes ``source`` best into ``measured``, each ``(m, 3)`` about its mean."""
     moment: Array = (measured - measured.mean(0)).T @ (source - source.mean(0))
     return se3.nearest_rotation(moment)
 
 
 def _direct_rotation(origins: Array, rotations: Array, points: Array, mask: Mask) -> Array:
-    """Rotation from ``origin + R_flange t = A p + s``, linear in A (nine entries), s and each t."""
+    """The base's rotation ``(3, 3)`` from ``origin + R_flange t = A p + s``, linear in A, s and each t."""
     pose, target = np.nonzero(mask)
     measured = points[pose, target]
     m, k = len(pose), mask.shape[1]
@@ -102,7 +109,7 @@ def _given_rotation(
     tool: Sequence[int],
     groups: Sequence[str],
 ) -> tuple[float, Array, Array]:
-    """With the base's rotation given: the residual's length, the base's place, the targets; linear."""
+    """With the base's rotation given: the residual's length, the base's position, the targets; all linear."""
     pose, target = np.nonzero(mask)
     m, k = len(pose), mask.shape[1]
     system = np.zeros((m, 3, 3 + 3 * k))

@@ -1,6 +1,6 @@
-"""How good a calibration is: errors on poses it has not seen, against a truth, and the verdict.
+"""How good a calibration is: errors on validation poses, which were not fitted, and against a truth.
 
-*Before* is nominal links with base and targets fitted to the same measurements as *after*.
+*Before* is the nominal model with base and targets fitted to the same measurements as *after*, the estimated one.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,28 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
 
-SAME_CONFIGURATION = 0.01  # rad (m for a slide): readings this near are repeats of one configuration
+__all__ = [
+    "ROWS_PER_PARAMETER",
+    "Errors",
+    "Identify",
+    "JudgedBy",
+    "TruthComparison",
+    "Validation",
+    "compare_with_truth",
+    "configurations",
+    "cv_groups_of",
+    "error_tangent",
+    "errors_at",
+    "errors_of",
+    "folds",
+    "hold_out",
+    "split_by_label",
+    "validate_file",
+    "validate_folds",
+    "validate_rows",
+]
+
+SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
 FOLDS, LEAST_FOLDS = 5, 3
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
 UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
@@ -38,15 +59,20 @@ JudgedBy = Literal["fresh", "holdout", "file", "cross-validation"]
 
 @dataclass(frozen=True)
 class Errors:
-    """Lengths of position errors (m) at poses that were not fitted, one a seen point, NaN elsewhere."""
+    """Lengths of errors (m) at poses that were not fitted, one per measured point, NaN elsewhere.
 
-    before: Array  # (n, k)
-    after: Array  # (n, k)
+    Attributes:
+        before: ``(n, k)`` of the nominal model.
+        after: ``(n, k)`` of the estimated one.
+    """
+
+    before: Array
+    after: Array
 
 
 @dataclass(frozen=True)
 class Validation:
-    """By what a calibration was judged, and the errors found there; ``errors`` is None if by nothing."""
+    """What a calibration was validated on, and the errors there; both are None where on nothing."""
 
     judged_by: JudgedBy | None
     errors: Errors | None
@@ -71,14 +97,20 @@ class TruthComparison:
 
 
 def errors_at(identification: Identification, inputs: Array, points: Array) -> Errors:
-    """Errors of the identified and the nominal arm at ``inputs``, where the targets are at ``points`` (n, k, 3)."""
+    """Errors of the nominal and the estimated model where the targets are known.
+
+    Args:
+        identification: of points.
+        inputs: ``(n, joints + conditions)``.
+        points: ``(n, k, 3)`` m, the targets in the instrument's frame.
+    """
     model, both = identification.model, (identification.nominal_aligned, identification.values)
     before, after = (np.linalg.norm(model.points(inputs, v) - points, axis=2) for v in both)
     return Errors(before, after)
 
 
 def errors_of(identification: Identification, test: Measurements) -> Errors:
-    """Errors at rows that were not fitted, as their kind of sighting counts them."""
+    """Errors at rows that were not fitted, as their observation counts them."""
     observation = observation_of(identification.model)
     return Errors(
         observation.errors(test, identification.nominal_aligned), observation.errors(test, identification.values)
@@ -86,15 +118,15 @@ def errors_of(identification: Identification, test: Measurements) -> Errors:
 
 
 def configurations(joints: Array) -> Rows:
-    """``(n,)`` labels: rows within 0.01 rad of each other in every joint share one, transitively."""
+    """``(n,)`` labels of joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share one."""
     pairs = cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
     labels: Rows = connected_components(links, directed=False)[1].astype(np.int_)
     return labels
 
 
-def kept_together(model: Model, data: Measurements) -> Rows:
-    """``(n,)`` labels of rows that are fitted or held out as one: of a place, or repeats of a configuration."""
+def cv_groups_of(model: Model, data: Measurements) -> Rows:
+    """``(n,)`` labels of rows that are fitted or held out together: at a fixture, or repeats of a configuration."""
     labels = observation_of(model).cv_groups(data)
     return configurations(data.joints) if labels is None else labels
 
@@ -117,23 +149,34 @@ def folds(labels: Rows, seed: int) -> Rows:
 
 
 def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements]:
-    """The rows to fit, and those to judge by."""
+    """The rows to fit, and the hold-out set.
+
+    Raises:
+        LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
+    """
     if not 0 < share < 1:
         raise LabError(f"--holdout {share:g}: give a share between 0 and 1, e.g. 0.3")
-    fitted, held = split_by_label(kept_together(model, data), share, seed)
+    fitted, held = split_by_label(cv_groups_of(model, data), share, seed)
     if not len(held) or not len(fitted):
-        raise LabError(f"--holdout {share:g}: {len(data)} poses leave nothing to fit or to judge; change the share")
+        raise LabError(f"--holdout {share:g}: {len(data)} poses leave too few to fit or to validate; change the share")
     return data.take(fitted), data.take(held)
 
 
 def validate_rows(identification: Identification, test: Measurements) -> Validation:
-    """Judge on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
+    """Validate on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
     return Validation("holdout", errors_of(identification, test))
 
 
 def validate_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Validation:
-    """Five-fold cross-validation by configuration or place; by nothing where a fold would leave too little to fit."""
-    labels, numbers = kept_together(identification.model, data), data.points.shape[2]
+    """Five-fold cross-validation by configuration or fixture; none where a fold would leave too little to fit.
+
+    Args:
+        identify: fits some of the rows as all were fitted.
+        identification: of all rows.
+        data: the rows ``(n,)``.
+        seed: of the split.
+    """
+    labels, numbers = cv_groups_of(identification.model, data), data.points.shape[2]
     rows = folds(labels, seed)
     count = int(rows.max()) + 1
     kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
@@ -141,33 +184,38 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
     if count < LEAST_FOLDS or not enough:
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
-        why = f"too few poses to hold any out: not judged on fresh poses, which takes about {wanted}"
+        why = f"not validated: there are too few poses to hold any out, which takes about {wanted}"
         return Validation(None, None, (why,))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
     for fold in range(count):
         test = np.flatnonzero(rows == fold)
         part = identify(data.take(np.flatnonzero(rows != fold)))
-        unseen = {part.model.names[i] for i in part.unobservable}
-        blind = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unseen]
-        if len(unseen) > 3 * len(blind):
-            return Validation(
-                None, None, ("without a fold, the other poses do not tell all parameters apart: not judged",)
-            )
+        unobservable = {part.model.names[i] for i in part.unobservable}
+        lost = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
+        if len(unobservable) > 3 * len(lost):
+            why = "not validated: without a fold, the other poses do not identify all parameters"
+            return Validation(None, None, (why,))
         errors = errors_of(part, data.take(test))
-        errors.before[:, blind] = errors.after[:, blind] = np.nan  # targets that only this fold's poses saw
+        errors.before[:, lost] = errors.after[:, lost] = np.nan  # targets that only this fold's poses measured
         before[test], after[test] = errors.before, errors.after
     return Validation("cross-validation", Errors(before, after))
 
 
 def validate_file(identification: Identification, model: Model, data: Measurements, refit: Sequence[str]) -> Validation:
-    """Judge on another file, where each session may place its base or its targets anew.
+    """Validate on another file, where each session may place its base or its targets anew.
 
-    The rows with use ``reference`` (every third one where the file does not mark them) place
-    ``refit``, the same for before and after; errors come from the other rows.
+    The rows with use ``reference`` (every third one where the file does not mark them) place ``refit``, the same rows
+    for before and after; errors come from the other rows.
 
     Args:
-        model: the identified arm with the targets of ``data``.
+        identification: of the arm.
+        model: the arm with the targets of ``data``.
+        data: the other file's.
+        refit: what is placed anew: base, tool, or both.
+
+    Raises:
+        LabError: a target is unknown, or a session's reference rows cannot place what is to be refitted.
     """
     _refuse_unknown_targets(identification, model, refit)
     unused = () if refit or not (data.marked and "reference" in data.use) else (UNUSED_REFERENCES,)
@@ -177,22 +225,27 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         part = data.take([i for i, s in enumerate(data.sessions) if s == session])
         reference, test = _reference_and_test(part, refit)
         inputs, points = part.inputs(model.conditions)[test], part.points[test]
-        for values, out in ((identification.nominal_aligned, before), (identification.values, after)):
+        for values, errors in ((identification.nominal_aligned, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
             if refit:
                 moved = _placed(model, part.take(reference), moved, refit, session)
-            out.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
+            errors.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
     return Validation("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused))
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
-    """Errors of the fitted parameters, in units and in standard deviations."""
+    """Errors of the fitted parameters, in SI units and in standard deviations.
+
+    Args:
+        identification: of a virtual arm.
+        truth: that arm's parameters, in the canonical gauge.
+    """
     model, free = identification.model, list(identification.fit.free)
-    turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
+    rotation = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
     truly = truth.of(model.names)
     difference = identification.values - truly
-    estimate, true = (se3.exp(values[turning]) for values in (identification.values, truly))
-    difference[turning] = se3.log(true.T @ estimate)
+    estimate, true = (se3.exp(values[rotation]) for values in (identification.values, truly))
+    difference[rotation] = se3.log(true.T @ estimate)
     error = difference[free]
     local = error_tangent(model, identification.values)[np.ix_(free, free)]
     covariance = local @ identification.covariance @ local.T
@@ -206,9 +259,9 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
 
 def error_tangent(model: Model, values: Array) -> Array:
     """Derivatives ``(p, p)`` of errors by parameters: one, but for the base's rotation, whose error is a logarithm."""
-    turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
+    rotation = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
     tangent = np.eye(len(model.names))
-    tangent[np.ix_(turning, turning)] = se3.left_jacobian(-values[turning])
+    tangent[np.ix_(rotation, rotation)] = se3.left_jacobian(-values[rotation])
     return tangent
 
 
@@ -234,7 +287,7 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
     if refit and not reference:
         raise LabError(f"{where} has no row with use = reference to refit {', '.join(refit)}; mark one")
     if not test:
-        raise LabError(f"{where} has no row left to judge; mark fewer rows as reference")
+        raise LabError(f"{where} has no row left to validate on; mark fewer rows as reference")
     return reference, test
 
 
@@ -246,10 +299,10 @@ def _transfer(source: Model, target: Model, values: Array) -> Array:
 
 def _placed(model: Model, reference: Measurements, values: Array, refit: Sequence[str], session: str) -> Array:
     ones = np.ones(reference.points.shape[:2])
-    seen = Observations(reference.inputs(model.conditions), reference.points, ones)
+    observed = Observations(reference.inputs(model.conditions), reference.points, ones)
     free = columns_of(model, refit)
-    moved = initial_guess(model, seen, values, refit)
-    solution = fit(model, seen, free, moved)
+    moved = initial_guess(model, observed, values, refit)
+    solution = fit(model, observed, free, moved)
     equations = 3 * int(reference.seen.sum())
     linear = "base" not in refit  # a tool alone is found by as many equations as it has coordinates
     enough = equations >= len(free) if linear else equations > len(free)

@@ -1,6 +1,6 @@
-"""A CSV as texts with places: what a cell says, and where an error stands.
+"""A CSV file as texts, with the line and the column of every cell for error messages.
 
-Numbers are read as decimals and scaled exactly. Columns are crossed off as they are read.
+Numbers are read as decimals and scaled exactly. The columns that were read are kept count of.
 """
 
 import csv
@@ -14,8 +14,10 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = ["LARGEST", "CsvTable"]
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-LARGEST = 1e15  # in m, rad and whatever else a column holds; beyond is a slip, and squares overflow
+LARGEST = 1e15  # in m, rad and whatever else a column holds; more is a mistake, and its square overflows
 
 
 class CsvTable:
@@ -24,13 +26,22 @@ class CsvTable:
     Cells are separated by commas, or by semicolons, and then numbers may have decimal commas.
 
     Attributes:
-        unread: columns that nobody has read yet.
+        path: of the file.
+        semicolons: whether these separate the cells.
+        decimal: the mark of the first decimal number, and the line and column of that; None before it is read.
+        header: names of the columns.
+        rows: texts of the cells.
+        lines: of the rows, as an editor counts them.
+        unread: columns that were not read yet.
+
+    Raises:
+        LabError: the file cannot be read, is empty, or is no table of comma-separated values.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.semicolons = False
-        self.decimal: tuple[str, str] | None = None  # the mark of the first decimal number, and where that is
+        self.decimal: tuple[str, str] | None = None
         self.header, self.rows, self.lines = self._read()
         self.unread = list(self.header)
 
@@ -60,9 +71,7 @@ class CsvTable:
                     lines.append(line)
                 line = reader.line_num + 1
         except csv.Error as error:
-            raise LabError(
-                f"{self.path}: line {line}: {error}; mend the quotes of the row that begins there"
-            ) from error
+            raise LabError(f"{self.path}: line {line}: {error}; fix the quotes of the row that begins there") from error
         if not lines or lines[0] > 1:
             raise LabError(f"{self.path}: line 1 is blank; begin the file with the header")
         self._check_table(table[0], table[1:], lines[1:])
@@ -83,7 +92,7 @@ class CsvTable:
                 )
 
     def texts(self, name: str) -> tuple[str, ...] | None:
-        """A column's cells, crossed off as read; None if there is no such column."""
+        """A column's cells, which then count as read; None if there is no such column."""
         if name not in self.header:
             return None
         if name in self.unread:
@@ -92,11 +101,20 @@ class CsvTable:
         return tuple(row[column] for row in self.rows)
 
     def fail(self, row: int, column: str, what: str) -> LabError:
-        """An error in a cell: what is wrong there, and the mend."""
+        """An error in a cell: what is wrong there, and how to fix it."""
         return LabError(f"{self.path}: line {self.lines[row]}, column {column}: {what}")
 
     def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
-        """A column as numbers times ten to an exponent, correctly rounded; NaN where empty."""
+        """A column ``(n,)`` as numbers times ten to an exponent, correctly rounded; NaN where empty.
+
+        Args:
+            column: one of the header's.
+            exponent: of ten.
+            empty: whether cells may be empty.
+
+        Raises:
+            LabError: a cell is not a number, or empty though it may not be.
+        """
         cells = self.texts(column)
         assert cells is not None
         out = np.full(len(cells), np.nan)
@@ -119,11 +137,11 @@ class CsvTable:
         except ArithmeticError:  # beyond what even decimals hold
             value = np.inf
         if abs(value) > LARGEST:
-            raise self.fail(row, column, f"'{cell}' is too large to be true; check the number and its unit")
+            raise self.fail(row, column, f"'{cell}' is too large; check the number and its unit")
         return value
 
     def _with_point(self, row: int, column: str, cell: str) -> str:
-        """A number with its decimal comma, allowed where ``;`` separates cells, as a point."""
+        """A number's text with a decimal point; a decimal comma is allowed where ``;`` separates the cells."""
         marks = [mark for mark in ",." if mark in cell]
         if not self.semicolons or len(marks) != 1:
             return cell

@@ -1,4 +1,4 @@
-"""The files of a load's identification: a CSV of a loaded and an unloaded run, and a small TOML beside it.
+"""The files from which a payload is identified: a CSV of a loaded and an unloaded run, and a small TOML beside it.
 
 The TOML: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) and ``gravity_m_per_s2`` (9.81), and ``[sensor]`` with
 ``sign`` (1 or -1, always given) and ``rotation_vector_deg`` (zeros) from the last frame to the sensor's axes.
@@ -21,6 +21,8 @@ from lab.formats.csv_table import LARGEST
 from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.toml import is_number, read_toml
 
+__all__ = ["Limits", "read_loads", "read_mounting", "write_loads", "write_mounting"]
+
 RUNS = ("loaded", "unloaded")
 WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 EVEN = 0.01  # of a time step: how far another may differ from it
@@ -38,14 +40,14 @@ def write_loads(path: Path, records: PayloadSamples, joint_names: Sequence[str],
     """Write the CSV that ``read_loads`` reads back to the bit."""
     columns: dict[str, list[str]] = {}
     if records.time_s is not None:
-        columns["time_s"] = _told(records.time_s)
+        columns["time_s"] = _decimals(records.time_s)
     for j, (name, slides) in enumerate(zip(joint_names, prismatic, strict=True)):
-        columns[f"{name}_{'m' if slides else 'rad'}"] = _told(records.joints[:, j])
+        columns[f"{name}_{'m' if slides else 'rad'}"] = _decimals(records.joints[:, j])
     if records.torques is not None:
         for name, torque in zip(_torque_columns(prismatic), records.torques.T, strict=True):
-            columns[name] = _told(torque)
+            columns[name] = _decimals(torque)
     if records.wrench is not None:
-        columns |= {name: _told(values) for name, values in zip(WRENCH, records.wrench.T, strict=True)}
+        columns |= {name: _decimals(values) for name, values in zip(WRENCH, records.wrench.T, strict=True)}
     columns["run"] = [RUNS[0] if loaded else RUNS[1] for loaded in records.loaded.tolist()]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -53,7 +55,8 @@ def write_loads(path: Path, records: PayloadSamples, joint_names: Sequence[str],
         writer.writerows(zip(*columns.values(), strict=True))
 
 
-def _told(values: Array) -> list[str]:
+def _decimals(values: Array) -> list[str]:
+    """Texts that read back to the bit."""
     return [repr(value) for value in values.tolist()]
 
 
@@ -69,7 +72,7 @@ def read_loads(
     Args:
         joint_names: the robot's; the file may call them q1…qn instead.
         prismatic: which of them slide.
-        limits: lower and upper ``(J,)`` of the readings, rad or m.
+        limits: lower and upper ``(J,)`` of the joint positions, rad or m.
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
@@ -104,12 +107,12 @@ class _LoadReader(PoseReader):
         return PayloadSamples(time_s, joints, torques, wrench, loaded, tuple(self.lines), tuple(self.warnings))
 
     def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
-        """As every table's, but a column of plain numbers at once: runs have ten thousands of rows."""
+        """A column as ``CsvTable.numbers`` reads it, but plain numbers at once: runs have ten thousands of rows."""
         cells = self.texts(column)
         if cells and exponent == 0 and all(cells) and _PLAIN.fullmatch("\n".join(cells)):
             try:
                 values = np.array([float(cell) for cell in cells])
-            except ValueError:  # told below, with its place
+            except ValueError:  # the table's own reader says where
                 return super().numbers(column)
             if np.abs(values).max() <= LARGEST:
                 return values
@@ -122,7 +125,7 @@ class _LoadReader(PoseReader):
         return super()._number(row, column, cell, exponent)
 
     def _refuse_degrees(self, joints: Array, limits: Limits | None) -> None:
-        """Readings beyond the limits, or beyond a whole turn where there are none, are in another unit."""
+        """Refuse joint positions beyond the limits, or beyond a whole turn where there are none: another unit."""
         for j, slides in enumerate(self.prismatic):
             most = np.inf if slides else 2 * np.pi
             low, high = (-most, most) if limits is None else (limits[0][j], limits[1][j])
@@ -147,11 +150,11 @@ class _LoadReader(PoseReader):
         return next(c for stem in stems for unit in _OTHER_UNIT if (c := f"{stem}_{unit}") in self.header)
 
     def _all_or_none(self, names: Sequence[str], of: str) -> Array | None:
-        there = [name for name in names if name in self.header]
-        if not there:
+        given = [name for name in names if name in self.header]
+        if not given:
             return None
-        if missing := [name for name in names if name not in there]:
-            raise LabError(f"{self.path}: line 1: {missing[0]} is missing beside {there[0]}; give the columns {of}")
+        if missing := [name for name in names if name not in given]:
+            raise LabError(f"{self.path}: line 1: {missing[0]} is missing beside {given[0]}; give the columns {of}")
         return np.stack([self.numbers(name) for name in names], axis=1)
 
     def _refuse_unknown_loads(self) -> None:

@@ -1,7 +1,7 @@
-"""Measurements as CSV: one row a pose, units in the column names, nothing guessed.
+"""Measurements as CSV: one row per pose, units in the column names, nothing guessed.
 
-Lengths in the file are read as decimal numbers and scaled exactly, so that what the lab writes
-(readings in rad or mm, points in mm) reads back to the bit.
+Lengths in the file are read as decimal numbers and scaled exactly, so that what the lab writes (joint positions in
+rad or mm, points in mm) reads back to the bit.
 """
 
 import csv
@@ -29,7 +29,7 @@ _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("location", "socket")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 _LEAST_SIGMA_M = 1e-12
-_LARGEST_PAYLOAD_KG = 1000.0  # what no arm carries is a slip of the unit
+_LARGEST_PAYLOAD_KG = 1000.0  # no arm carries more: the unit is another
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ class PoseReader(CsvTable):
         return ids
 
     def _rest(self, targets: list[str]) -> dict[str, tuple[str, ...]]:
-        """Columns that say nothing to this reader: kept, and named where nobody reserved them."""
+        """Columns that have no meaning to this reader: kept, and named in a warning where they are not reserved."""
         orientation, unknown = [], []
         rest = list(self.unread)
         for column in rest:
@@ -299,7 +299,7 @@ class PoseReader(CsvTable):
         return {column: texts for column, texts in kept.items() if texts is not None}
 
     def _conditions(self) -> dict[str, Array]:
-        """Columns of numbers that a model may ask for; directions of approach by the robot's names of the joints."""
+        """Columns ``(n,)`` of numbers that a model may ask for; approach directions by the robot's joint names."""
         found = {}
         for column in list(self.unread):
             if column in (*_NUMBER_COLUMNS, *self.observed.numbers):
@@ -309,14 +309,14 @@ class PoseReader(CsvTable):
             elif column.startswith("approach_"):
                 name, values = self._approach(column, column.removeprefix("approach_"))
                 if name in found:
-                    raise LabError(f"{self.path}: line 1: column {column} says again what {name} says; keep one")
+                    raise LabError(f"{self.path}: line 1: columns {column} and {name} are the same; keep one")
                 found[name] = values
         return found
 
     def _refuse_payloads(self, payloads: Array) -> None:
         if (bad := np.flatnonzero((payloads < 0) | (payloads > _LARGEST_PAYLOAD_KG))).size:
             raise self.fail(
-                int(bad[0]), "payload_kg", f"not from 0 to {_LARGEST_PAYLOAD_KG:,.0f} kg; mend it, or its unit"
+                int(bad[0]), "payload_kg", f"not from 0 to {_LARGEST_PAYLOAD_KG:,.0f} kg; fix it, or its unit"
             )
 
     def _approach(self, column: str, joint: str) -> tuple[str, Array]:

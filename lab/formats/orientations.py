@@ -1,4 +1,4 @@
-"""Measured orientations: a file's quaternions, or its angles in the meaning that is named."""
+"""Measured orientations: a file's quaternions, or its angles in a convention that is named."""
 
 import numpy as np
 
@@ -13,14 +13,14 @@ __all__ = ["ENDS", "oriented_target", "read_orientations"]
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ANGLES = ("rx_deg", "ry_deg", "rz_deg")
 ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
-_UNIT = 1e-3  # a quaternion's norm is that near to one
+_UNIT = 1e-3  # how far a quaternion's norm may be from one
 
 
 def oriented_target(data: Measurements) -> str:
     """The one target whose orientation the file holds.
 
     Raises:
-        LabError: there is none, or there are several.
+        LabError: no target has an orientation, or several have.
     """
     found = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ENDS)]
     if not found and len(data.targets) == 1 and set(ENDS) & set(data.other):
@@ -40,8 +40,8 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
         meaning: of three angles about x, y, z (``lab.core.orientation``).
 
     Raises:
-        LabError: a column is missing or there twice, a cell is empty beside others, a quaternion is not one, or
-            the angles' meaning is not said.
+        LabError: a column is missing or there twice, a cell is empty beside others, a quaternion's norm is not 1, or
+            the meaning of angles is not given.
     """
     quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
     if quaternion and angles:
@@ -57,7 +57,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
         if (off := np.flatnonzero(np.abs(norm - 1) > _UNIT)).size:
             raise LabError(
                 f"{data.where(off[0])}, columns {columns[0]} to {columns[3]}: the quaternion's norm is "
-                f"{norm[off[0]]:.6g}, not 1: mend the row, or the columns' order"
+                f"{norm[off[0]]:.6g}, not 1: fix the row, or the columns' order"
             )
         return np.asarray(numbers / norm[:, None])
     if meaning is None:
@@ -70,7 +70,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
 
 
 def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str]:
-    """The file's names of these columns; a single target's may be plain."""
+    """The names of these columns in the file; those of a single target need no prefix."""
     found, missing = [], []
     for end in ends:
         names = [f"{target}_{end}", *([end] if len(data.targets) == 1 else [])]
@@ -85,7 +85,7 @@ def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str
 
 
 def _numbers(data: Measurements, column: str) -> Array:
-    """A column's cells, which the reader found to be numbers or empty."""
+    """A column ``(n,)`` as numbers, NaN where empty; the file's reader has checked the cells."""
     return np.array([float(text) if text else np.nan for text in data.other[column]])
 
 

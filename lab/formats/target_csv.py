@@ -1,4 +1,4 @@
-"""Targets as CSV: where the tool is to be, one row a target, in the columns and units of a measurement file."""
+"""Targets as CSV: poses that the tool shall take, one per row, in the columns and units of a measurement file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,19 +14,23 @@ from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.orientations import ENDS, read_orientations
 
+__all__ = ["Targets", "read_targets"]
+
 
 @dataclass(frozen=True)
 class Targets:
-    """Where a point of the tool is to be, in the frame in which the arm was measured.
+    """Poses that a point of the tool shall take, in the frame in which the arm was measured.
 
     Attributes:
         tool: the point's name.
-        ids: what each row is called.
-        places: ``(n, 3)`` m.
-        turns: ``(n, 3, 3)`` of the tool's axes; NaN where any will do.
-        joints: ``(n, joints)`` readings that say which way to take, rad or m; NaN where none are given.
+        ids: of the rows.
+        positions: ``(n, 3)`` m.
+        rotations: ``(n, 3, 3)`` of the tool's axes; NaN where the orientation is free.
+        joints: ``(n, joints)`` rad or m: the inverse-kinematics solution nearest to these is taken; NaN where none
+            are given.
         conditions: ``payload_kg``, ``approach_<joint>``, ``(n,)`` each.
         lines: of the file, as an editor counts them.
+        warnings: what a reader should be told.
     """
 
     tool: str
@@ -48,9 +52,10 @@ def read_targets(
     """Read a file of targets: a position each, and where it matters a quaternion or three angles.
 
     Args:
+        path: of the file.
         joint_names: the robot's: a file may have their columns (or q1…qn), each row all or none of them.
         prismatic: which of them slide.
-        meaning: of three angles (``orientations``).
+        meaning: of three angles (``lab.core.orientation``).
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
@@ -64,20 +69,20 @@ class _TargetReader(PoseReader):
     unknown_are = "passed over"
 
     def read_all(self, meaning: AngleConvention | None) -> Targets:
-        joints = self._ways()
+        joints = self._joints()
         self._refuse_further_joints()
         names = self._targets()
         self._refuse_unknown_axes(names)
         if len(names) != 1:
-            said = f"targets of {', '.join(names)}: give those of one point" if names else "no target"
-            raise LabError(f"{self.path}: line 1: {said}, in columns like x_mm, y_mm, z_mm")
+            found = f"targets of {', '.join(names)}: give those of one point" if names else "no target"
+            raise LabError(f"{self.path}: line 1: {found}, in columns like x_mm, y_mm, z_mm")
         positions = np.stack([self._coordinate(names[0], axis) for axis in "xyz"], axis=1)
         self._refuse_half_seen(names[0], positions)
         if np.isnan(positions).any():
             row = int(np.isnan(positions).any(axis=1).argmax())
             raise self.fail(row, self._coordinate_column(names[0], "x"), "empty; give every target a position")
         ids, use, conditions = self._ids(self.texts("id")), self._uses(self.texts("use")), self._conditions()
-        rotations = self._turns(names[0], positions, meaning)
+        rotations = self._rotations(names[0], positions, meaning)
         kept = np.array([i for i, each in enumerate(use) if each != "skip"], dtype=np.int_)
         if not len(kept):
             raise LabError(f"{self.path}: every row has use = skip; leave one to correct")
@@ -92,8 +97,8 @@ class _TargetReader(PoseReader):
             tuple(self.warnings),
         )
 
-    def _ways(self) -> Array:
-        """The joints' columns, if there are any: each row has all or none."""
+    def _joints(self) -> Array:
+        """Joint positions ``(n, joints)``, NaN where a row has none: each row has all or none."""
         stems = {*self.joint_names, *(f"q{j + 1}" for j in range(len(self.joint_names)))}
         given = [column for column in self.header if column.rsplit("_", 1)[0] in stems or column in stems]
         if not given:
@@ -108,7 +113,7 @@ class _TargetReader(PoseReader):
         self._warn_of_degrees(np.nan_to_num(joints))
         return joints
 
-    def _turns(self, name: str, positions: Array, meaning: AngleConvention | None) -> Array:
+    def _rotations(self, name: str, positions: Array, meaning: AngleConvention | None) -> Array:
         """Rotations ``(n, 3, 3)``, NaN where the file has none."""
         rest = self._rest([name])
         rotations = np.full((len(positions), 3, 3), np.nan)
@@ -117,9 +122,9 @@ class _TargetReader(PoseReader):
             raise LabError(f"--orientation {meaning}: {self.path} has no angles rx_deg, ry_deg, rz_deg; leave it out")
         if not {f"{name}_{end}" for end in ENDS}.union(ENDS).intersection(rest):
             return rotations
-        seen = measured((), np.empty((len(positions), 0)), (name,), positions[:, None])
+        data = measured((), np.empty((len(positions), 0)), (name,), positions[:, None])
         with error_context(self.path):
-            quaternions = read_orientations(replace(seen, other=rest, lines=tuple(self.lines)), name, meaning)
+            quaternions = read_orientations(replace(data, other=rest, lines=tuple(self.lines)), name, meaning)
         given = np.isfinite(quaternions).all(axis=1)
         rotations[given] = se3.rotation_from_quaternion(quaternions[given])
         return rotations

@@ -38,7 +38,7 @@ def test_poses_at_fixtures_are_good(kind) -> None:
     off[observation.names.index("link4.a")] += 19e-3 - true[observation.names.index("link4.a")]
     assert verdict(replace(found, values=off), FITS, 1e-3).word == "good"
     off[observation.names.index("link4.a")] += 2e-3
-    assert "21 mm from the drawing" in verdict(replace(found, values=off), FITS, 1e-3).reason
+    assert "21 mm from its nominal length" in verdict(replace(found, values=off), FITS, 1e-3).reason
 
 
 def test_orientations_that_do_not_fit_are_bad() -> None:

@@ -180,7 +180,7 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
         two(("upper_mm = 800", "upper_mm = 800\nuper = 1")),
         ("joint rho1", "unknown key 'uper'"),
     ),
-    "no TOML": (two(("[[rod]]", "[[rod]")), ("not a TOML file", "line 29", "mend it there")),
+    "no TOML": (two(("[[rod]]", "[[rod]")), ("not a TOML file", "line 29", "fix it there")),
     "no platform": (two(('platform = "P"', "")), ("platform is missing", "name the frame", "A1, A2, P")),
     "an unknown platform": (two(('platform = "P"', 'platform = "Q"')), ("platform is 'Q'", "A1, A2, P")),
     "a list of platforms": (two(('platform = "P"', 'platform = ["P"]')), ("platform is ['P']", "A1, A2, P")),

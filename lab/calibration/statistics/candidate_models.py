@@ -11,7 +11,7 @@ from lab.calibration.identify import WEAK, Identification, IdentifyOptions, iden
 from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.statistics.nested_models import Labels, NestedModels, nested_at
-from lab.calibration.validation import folds, kept_together
+from lab.calibration.validation import cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, seen_mask
@@ -114,7 +114,7 @@ class FullModel:
         extra_residuals = observation.extra_residuals(at)[1]
         held = named(model.names, "--fix", task.request.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
-        clusters = kept_together(made, task.data)
+        clusters = cv_groups_of(made, task.data)
         return cls(
             observation=observation,
             start=start,

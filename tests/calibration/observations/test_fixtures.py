@@ -119,7 +119,7 @@ def test_random_poses_are_at_no_fixture(kind, columns, cell, tmp_path) -> None:
     rows = "".join(f"{','.join(map(str, row))},{cell(i)}\n" for i, row in enumerate(joints))
     path = tmp_path / "m.csv"
     path.write_text(f"{HEADER},{columns}\n{rows}")
-    words = "what was measured is the same in every pose" if kind == "cable" else "302 mm from the drawing"
+    words = "what was measured is the same in every pose" if kind == "cable" else "302 mm from its nominal length"
     for prior in (False, True):
         outcome = identify_file(MeasuredCampaign(path, observe=kind, fitting=Fitting(prior=prior)))
         assert outcome.verdict.word == "bad" and words in outcome.verdict.reason

@@ -10,7 +10,7 @@ from helpers.robots import IRB120, data_file, table_robot
 from lab.calibration.identify import identify
 from lab.calibration.observations.fixtures import FIXTURE
 from lab.calibration.observations.socket import SocketKind, Sockets
-from lab.calibration.validation import errors_of, kept_together
+from lab.calibration.validation import cv_groups_of, errors_of
 from lab.calibration.weights import Noise
 from lab.campaign.observation_kinds import kind_named
 from lab.core.measurements import Measurements
@@ -51,7 +51,7 @@ def test_known_noise_leaves_the_distance_its_weight() -> None:
 
 def test_locations_are_held_out_whole() -> None:
     data, _ = measured_fixtures(many(Sockets, 6), 60, np.random.default_rng(0))
-    labels = kept_together(many(Sockets, 6), data)
+    labels = cv_groups_of(many(Sockets, 6), data)
     np.testing.assert_array_equal(labels, data.conditions[FIXTURE] // 2)
     few = data.take(np.flatnonzero(data.conditions[FIXTURE] < 4))
     assert many(Sockets, 4).cv_groups(few) is None  # two locations: by configuration
@@ -71,7 +71,7 @@ def sockets_file(distance: float | None) -> tuple[SerialArm, Sockets, Measuremen
 def test_balls_in_sockets() -> None:
     """The last location held out, its centres from its own rows: at most 0.25 mm, 2.90 before."""
     arm, observation, seen = sockets_file(0.05)
-    location = kept_together(observation, seen)
+    location = cv_groups_of(observation, seen)
     assert sorted(set(location)) == list(range(6))
     last = location == 5
     found = identify(observation, seen.take(np.flatnonzero(~last)), arm.nominal())

@@ -245,7 +245,7 @@ MEASUREMENTS = [
     Case(
         "validation: nothing to judge",
         "identify good.csv --robot arm.toml --validate v.csv",
-        ("v.csv", "no row left to judge", "reference"),
+        ("v.csv", "no row left to validate on", "reference"),
         {"v.csv": joined("use", "reference")},
     ),
 ]
@@ -329,7 +329,7 @@ def test_joints_that_came_from_one_side_show_no_backlash(folder: Path, capfd: py
     capfd.readouterr()
     assert run("identify one.csv --robot arm.toml --model backlash --json") == 1
     out, err = capfd.readouterr()
-    assert "do not tell joint1.backlash apart" in json.loads(out)["reason"]
+    assert "joint1.backlash is not identifiable from these poses" in json.loads(out)["reason"]
     assert any("joint1.backlash" in line for line in warnings_of(err))
 
 
