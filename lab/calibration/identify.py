@@ -41,7 +41,7 @@ Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
 ILL_CONDITIONED = 1e3  # a condition above which poses hardly tell the parameters apart
 _MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
-PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the drawing in the same poses
+PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the nominal model in the same poses
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class Identification:
         residual_sigma_m: noise of a coordinate that the residuals say; NaN where nothing is left over.
         dof: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
-        further: what was known beside the measurements, weighed as they are: places, a prior.
+        extra_residuals: what was known beside the measurements, weighted as they are: constraints, a prior.
         dof_each: ``(f,)`` of each parameter's interval, where the covariance is not sigma's (``sandwich``).
-        residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not seen.
-        spread: of the measured points, to that of the drawing's in the same poses: a wrong unit shows here.
+        residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not observed.
+        spread: of the measured points, to that of the nominal model's in the same poses: a wrong unit shows here.
     """
 
     model: Model
@@ -124,7 +124,7 @@ class Identification:
 
     @property
     def plausible(self) -> bool:
-        """Whether the measured points spread as the drawing's do."""
+        """Whether the measured points spread as the nominal model's do."""
         return PLAUSIBLE_SPREAD[0] <= self.spread <= PLAUSIBLE_SPREAD[1]
 
     @property
@@ -160,7 +160,7 @@ def fit_base_and_tool(observation: Observation, observed: Observations, nominal:
 
 
 def identify(
-    seen_by: Model,
+    arm: Model,
     data: Measurements,
     nominal: Array,
     noise: Noise | None = None,
@@ -169,13 +169,16 @@ def identify(
     """Identify an arm's base set from the rows of ``data``, from nominal links and no idea of base and tool.
 
     Args:
-        seen_by: the arm, seen by points; or a ``Observation``, a model of another kind of measurement.
-        nominal: the drawing's parameters, at least the arm's; what is placed (base and tool) needs no guess.
+        arm: the arm, measured by points; or an ``Observation``, a model of another kind of measurement.
+        data: rows to identify it from.
+        noise: what is known of their noise; nothing where not given.
+        request: what to fix, free or weigh beyond the defaults.
+        nominal: the nominal parameters, at least the arm's; what is placed (base and tool) needs no guess.
 
     Raises:
-        LabError: there are fewer poses than the base set needs, or a wish cannot be met.
+        LabError: there are fewer poses than the base set needs, or what is requested cannot be had.
     """
-    noise, request, observation = noise or Noise(), request or IdentifyOptions(), observation_of(seen_by).within(data)
+    noise, request, observation = noise or Noise(), request or IdentifyOptions(), observation_of(arm).within(data)
     model, nominal = observation.model, observation.nominal(nominal)
     observed, known = weighed(observation, data, noise)
     _refuse_impossible(observation, data, observed, nominal)
@@ -195,7 +198,7 @@ def identify(
             f"need at least {needed}: measure more"
         )
     start = aligned.copy()
-    start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at the drawing's value
+    start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at its nominal value
     solve = request.solve or partial(_all_at_once, extra_residuals)
     solution = _canonical(model, solve(observation, observed, free, start))
     dof, estimated = _residual_sigma(observation, observed, solution)
@@ -218,7 +221,7 @@ def identify(
         dof=dof,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
         residuals=data.points - model.points(observed.inputs, solution.values),
-        spread=_spread_to_drawing(observation, observed, aligned, nominal),
+        spread=_relative_spread(observation, observed, aligned, nominal),
         warnings=data.warnings,
         extra_residuals=extra_residuals,
     )
@@ -226,7 +229,7 @@ def identify(
 
 
 def _refuse_impossible(observation: Observation, data: Measurements, observed: Observations, nominal: Array) -> None:
-    """A LabError for measured poses at which the drawing has no answer, as its loops do not close there."""
+    """A LabError for measured poses at which the nominal model has no answer, as its loops do not close there."""
     silent = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
     if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
         raise LabError(
@@ -281,15 +284,15 @@ def _canonical(model: Model, solution: Fit) -> Fit:
     return replace(solution, values=values, triangle=triangle, scale=scale, singular_values=sizes)
 
 
-def _spread_to_drawing(observation: Observation, observed: Observations, aligned: Array, nominal: Array) -> float:
-    """The spread of what was measured, to that of the drawing with its tool in the same poses; 1 where all is zero."""
-    drawing, tool = aligned.copy(), list(columns_of(observation.model, ("tool",)))
-    drawing[tool] = nominal[tool]
+def _relative_spread(observation: Observation, observed: Observations, aligned: Array, nominal: Array) -> float:
+    """The measured points' spread to that of the nominal model with its tool in the same poses; 1 where all is zero."""
+    values, tool = aligned.copy(), list(columns_of(observation.model, ("tool",)))
+    values[tool] = nominal[tool]
     compared = observed.points[:, : observation.positions or None]
-    drawn = observation.model.points(observed.inputs, drawing)[:, : observation.positions or None]
+    predicted = observation.model.points(observed.inputs, values)[:, : observation.positions or None]
     if not np.nan_to_num(compared).any():  # places are touched: nothing but zeros is observed
         return 1.0
-    return spread(compared) / spread(np.where(np.isnan(compared), np.nan, drawn))
+    return spread(compared) / spread(np.where(np.isnan(compared), np.nan, predicted))
 
 
 def spread(points: Array) -> float:

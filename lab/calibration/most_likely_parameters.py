@@ -1,7 +1,7 @@
 """The most likely arm among all that predict the same: what is exported.
 
 The canonical gauge holds some parameters at nominal, and errors of these go into others. Among
-all arms with the same predictions the drawing's tolerances make one most likely: its errors are
+all arms with the same predictions tolerances of manufacture make one most likely: its errors are
 spread over each aliased group by their variances. It is the same whichever of a group was kept.
 """
 
@@ -22,20 +22,20 @@ _STEPS = 8
 _SETTLED = 1e-13  # m or rad
 _RANK_TOLERANCE = 1e-12  # of the largest singular value of unit columns
 SAME_M = 1e-9  # what predictions may differ by
-_ANYWHERE = 1e3  # standard deviation of what has no drawing, m or rad
+_ANYWHERE = 1e3  # standard deviation of what has no nominal value, m or rad
 
 
 def most_likely_parameters(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
     """Parameters ``(p,)`` of least prior-weighted norm that predict what the identified ones do.
 
-    They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the drawing's
+    They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the nominal
     predictions change (``prior.alias_matrix``): w is found by Gauss-Newton on the predictions themselves,
-    so that these are equal to rounding, not to first order. What has no drawing gives way freely; effects
+    so that these are equal to rounding, not to first order. What has no nominal value gives way freely; effects
     stay as they are. With links held on request the arm is what was asked for, and stays as it is; and so where
     the iteration does not settle, because the measurements hardly told the parameters apart.
 
     Args:
-        nominal: the drawing's parameters ``(p,)``.
+        nominal: the nominal parameters ``(p,)``.
     """
     model, structure = identification.model, identification.base_set
     links = list(indices_of_groups(model.parameters, ["link"]))

@@ -1,6 +1,6 @@
 """What manufacture says of the parameters before anything is measured, and the arm it makes most likely.
 
-A drawing's tolerances are a normal prior of *all* parameters. Of the base set it is the prior of
+Tolerances of manufacture are a normal prior of *all* parameters. Of the base set it is the prior of
 what those are: an error of a fixed parameter goes into them, so theirs are wider, and correlated.
 Whichever representative of an aliased group is kept, the prior, the posterior and the arm that is
 lifted from it are the same.
@@ -29,7 +29,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Prior:
-    """Normal, of what of the base set has a drawing; of the rest nothing is known.
+    """A normal distribution of those parameters of the base set that have a tolerance; of the rest nothing is known.
 
     Attributes:
         mean: ``(p,)``.
@@ -48,7 +48,7 @@ class Prior:
         return lambda values: (jacobian @ (self.mean - values), jacobian)
 
     def surprise(self, values: Array) -> Array:
-        """How far each parameter of ``of`` is from the drawing ``(m,)``, in its own standard deviations."""
+        """How far each parameter of ``of`` is from its nominal value ``(m,)``, in its own standard deviations."""
         covariance = np.linalg.inv(self.whiten.T @ self.whiten)
         off: Array = (values - self.mean)[list(self.of)] / np.sqrt(np.diag(covariance))
         return off
@@ -63,7 +63,8 @@ def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
 def prior_of(model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance) -> Prior:
     """The prior of the base set that the tolerances of all parameters make.
 
-    What has no drawing (base, tool, places) has no prior; an error of a link that goes into it alone tells nothing.
+    What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone tells
+    nothing.
     """
     sigma = standard_deviations(model, tolerance)
     of = tuple(i for i in structure.kept if np.isfinite(sigma[i]))

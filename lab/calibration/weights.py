@@ -18,7 +18,7 @@ __all__ = ["Noise", "joined", "root_mean_square_sigma", "weighed", "weighted_con
 class Noise:
     """What the identifier assumes of the noise: an instrument's, a given sigma, or nothing.
 
-    A row's own ``sigma_m`` goes before both. With nothing, all readings weigh the same and
+    A row's own ``sigma_m`` goes before both. With nothing, all measurements weigh the same and
     sigma is estimated from the residuals.
     """
 
@@ -28,7 +28,11 @@ class Noise:
 
 
 def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
-    """The points with their weights, and whether these stand on a known sigma."""
+    """The points with their weights, and whether these stand on a known sigma.
+
+    Raises:
+        LabError: only some rows have a sigma of their own, or the instrument measures nothing that is observed.
+    """
     inputs, units = data.inputs(observation.model.conditions), observation.units
     given = np.isfinite(data.sigma_m)
     instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None
@@ -51,7 +55,7 @@ def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple
 
 
 def _instrument_covariance(observation: Observation, device: Instrument, points: Array, readings: int) -> Array:
-    """``(n, k, 3, 3)``: of positions the instrument's; of what else is seen, by its unit, from their mean."""
+    """``(n, k, 3, 3)``: of positions the instrument's; of what else is observed, by its unit, from their mean."""
     if not observation.positions:
         raise LabError(f"{device.name} measures points, of which none are observed: say --noise-mm in its place")
     observed = np.nan_to_num(points[:, : observation.positions], nan=1.0)
@@ -64,7 +68,10 @@ def _instrument_covariance(observation: Observation, device: Instrument, points:
 
 
 def root_mean_square_sigma(observed: Observations, positions: int) -> float:
-    """Of a number that was seen, as it is weighed: of the first ``positions`` things, of all where there are none."""
+    """The sigma of an observed number, as it is weighted.
+
+    Of the first ``positions`` things; of all where there are none.
+    """
     things = positions or observed.points.shape[1]
     whiten = observed.whiten[:, :things][seen_mask(observed.points[:, :things])]
     if whiten.ndim == 1:
@@ -84,7 +91,7 @@ def weighted_constraints(observation: Observation, observed: Observations) -> Ex
 
 
 def joined(first: ExtraResiduals, second: ExtraResiduals) -> ExtraResiduals:
-    """Two sources of further rows as one."""
+    """Two sources of extra residuals as one."""
 
     def rows(values: Array) -> tuple[Array, Array]:
         (a, da), (b, db) = first(values), second(values)

@@ -156,7 +156,7 @@ class RefitSolution:
 
 @dataclass(frozen=True)
 class VerificationProblem:
-    """New measurements, weighed by the instrument's noise, against what a run predicts."""
+    """New measurements, weighted by the instrument's noise, against what a run predicts."""
 
     prediction: CalibrationPrediction
     observed: Observations

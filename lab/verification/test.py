@@ -1,6 +1,6 @@
 """Whether a calibrated arm is still good, from a few new measurements, and what has moved where it is not.
 
-The test holds measured less predicted against what the run promised (``prediction``). Where it rejects, whatever may
+The test holds measured less predicted against what the run predicted (``prediction``). Where it rejects, whatever may
 have moved alone is fitted by generalized least squares, and compared by Schwarz's criterion (1978).
 """
 
@@ -70,7 +70,7 @@ class Verified:
         statistic: r' S^-1 r, without what was fitted anew.
         numbers: its degrees of freedom.
         sigma_freedom: those with which sigma was estimated; None where it was known.
-        errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not seen.
+        errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
         promised_m: the root mean square length that the run makes one expect here.
         hypotheses: the best first; none where the arm is good.
         moved: the kinds among which the measurements cannot choose; none where the arm is good, or nothing explains.
@@ -95,10 +95,10 @@ class Verified:
 def verify(
     prediction: CalibrationPrediction, observed: Observations, refit: Sequence[str] = (), poses: Sequence[str] = ()
 ) -> Verified:
-    """Test new measurements against what a run promised; where they contradict it, say what has moved.
+    """Test new measurements against what a run predicted; where they contradict it, say what has moved.
 
     Args:
-        seen: weighed by a known sigma, or by the one that the run estimated.
+        observed: weighted by a known sigma, or by the one that the run estimated.
         refit: ``base``, ``tool`` or both: fitted anew, so that they cannot be what has moved.
         poses: what each is called; by their numbers where not given.
 

@@ -46,7 +46,7 @@ class SelectionTask:
     request: IdentifyOptions
 
     def identified(self, groups: Sequence[str], held: Sequence[str] = ()) -> Identification:
-        """With these groups less the parameters held; wishes that are of other groups' are left out."""
+        """With these groups less the parameters held; requests that are of other groups' are left out."""
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
         held_too = replace(request, fix=(*request.fix, *held))
@@ -184,7 +184,7 @@ class FullModel:
 def _known(
     task: SelectionTask, observation: Observation, observed: Observations, start: Array, at: Array, sigma: float
 ) -> ExtraResiduals:
-    """What is known beside the measurements: of the observation, and the prior of the whole model if one is wished."""
+    """What is known beside the measurements: of the observation, and the whole model's prior if one is requested."""
     beside = weighted_constraints(observation, observed)
     if task.request.tolerance is None:
         return beside

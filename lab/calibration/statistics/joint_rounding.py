@@ -1,4 +1,4 @@
-"""What observations owe to the joint readings: derivatives, and what rounding alone makes of them."""
+"""How observations depend on the joint positions: derivatives, and what rounding alone makes of them."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
-__all__ = ["Rounding", "by_readings", "rounding"]
+__all__ = ["Rounding", "by_joint_positions", "rounding"]
 
 _STEP = 1e-6  # rad or m, of central differences: exact to about 1e-10 of a lever
 _STEPS_DEG = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)  # that displays and files round to, coarse ones first
 _WRITTEN_RAD = 1e-9  # how near to a multiple a reading is that was written as one
-_LEAST_DIFFERENT = 3  # readings of a joint: fewer may be round by choice
+_LEAST_DIFFERENT = 3  # positions of a joint: fewer may be round by choice
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Rounding:
 
 
 def rounding(model: Model, data: Measurements, values: Array, things: int | None = None) -> Rounding | None:
-    """What the rounding of the readings alone makes; None where they do not look rounded.
+    """What the rounding of the joint positions alone makes; None where they do not look rounded.
 
     An error within half a step is uniform, of variance step^2 / 12 for each joint on its own; through the
-    derivatives by the readings it is the observation's: rms^2 = mean over rows of step^2 / 12 tr(J J').
+    derivatives by the joint positions it is the observation's: rms^2 = mean over rows of step^2 / 12 tr(J J').
 
     Args:
         data: with what the model observes.
@@ -38,14 +38,14 @@ def rounding(model: Model, data: Measurements, values: Array, things: int | None
     step = _step_of(data.joints[:, turning])
     if step is None:
         return None
-    slope = by_readings(model, data.inputs(model.conditions), values, data.joints.shape[1])[:, :things]
+    slope = by_joint_positions(model, data.inputs(model.conditions), values, data.joints.shape[1])[:, :things]
     squares = (slope[..., turning] ** 2).sum(axis=(2, 3))
-    seen = seen_mask(data.points[:, :things])
-    return Rounding(step, float(step * np.sqrt(squares[seen].mean() / 12)))
+    visible = seen_mask(data.points[:, :things])
+    return Rounding(step, float(step * np.sqrt(squares[visible].mean() / 12)))
 
 
 def _step_of(joints: Array) -> float | None:
-    """The coarsest step (rad) of which all readings ``(n, j)`` are multiples."""
+    """The coarsest step (rad) of which all joint positions ``(n, j)`` are multiples."""
     if not joints.size:
         return None
     for degrees in _STEPS_DEG:
@@ -55,8 +55,8 @@ def _step_of(joints: Array) -> float | None:
     return None
 
 
-def by_readings(model: Model, inputs: Array, values: Array, joints: int) -> Array:
-    """Derivatives ``(n, k, d, joints)`` of observations by the readings, the first columns of ``inputs``."""
+def by_joint_positions(model: Model, inputs: Array, values: Array, joints: int) -> Array:
+    """Derivatives ``(n, k, d, joints)`` of observations by the joint positions, the first columns of ``inputs``."""
     columns = []
     for joint in range(joints):
         step = np.zeros(inputs.shape[1])

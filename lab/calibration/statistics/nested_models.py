@@ -28,7 +28,7 @@ class Score:
     Attributes:
         parameters: how many it fits.
         squares: its sum of squared whitened residuals.
-        errors: ``(m,)`` lengths (m) of held-out errors, one a seen thing.
+        errors: ``(m,)`` lengths (m) of held-out errors, one per observed thing.
         bic: Bayes' information criterion (Schwarz 1978), lower is better.
     """
 

@@ -156,7 +156,7 @@ def leave_out(observed: Observations, rows: NDArray[np.int_]) -> Observations:
 
 
 def would_matter(model: Model, observed: Observations, fitted: Array, without: Array) -> float:
-    """How far (m, root mean square over the seen points) the prediction moves from one vector ``(p,)`` to another.
+    """How far (m, root mean square over the observed points) the prediction moves from one vector ``(p,)`` to another.
 
     Of a plain fit and one without its outliers it says what leaving them out would change.
     """
@@ -303,6 +303,6 @@ def _weighted_step(linear: LinearizedFit, basis: Array, weights: Array) -> Array
 
 
 def _sizes(model: Model, observed: Observations, values: Array, things: int | None) -> Array:
-    """Largest residual length ``(n,)`` of each pose's seen targets (m)."""
+    """Largest residual length ``(n,)`` of each pose's observed targets (m)."""
     lengths = np.linalg.norm((observed.points - model.points(observed.inputs, values))[:, :things], axis=2)
     return np.asarray(np.where(np.isnan(lengths), 0.0, lengths).max(axis=1))

@@ -8,7 +8,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.statistics.joint_lag import lagging
-from lab.calibration.statistics.joint_rounding import by_readings, rounding
+from lab.calibration.statistics.joint_rounding import by_joint_positions, rounding
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.campaign.robot import Robot
@@ -88,7 +88,7 @@ def of_joints(found: Identification, seen: Observations, rows: Measurements, mov
             f"joint readings are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes "
             f"{1e3 * coarse.rms_m:.3g} mm (root mean square) of what is observed"
         )
-    derivative = by_readings(model, seen.inputs, found.values, moves.shape[1])
+    derivative = by_joint_positions(model, seen.inputs, found.values, moves.shape[1])
     for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions):
         here = np.array([session == lag.session for session in rows.sessions])
         made = (derivative @ (moves * np.where(lag.significant, lag.fractions, 0.0))[:, None, :, None])[..., 0]
