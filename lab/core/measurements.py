@@ -1,4 +1,4 @@
-"""What an instrument saw: joint readings with the positions of targets."""
+"""What an instrument measured: joint positions with the positions of targets."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,21 +14,21 @@ SESSION = "session "  # before a session's name: the condition that says which r
 
 @dataclass(frozen=True)
 class Measurements:
-    """Joint readings with what an instrument saw there, in the instrument's frame.
+    """Joint positions with what was observed there, in the instrument's frame.
 
     Attributes:
         joint_names: of the columns of ``joints``.
         joints: ``(n, joints)``, rad for a revolute joint, m for a slide.
         targets: names of the measured points.
-        points: ``(n, k, 3)`` m; NaN where a target was not seen. Of another kind of sighting ``(n, k, d)``.
+        points: ``(n, k, 3)`` m; NaN where not measured. Of another kind of observation ``(n, k, d)``.
         ids: what a row is called: its ``id``, else its 0-based data row.
-        use: ``calibrate``, ``reference``, ``test`` or ``skip``, one a row.
+        use: ``calibrate``, ``reference``, ``test`` or ``skip``, one per row.
         sessions: the row's session, "" where the file has none.
         sigma_m: ``(n,)`` standard deviation of a coordinate, NaN where not given.
         other: further columns as texts, kept as they are.
         marked: whether the file said what each row is for.
         warnings: what a reader should be told.
-        lines: of the file, as an editor counts them, one a row; empty where there is no file.
+        lines: of the file, as an editor counts them, one per row; empty where there is no file.
         conditions: what else was set or read at a pose, ``(n,)`` each, NaN where not given, by the name of
             its column: ``payload_kg``, ``temp_C``, ``time_s``, ``cable_mm``, ``approach_<joint>``.
     """

@@ -26,7 +26,7 @@ TABLE = {  # of 40 robots: global in mm, ratio; and where the ratio of twelve li
 
 
 def both_ways(seed: int, sigma_m: float, sigma_rad: float, arm: SerialArm = ARM) -> tuple[Poses, Fit, Fit, Array]:
-    """The sighting, the global and the sequential fit, and the truth."""
+    """The observation, the global and the sequential fit, and the truth."""
     observation, data, true = measured_poses(arm, 60, seed, sigma_m, sigma_rad)
     observation = Poses(arm, "p1", sigma_rad / sigma_m if sigma_m else 1.0)
     noise = Noise(sigma_m=sigma_m or None)
