@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from markupsafe import Markup
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
 
 _WRITES = {
     "lab.commands.calibrate.recording": ("record", ""),
-    "lab.commands.calibrate.report": ("write_report", ""),
     "lab.commands.design.recording": ("record_plan", ""),
     "lab.commands.design.report": ("write_plan_report", "report.html"),
 }  # by module: what it is asked for, and which file that writes into a folder
@@ -24,12 +24,13 @@ _WRITES = {
 
 @pytest.fixture(scope="module")
 def nothing_drawn() -> Iterator[None]:
-    """Recordings and reports are empty files, and a plan has no pictures."""
+    """Recordings and a plan's report are empty files, and pages have no pictures."""
     with pytest.MonkeyPatch.context() as patch:
         for name, (function, file) in _WRITES.items():
             module = types.ModuleType(name)
             setattr(module, function, lambda path, *_, file=file: Path(path, file).write_bytes(b""))
             patch.setitem(sys.modules, name, module)
+        patch.setattr("lab.render.svg.inline_svg", lambda picture: Markup())
         patch.setattr("lab.commands.design.figures.plot_plan", lambda folder, plan: None)
         yield
 

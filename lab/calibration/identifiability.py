@@ -122,6 +122,14 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
     return tuple(result)
 
 
+def column_scale(model: Model, values: Array) -> Array:
+    """Norms ``(p,)`` of the Jacobian's columns at nominal links: how far a unit of each moves the targets."""
+    joints = model.structure_joints(50, rng_for(0, "structure"))
+    _, jacobian = model.observe(joints, model.rank_point(values))
+    scale: Array = np.linalg.norm(jacobian.reshape(-1, len(model.names)), axis=0)
+    return scale
+
+
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
     """The least number of generic poses that identify the whole base set."""
     structure = structure or base_set(model, values)

@@ -72,11 +72,18 @@ class Errors:
 
 @dataclass(frozen=True)
 class Validation:
-    """What a calibration was validated on, and the errors there; both are None where on nothing."""
+    """What a calibration was validated on.
+
+    Attributes:
+        judged_by: None where it was not.
+        errors: at those poses; None where it was not validated.
+        rows: those poses; None where their base or tool was placed anew.
+    """
 
     judged_by: JudgedBy | None
     errors: Errors | None
     warnings: tuple[str, ...] = ()
+    rows: Measurements | None = None
 
 
 @dataclass(frozen=True)
@@ -163,8 +170,8 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
 
 
 def validate_rows(identification: Identification, test: Measurements) -> Validation:
-    """Validate on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
-    return Validation("holdout", errors_of(identification, test))
+    """Judge on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
+    return Validation("holdout", errors_of(identification, test), rows=test)
 
 
 def validate_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Validation:
@@ -199,7 +206,7 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
         errors = errors_of(part, data.take(test))
         errors.before[:, lost] = errors.after[:, lost] = np.nan  # targets that only this fold's poses measured
         before[test], after[test] = errors.before, errors.after
-    return Validation("cross-validation", Errors(before, after))
+    return Validation("cross-validation", Errors(before, after), rows=data)
 
 
 def validate_file(identification: Identification, model: Model, data: Measurements, refit: Sequence[str]) -> Validation:

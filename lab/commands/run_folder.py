@@ -13,14 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import lab
-from lab.calibration.identify import Identification
-from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.result import likely, parameters, rigid, summary
-from lab.commands.calibrate.run import CalibrationResult
-from lab.commands.payload.known_payload import LOAD_FILE, read_hand_load
+from lab.commands.payload.known_payload import LOAD_FILE
 from lab.core.errors import LabError
-from lab.formats.measurement_csv import write_measurements
 from lab.formats.programs.registry import program_file_names
 
 if TYPE_CHECKING:
@@ -128,29 +122,6 @@ def _swap(draft: Path, out: Path) -> None:
             old.rename(out)
         raise
     shutil.rmtree(old, ignore_errors=True)
-
-
-def write_run(folder: Path, outcome: CalibrationResult, options: VirtualCampaign | MeasuredCampaign) -> None:
-    """Everything of a run but its recording."""
-    robot = outcome.robot
-    command = "calibrate" if isinstance(options, VirtualCampaign) else "identify"
-    write_json(folder / "config.json", config(command, options, robot.sha256))
-    write_measurements(folder / "measurements.csv", outcome.measurements, robot.chain.prismatic)
-    write_json(folder / "parameters.json", parameters(outcome))
-    write_covariance(folder / "covariance.csv", outcome.identification)
-    if options.fitting.load is not None:
-        read_hand_load(options.fitting.load).write(folder)
-    arm, values = rigid(outcome, likely(outcome))
-    text = robot.description(robot.kept_file, arm.targets, values)  # the others are lab compensate's, of good runs
-    (folder / robot.kept_file).write_text(text, encoding="utf-8")
-    write_json(folder / "result.json", summary(outcome))
-
-
-def write_covariance(path: Path, identification: Identification) -> None:
-    """The covariance of the identified parameters (m, rad and what else ``parameters.json`` says), a row each."""
-    names = [identification.model.names[i] for i in identification.fit.free]
-    rows = ([name, *map(repr, row)] for name, row in zip(names, identification.covariance.tolist(), strict=True))
-    path.write_text("\n".join(",".join(row) for row in [["parameter", *names], *rows]) + "\n", encoding="utf-8")
 
 
 def config(

@@ -18,9 +18,6 @@ def exit_code(name: str, result: Any) -> int:
     """Whether the answer is good."""
     if isinstance(result, Result):
         return result.exit_code
-    match name:
-        case "calibrate" | "identify":
-            return 1 if result.verdict.word == "bad" else 0
     return 0
 
 
@@ -43,7 +40,6 @@ def warnings(name: str, result: Any) -> Any:
 
 def values(name: str, result: Any) -> Any:
     """What ``--json`` prints."""
-    from lab.commands.calibrate.result import summary
     from lab.commands.design.result import plan_summary
 
     if isinstance(result, Result):
@@ -53,28 +49,9 @@ def values(name: str, result: Any) -> Any:
     if name == "study":
         return result.summary
     made: dict[str, Any] = {
-        "calibrate": summary,
-        "identify": summary,
         "design": plan_summary,
     }
     return made[name](result)
-
-
-def _write_calibrate(folder: Path, result: Any) -> None:
-    from lab.calibration.observations.protocol import observation_of
-    from lab.commands.run_folder import write_run
-
-    write_run(folder, result, result.options)
-    if observation_of(result.identification.model).positions:  # of a cable or a socket there is nothing to draw
-        from lab.commands.calibrate.recording import record
-
-        record(folder / "recording.rrd", result)
-    from lab.commands.calibrate.report import write_report
-
-    write_report(folder / "report.html", result, result.options)
-
-
-_write_identify = _write_calibrate
 
 
 def _write_design(folder: Path, plan: Any) -> None:
@@ -87,15 +64,6 @@ def _write_design(folder: Path, plan: Any) -> None:
     plot_plan(folder, plan)
     write_plan_report(folder, plan)
     record_plan(folder / "recording.rrd", plan)
-
-
-def _tell_calibrate(result: Any, place: Path) -> None:
-    from lab.commands.calibrate.console import print_outcome
-
-    print_outcome(result, place)
-
-
-_tell_identify = _tell_calibrate
 
 
 def _tell_design(plan: Any, place: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.run import CalibrationResult
+from lab.commands.calibrate.result import CalibrationResult
 from lab.compensation.compensator import CLEAR_RAD, Compensator
 from lab.compensation.iso9283 import CYCLES, SIDES_M, circle_positions, cube_positions, line_positions
 from lab.core import se3

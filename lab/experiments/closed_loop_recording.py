@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lab.commands.calibrate.run import CalibrationResult
+from lab.commands.calibrate.result import CalibrationResult
 from lab.compensation.iso9283 import accuracy, repeatability
 from lab.experiments.closed_loop import ClosedLoop
 from lab.experiments.closed_loop_scene import HOLD, LoopScene, ShownCourse, loop_scene

@@ -6,8 +6,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.result import rigid
-from lab.commands.calibrate.run import CalibrationResult
+from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import world_of
 from lab.compensation.iso9283 import cube_positions
 from lab.core.errors import LabError
@@ -91,7 +90,7 @@ def loop_scene(outcome: CalibrationResult, loop: ClosedLoop) -> LoopScene:
     Raises:
         LabError: nothing of circle, line and cube was reached.
     """
-    model, (arm, values) = outcome.robot.model, rigid(outcome, outcome.identification.values)
+    model, (arm, values) = outcome.robot.model, outcome.rigid(outcome.identification.values)
     run = {"circle": (loop.circle, 1), "line": (loop.line, 1), "poses": (loop.poses, HOLD)}
     if not sum(len(course.wanted) for course, _ in run.values()):
         raise LabError(f"robot {outcome.robot.name}: nothing of circle, line and test cube was reached")

@@ -106,9 +106,9 @@ def draw_instrument(recording: rr.RecordingStream, name: str, T_world_instrument
 
 def draw_beams(recording: rr.RecordingStream, at: Times, head: Array, points: Array) -> None:
     """Beams from the head ``(3,)`` to those of the points ``(m, k, 3)`` that are not NaN."""
-    seen = np.isfinite(points).all(axis=2)
-    strips = [np.stack([head, point]) for point in points[seen]]
-    beams = rr.LineStrips3D.columns(strips=strips).partition(seen.sum(axis=1))
+    visible = np.isfinite(points).all(axis=2)
+    strips = [np.stack([head, point]) for point in points[visible]]
+    beams = rr.LineStrips3D.columns(strips=strips).partition(visible.sum(axis=1))
     recording.send_columns("world/instrument/beam", at, beams)
     recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=RGB_BEAM, radii=0.0015), static=True)
 

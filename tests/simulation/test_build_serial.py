@@ -12,7 +12,6 @@ from helpers.robots import DATA, IRB120
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.cli import main
-from lab.commands.calibrate.result import summary
 from lab.commands.calibrate.run import calibrate
 from lab.core import se3
 from lab.core.instruments import instrument
@@ -46,7 +45,7 @@ def floor_ratios(robot: str, seeds: range) -> list[float]:
     """Mean errors on fresh poses over sqrt(rank / poses) sigma."""
     ratios = []
     for seed in seeds:
-        seen = summary(calibrate(VirtualCampaign(robot=robot, seed=seed, poses=60)))
+        seen = calibrate(VirtualCampaign(robot=robot, seed=seed, poses=60)).to_dict()
         assert seen["verdict"] == "good" and seen["rank"] == RANKS[Path(robot).name]
         ratios.append(seen["after_mm"]["mean"] / (np.sqrt(seen["rank"] / 60) * seen["noise_mm"]))
     return ratios

@@ -21,7 +21,7 @@ from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
 
 if TYPE_CHECKING:
-    from lab.commands.calibrate.run import CalibrationResult
+    from lab.commands.calibrate.result import CalibrationResult
 
 __all__ = ["Calibrated", "Findings", "calibrated_by", "folder_of", "read_calibrated"]
 
@@ -174,13 +174,12 @@ def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
 
 def calibrated_by(run: "CalibrationResult | str | Path | None", folder: Path, load: Path | None = None) -> Calibrated:
     """What a result in memory found out; of anything else what its folder says."""
-    from lab.commands.calibrate.result import parameters, summary
-    from lab.commands.calibrate.run import CalibrationResult
+    from lab.commands.calibrate.result import CalibrationResult
 
     if not isinstance(run, CalibrationResult):
         return read_calibrated(folder, load)
-    findings = structured(folder, Findings, summary(run), extra=True)
-    rows = {row["name"]: structured(folder, _Row, row, extra=True) for row in parameters(run)}
+    findings = structured(folder, Findings, run.to_dict(), extra=True)
+    rows = {row.name: _Row(row.name, row.nominal, row.exported) for row in run.parameters}
     robot, hand = carrying(run.robot, load or run.options.fitting.load)
     found = run.identification
     names = tuple(found.model.names[i] for i in found.fit.free)

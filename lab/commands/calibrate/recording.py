@@ -6,19 +6,22 @@ compute with are in the run's other files.
 """
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.recording_layout import CONVERGENCE, PARAMETERS, SINGULAR_VALUES, blueprint
-from lab.commands.calibrate.recording_text import parameter_table, wording
-from lab.commands.calibrate.run import CalibrationResult
+from lab.commands.calibrate.document import parameters_table
+from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import Scene, scene
 from lab.core.se3 import Array
+from lab.render.document import Bullets, Document, Section, Strong, Text
 from lab.render.format import format_magnification
-from lab.render.recording_layout import SUMMARY
+from lab.render.markdown import to_markdown
+from lab.render.recording_layout import SUMMARY, bars, close_view, eye, layout, main_view
 from lab.render.rerun_primitives import (
     Times,
     draw_beams,
@@ -30,24 +33,105 @@ from lab.render.rerun_primitives import (
     markdown,
     recording_to,
 )
+from lab.render.scene import legs_legend
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
+
+__all__ = ["parameters_text", "record", "summary_text"]
+
+PARAMETERS, SINGULAR_VALUES, CONVERGENCE = "parameters", "singular_values", "convergence"
 
 
 def record(path: Path, outcome: CalibrationResult) -> None:
     """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
     shown = scene(outcome)
     with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
-        recording.send_blueprint(blueprint(outcome, shown))
+        recording.send_blueprint(_blueprint(outcome, shown))
         draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
         draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
         _instrument(recording, outcome, shown)
         _points(recording, shown)
-        _off_poses(recording, shown)
+        _outliers(recording, shown)
         _arrows(recording, shown)
         _ellipsoids(recording, shown)
         _numbers(recording, outcome, shown)
-        recording.log(SUMMARY, markdown(wording(outcome, shown)), static=True)
-        recording.log(PARAMETERS, markdown(parameter_table(outcome)), static=True)
+        recording.log(SUMMARY, markdown(summary_text(outcome, shown)), static=True)
+        recording.log(PARAMETERS, markdown(parameters_text(outcome)), static=True)
+
+
+def summary_text(outcome: CalibrationResult, shown: Scene) -> str:
+    """The calibration's document with what is shown and by how much it is magnified, as Markdown."""
+    document = outcome.document()
+    return to_markdown(replace(document, blocks=(*document.blocks, _legend(outcome, shown))))
+
+
+def parameters_text(outcome: CalibrationResult) -> str:
+    """Every parameter, as Markdown."""
+    return to_markdown(Document("Parameters", (parameters_table(outcome.parameters),)))
+
+
+def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
+    """What the colours mean and by how much each is magnified."""
+    known = outcome.identification.sigma_known
+    unit = "their effects in standard deviations" if known else "all points have the same weight"
+    before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
+    red, green = Strong("red"), Strong("green")
+    lines: list[Text] = [
+        (Strong("yellow"), ": measured points. Predicted ones: ", red, " before calibration, ", green, " after; "
+         "zoom in to separate them"),
+        (Strong("arrows"), ": measured less predicted; ", red, f" before, {before}; ", green, f" after, {after}"),
+        (Strong("blue"), ": sensitivity ellipsoid, the image of the unit ball of scaled parameters under J "
+         f"({unit}), {format_magnification(shown.mapping.factor)}"),
+    ]  # fmt: skip
+    if shown.uncertainty is not None:
+        factor = format_magnification(shown.uncertainty.factor)
+        lines.append((Strong("violet"), f": uncertainty ellipsoid, predicted 1σ of the position, {factor}"))
+    lines.append(legs_legend(shown.legs))
+    if shown.outliers:
+        lines.append((Strong("magenta"), ": outliers, joined to where they should be"))
+    if len(shown.rows) < len(outcome.fitted):
+        count = f"{len(shown.rows)} of {len(outcome.fitted)} poses"
+        lines.append(f"{count} are drawn, evenly spaced; the plots have them all")
+    return Section("What is shown", (Bullets(tuple(lines)),))
+
+
+def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
+    """The layout of a campaign's recording."""
+    before_mm, after_mm = (1e3 * float(np.nanmax(error)) for error in (shown.error_before, shown.error_after))
+    unit = "in σ" if outcome.identification.sigma_known else "in mm"
+    controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.T_world_instrument[:3, 3])
+    left = rrb.Vertical(
+        main_view("Arm, measured points, errors", controls),
+        rrb.Horizontal(_errors("before", before_mm), _errors("after", after_mm)),
+        row_shares=[3, 1],
+    )
+    texts = rrb.Tabs(
+        rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
+        rrb.TextDocumentView(origin=PARAMETERS, name="Parameters"),
+        active_tab=0,
+    )
+    charts = rrb.Horizontal(
+        bars(SINGULAR_VALUES, "Singular values of J, scaled"),
+        bars(f"{CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
+    )
+    right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
+    return layout(left, right, "pose")
+
+
+def _close_views(shown: Scene) -> rrb.Horizontal:
+    """The target from near by, fixed in the middle, with one ellipsoid each."""
+    views = [close_view("mapping", "Sensitivity ellipsoid", shown.reach_m)]
+    if shown.uncertainty is not None:
+        views.append(close_view("uncertainty", "Uncertainty ellipsoid", shown.reach_m))
+    return rrb.Horizontal(*views)
+
+
+def _errors(name: str, largest_mm: float) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"error_mm/{name}",
+        name=f"Error {name}, mm, by pose",
+        axis_y=rrb.ScalarAxis(range=(0.0, 1.08 * largest_mm)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
 
 
 def _identity(outcome: CalibrationResult) -> str:
@@ -80,23 +164,23 @@ def _points(recording: rr.RecordingStream, shown: Scene) -> None:
         ("predicted_before", shown.before, RGB_BEFORE, 4.0),
         ("predicted_after", shown.after, RGB_AFTER, 3.0),
     ):
-        seen = np.isfinite(points).all(axis=2)
-        columns = rr.Points3D.columns(positions=points[seen]).partition(seen.sum(axis=1))
+        visible = np.isfinite(points).all(axis=2)
+        columns = rr.Points3D.columns(positions=points[visible]).partition(visible.sum(axis=1))
         recording.send_columns(f"world/targets/{name}", _poses(shown.at), columns)
         style = rr.Points3D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
         recording.log(f"world/targets/{name}", style, static=True)
 
 
-def _off_poses(recording: rr.RecordingStream, shown: Scene) -> None:
-    """Poses that are off, whether they were fitted or not: marked, named, and joined to where they should be."""
-    if not shown.off:
+def _outliers(recording: rr.RecordingStream, shown: Scene) -> None:
+    """Outliers, whether they were fitted or not: marked, named, and joined to where they should be."""
+    if not shown.outliers:
         return
-    strips = [np.stack([pose.measured, pose.expected]) for pose in shown.off]
+    strips = [np.stack([pose.measured, pose.expected]) for pose in shown.outliers]
     marks = rr.Points3D(
-        [pose.measured for pose in shown.off],
+        [pose.measured for pose in shown.outliers],
         colors=RGB_OUTLIER,
         radii=0.018 * shown.reach_m,
-        labels=[pose.words for pose in shown.off],
+        labels=[pose.words for pose in shown.outliers],
     )
     recording.log("world/targets/off", marks, static=True)
     lines = rr.LineStrips3D(strips, colors=RGB_OUTLIER, radii=0.005 * shown.reach_m)
@@ -108,16 +192,16 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
 
     The factor of the arrow that points higher stands above the target, the other one's below.
     """
-    seen = np.isfinite(shown.measured).all(axis=2)
-    lengths = seen.sum(axis=1)
+    visible = np.isfinite(shown.measured).all(axis=2)
+    lengths = visible.sum(axis=1)
     height = shown.factor_before * (shown.measured - shown.before) - shown.factor_after * (shown.measured - shown.after)
     above = np.where(height[:, 0, 2] < 0, -1.0, 1.0)[:, None] * np.array([0.0, 0.0, 0.2 * shown.reach_m])  # (m, 3)
     for name, points, factor, colour, offset in (
         ("before", shown.before, shown.factor_before, RGB_BEFORE, above),
         ("after", shown.after, shown.factor_after, RGB_AFTER, -above),
     ):
-        vectors = factor * (shown.measured - points)[seen]
-        columns = rr.Arrows3D.columns(origins=points[seen], vectors=vectors).partition(lengths)
+        vectors = factor * (shown.measured - points)[visible]
+        columns = rr.Arrows3D.columns(origins=points[visible], vectors=vectors).partition(lengths)
         recording.send_columns(f"world/errors/{name}", _poses(shown.at), columns)
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
         recording.log(f"world/errors/{name}", style, static=True)

@@ -1,259 +1,262 @@
-"""A campaign's outcome as the plain values that its JSON files hold. NaN becomes null."""
+"""What ``lab calibrate`` and ``lab identify`` end with: the identified parameters, and how well they predict."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.calibration.identifiability import Direction, aliases, weak_directions
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of
-from lab.calibration.uncertainty import position_covariance
-from lab.calibration.verdict import rotation_noise_rad
-from lab.commands.calibrate.run import CalibrationResult
-from lab.core.random import rng_for
+from lab.calibration.prior import Tolerance
+from lab.calibration.statistics.model_selection import GroupTrial
+from lab.calibration.validation import TruthComparison, Validation
+from lab.calibration.verdict import Verdict, rotation_noise_rad
+from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import Robot
+from lab.commands.calibrate.findings import (
+    EstimatedParameter,
+    JointStiffness,
+    correlated_pairs,
+    direction_to_dict,
+    estimated_parameters,
+    predicted_rms,
+    stiffnesses,
+    weak_directions_of,
+)
+from lab.commands.calibrate.fit_result import FitReport, Named
+from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.result import Result
+from lab.commands.values import ErrorStatistics, error_statistics, number
+from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.kinematics.model import Model, RigidArm
+from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of
+from lab.simulation.true_robot import TrueRobot
 
-CORRELATED = 0.95  # where two parameters' errors go together
-_HUMAN_UNITS = {
-    "m": (1e3, "mm", 4),
-    "rad/Nm": (1e6, "µrad/Nm", 3),
-    "": (1e6, "ppm", 2),
-    "m/N": (1e6, "µm/N", 3),
-    "kg": (1.0, "kg", 3),
-    "m/h": (1e3, "mm/h", 4),
-    "rad/h": (1e3, "mrad/h", 4),
-    "1/h": (1e6, "ppm/h", 2),
-}
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from lab.render.document import Document
+
+__all__ = ["CalibrationResult"]
 
 
-def summary(outcome: CalibrationResult) -> dict[str, Any]:
-    """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-    identification, errors, bends = outcome.identification, outcome.validation.errors, stiffness(outcome)
-    result: dict[str, Any] = {
-        "robot": outcome.robot.name,
-        "poses": len(outcome.fitted),
-        "targets": list(outcome.fitted.targets),
-        "parameters": len(identification.model.names),
-        "identifiable": len(identification.base_set.kept),
-        "rank": identification.fit.rank,
-        "condition": number(identification.fit.condition),
-        "status": identification.status,
-        "iterations": identification.fit.iterations,
-        "seconds": round(outcome.seconds, 4),
-        "verdict": outcome.verdict.word,
-        "reason": outcome.verdict.reason,
-        "judged_by": outcome.validation.judged_by,
-        "before_mm": None if errors is None else statistics(errors.before),
-        "after_mm": None if errors is None else statistics(errors.after),
-        "noise_mm": number(1e3 * identification.sigma_m),
-        "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
-        "noise_known": identification.sigma_known,
-        "residual_mm": number(1e3 * identification.residual_sigma_m),
-        "freedom": identification.dof,
-        "predicted_mm": number(1e3 * predicted_rms(identification)),
-        "model": "+".join(("geometric", *outcome.fit.groups)),
-        "groups": groups(outcome),
-        "adequate": outcome.fit.adequacy.adequate,
-        "adequacy": outcome.fit.adequacy.words,
-        "stiffness_nm_per_rad": {joint: found["stiffness"] for joint, found in bends.items()},
-        "stiffness_std_nm_per_rad": {joint: number(found["std"]) for joint, found in bends.items()},
-        "correlated": correlated(identification),
-        "weak_directions": weak(outcome),
-        "outliers": outliers(outcome),
-        "outliers_left_out": outcome.fit.left_out,
-        "warnings": list(outcome.warnings),
-    }
-    if (comparison := outcome.comparison) is not None:
-        result["truth"] = {
-            "max_abs_z": number(np.abs(comparison.z).max()),
-            "nees_per_parameter": number(comparison.nees_per_parameter),
-            "coverage_95": number(comparison.coverage_95),
-            "max_abs_error": number(np.abs(comparison.error).max()),
-            "bad_readings": len(outcome.bad),
-            "bad_named": len(outcome.bad & {pose.id for pose in outcome.fit.outliers}),
-        }
-    return result
+@dataclass(frozen=True, repr=False, eq=False)
+class CalibrationResult(Result):
+    """An identified robot, how well it predicts, and what it was identified from.
 
+    Positions are in the frame of the measurements; of a virtual robot that is the tracker's.
 
-def parameters(outcome: CalibrationResult) -> list[dict[str, Any]]:
-    """What ``parameters.json`` holds: every parameter, in m and rad."""
-    identification = outcome.identification
-    model, free = identification.model, list(identification.fit.free)
-    exported = likely(outcome)
-    std = dict(zip(free, identification.std, strict=True))
-    reach = dict(zip(free, identification.half_width_95 * identification.std, strict=True))
-    scale = column_scale(model, identification.nominal_aligned)
-    hidden = {alias.name: dict(alias.into) for alias in aliases(model, identification.base_set, scale)}
-    rows = []
-    for i, parameter in enumerate(model.parameters):
-        name = parameter.name
-        estimate, half = float(identification.values[i]), reach.get(i, np.nan)
-        interval = [number(estimate - half), number(estimate + half)]
-        rows.append(
-            {
-                "name": name,
-                "unit": parameter.unit,
-                "nominal": float(identification.nominal_aligned[i]),
-                "estimate": estimate,
-                "exported": float(exported[i]),
-                "std": number(std.get(i, np.nan)),
-                "interval_95": None if None in interval else interval,
-                "status": _status(identification, i),
-                "aliases": hidden.get(name, {}),
-            }
+    Attributes:
+        options: what was asked for.
+        kind: of observation.
+        measurements: all rows that were read or measured.
+        fit: of those that were to be fitted.
+        nominal: ``(p,)`` the nominal model's parameters, of the model that was fitted.
+        tolerance: of manufacture.
+        validation: the errors at poses that were not fitted.
+        seconds: of the identification and its validation.
+        real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
+    """
+
+    options: VirtualCampaign | MeasuredCampaign
+    robot: Robot
+    kind: ObservationKind
+    measurements: Measurements
+    fit: FitReport
+    nominal: Array
+    tolerance: Tolerance
+    validation: Validation
+    verdict: Verdict
+    seconds: float
+    warnings: tuple[str, ...]
+    real: TrueRobot | None = None
+    comparison: TruthComparison | None = None
+    bad: frozenset[str] = frozenset()
+
+    @property
+    def command(self) -> str:
+        """The command that this is the result of."""
+        return "calibrate" if isinstance(self.options, VirtualCampaign) else "identify"
+
+    @property
+    def exit_code(self) -> int:
+        """1 where the verdict is bad."""
+        return 1 if self.verdict.word == "bad" else 0
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The measurement files, or the plan."""
+        given = (
+            (self.options.plan,)
+            if isinstance(self.options, VirtualCampaign)
+            else (self.options.file, self.options.validate)
         )
-    return rows
+        return tuple(path for path in given if path is not None)
 
+    @property
+    def identification(self) -> Identification:
+        """The fit of the parameters."""
+        return self.fit.identification
 
-def human_unit(name: str, unit: str | None = None) -> tuple[float, str, int]:
-    """In what a person reads a parameter: the factor from SI, the unit, and how many digits after the point."""
-    unit = unit or _unit_of(name)
-    if unit == "rad":
-        return (1e3, "mrad", 4) if _joint_of(name) else (180 / np.pi, "°", 5)
-    return _HUMAN_UNITS[unit]
+    @property
+    def fitted(self) -> Measurements:
+        """The rows that the parameters come from."""
+        return self.fit.rows
 
+    @cached_property
+    def exported(self) -> Array:
+        """``(p,)`` the exported parameters: those of the most likely arm among those that predict the same."""
+        return most_likely_parameters(self.identification, self.nominal, self.tolerance)
 
-def column_scale(model: Model, values: Array) -> Array:
-    """Norms ``(p,)`` of the Jacobian's columns at nominal links: how far a unit of each moves the targets."""
-    joints = model.structure_joints(50, rng_for(0, "structure"))
-    _, jacobian = model.observe(joints, model.rank_point(values))
-    scale: Array = np.linalg.norm(jacobian.reshape(-1, len(model.names)), axis=0)
-    return scale
+    @cached_property
+    def parameters(self) -> tuple[EstimatedParameter, ...]:
+        """Every parameter: nominal, estimated, how sure."""
+        return estimated_parameters(self.identification, self.exported)
 
+    @property
+    def before(self) -> ErrorStatistics | None:
+        """Errors of the nominal model at the poses of the validation, base and tool fitted; None without one."""
+        return None if self.validation.errors is None else error_statistics(self.validation.errors.before)
 
-_UNITS = dict.fromkeys(("x", "y", "z", "d", "a", "offset", "length"), "m")
-_UNITS |= dict.fromkeys(("rx", "ry", "rz", "theta", "alpha", "beta", "sin", "cos", "backlash"), "rad")
-_UNITS |= {"compliance": "rad/Nm", "mass": "kg"}
+    @property
+    def after(self) -> ErrorStatistics | None:
+        """Errors of the calibrated model at the poses of the validation; None without one."""
+        return None if self.validation.errors is None else error_statistics(self.validation.errors.after)
 
+    @property
+    def groups(self) -> tuple[GroupTrial, ...]:
+        """What each group of parameters is worth; none where geometry alone was asked for."""
+        return () if self.fit.selection is None else self.fit.selection.groups
 
-def _unit_of(name: str) -> str:
-    """The SI unit of a parameter that a document has by name alone."""
-    group, _, last = name.rpartition(".")
-    unit = _UNITS.get(last.rstrip("0123456789"), "")
-    return (f"{unit}/h" if unit else "1/h") if group == "drift" else unit
+    @property
+    def stiffnesses(self) -> tuple[JointStiffness, ...]:
+        """Of the joints whose compliance was identified."""
+        return stiffnesses(self.identification, self.robot.chain)
 
+    def rigid(self, values: Array) -> tuple[RigidArm, Array]:
+        """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
+        arm = self.robot.arm(targets_of(self.identification.model.parameters))
+        return arm, values[: len(arm.names)]
 
-def _joint_of(name: str) -> str:
-    """The number, from 1, of the joint that has an effect by this name; "" of a link's or another parameter."""
-    joint = name.split(".")[0].removeprefix("joint")
-    return joint if joint.isdigit() else ""
-
-
-def _status(identification: Identification, parameter: int) -> str:
-    if parameter in identification.fit.free:
-        return "identified"
-    if parameter in identification.base_set.held:
-        return "held"
-    return "not seen" if parameter in identification.unobservable else "fixed"
-
-
-def likely(outcome: CalibrationResult) -> Array:
-    """The exported parameters: those of the most likely arm among those that predict the same."""
-    identification = outcome.identification
-    return most_likely_parameters(identification, outcome.nominal, outcome.tolerance)
-
-
-def rigid(outcome: CalibrationResult, values: Array) -> tuple[RigidArm, Array]:
-    """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
-    arm = outcome.robot.arm(targets_of(outcome.identification.model.parameters))
-    return arm, values[: len(arm.names)]
-
-
-def groups(outcome: CalibrationResult) -> list[dict[str, Any]]:
-    """What each group of parameters bought; none where geometry alone was asked for."""
-    selection = outcome.fit.selection
-    if selection is None:
-        return []
-    return [
-        {
-            "name": group.name,
-            "parameters": group.parameters,
-            "holdout_mm": number(1e3 * group.holdout_m),
-            "f_p": number(group.f_p),
-            "bic": number(group.bic),
-            "chosen": group.chosen,
-            "why_not": group.infeasibility_reason,
+    def to_dict(self) -> dict[str, Any]:
+        """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
+        identification, before, after = self.identification, self.before, self.after
+        result: dict[str, Any] = {
+            "robot": self.robot.name,
+            "poses": len(self.fitted),
+            "targets": list(self.fitted.targets),
+            "parameters": len(identification.model.names),
+            "identifiable": len(identification.base_set.kept),
+            "rank": identification.fit.rank,
+            "condition": number(identification.fit.condition),
+            "status": identification.status,
+            "iterations": identification.fit.iterations,
+            "seconds": round(self.seconds, 4),
+            "verdict": self.verdict.word,
+            "reason": self.verdict.reason,
+            "judged_by": self.validation.judged_by,
+            "before_mm": None if before is None else before.to_dict(),
+            "after_mm": None if after is None else after.to_dict(),
+            "noise_mm": number(1e3 * identification.sigma_m),
+            "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
+            "noise_known": identification.sigma_known,
+            "residual_mm": number(1e3 * identification.residual_sigma_m),
+            "freedom": identification.dof,
+            "predicted_mm": number(1e3 * predicted_rms(identification)),
+            "model": "+".join(("geometric", *self.fit.groups)),
+            "groups": [_group_to_dict(group) for group in self.groups],
+            "adequate": self.fit.adequacy.adequate,
+            "adequacy": self.fit.adequacy.words,
+            "stiffness_nm_per_rad": {each.joint: each.stiffness for each in self.stiffnesses},
+            "stiffness_std_nm_per_rad": {each.joint: number(each.std) for each in self.stiffnesses},
+            "correlated": [pair.to_dict() for pair in correlated_pairs(identification)],
+            "weak_directions": [direction_to_dict(each) for each in weak_directions_of(identification, self.fitted)],
+            "outliers": [_outlier_to_dict(pose) for pose in self.fit.outliers],
+            "outliers_left_out": self.fit.left_out,
+            "warnings": list(self.warnings),
         }
-        for group in selection.groups
-    ]
+        if (comparison := self.comparison) is not None:
+            result["truth"] = {
+                "max_abs_z": number(np.abs(comparison.z).max()),
+                "nees_per_parameter": number(comparison.nees_per_parameter),
+                "coverage_95": number(comparison.coverage_95),
+                "max_abs_error": number(np.abs(comparison.error).max()),
+                "bad_readings": len(self.bad),
+                "bad_named": self.outliers_found,
+            }
+        return result
+
+    @property
+    def outliers_found(self) -> int:
+        """How many of the simulated outliers the test of outliers names."""
+        return len(self.bad & {pose.id for pose in self.fit.outliers})
+
+    def document(self) -> "Document":
+        """What a person reads."""
+        from lab.commands.calibrate.document import document_of
+
+        return document_of(self)
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """The parameters, in SI units."""
+        rows = [row.to_dict() for row in self.parameters]
+        return {name: [row[name] for row in rows] for name in ("name", "unit", "nominal", "estimate", "std", "status")}
+
+    def plot(self) -> "Figure":
+        """Draw the errors before and after calibration, or the corrections where there was no validation."""
+        from lab.commands.calibrate.figures import main_picture
+
+        return main_picture(self).draw()
+
+    def write(self, folder: Path) -> None:
+        """Write every file of the run into a folder that is there."""
+        from lab.commands.payload.known_payload import read_hand_load
+        from lab.commands.run_folder import config, write_json
+        from lab.formats.measurement_csv import write_measurements
+
+        robot, options = self.robot, self.options
+        write_json(folder / "config.json", config(self.command, options, robot.sha256))
+        write_measurements(folder / "measurements.csv", self.measurements, robot.chain.prismatic)
+        write_json(folder / "parameters.json", [row.to_dict() for row in self.parameters])
+        _write_covariance(folder / "covariance.csv", self.identification)
+        if options.fitting.load is not None:
+            read_hand_load(options.fitting.load).write(folder)
+        arm, values = self.rigid(self.exported)
+        text = robot.description(robot.kept_file, arm.targets, values)  # the others are lab compensate's, of good runs
+        (folder / robot.kept_file).write_text(text, encoding="utf-8")
+        write_json(folder / "result.json", self.to_dict())
+        if observation_of(self.identification.model).positions:  # of a cable or a socket there is nothing to draw
+            from lab.commands.calibrate.recording import record
+
+            record(folder / "recording.rrd", self)
+        self.report(folder / "report.html")
 
 
-def stiffness(outcome: CalibrationResult) -> dict[str, dict[str, float]]:
-    """Stiffness of the hinges (Nm/rad) whose compliance was fitted and is above zero, with its standard deviation."""
-    identification, chain = outcome.identification, outcome.robot.chain
-    found = {}
-    for i, std in zip(identification.fit.free, identification.std, strict=True):
-        parameter = identification.model.parameters[i]
-        if parameter.kind != "compliance" or parameter.joint is None or identification.values[i] <= 0:
-            continue
-        if not chain.prismatic[parameter.joint]:
-            compliance = float(identification.values[i])
-            found[chain.joint_names[parameter.joint]] = {"stiffness": 1 / compliance, "std": float(std) / compliance**2}
-    return found
+def _write_covariance(path: Path, identification: Identification) -> None:
+    """The covariance of the identified parameters in SI units, as ``parameters.json`` has them, a row each."""
+    names = [identification.model.names[i] for i in identification.fit.free]
+    rows = ([name, *map(repr, row)] for name, row in zip(names, identification.covariance.tolist(), strict=True))
+    path.write_text("\n".join(",".join(row) for row in [["parameter", *names], *rows]) + "\n", encoding="utf-8")
 
 
-def correlated(identification: Identification) -> list[dict[str, Any]]:
-    """Pairs of identified parameters that can hardly be told apart, the strongest first."""
-    names, std = [identification.model.names[i] for i in identification.fit.free], identification.std
-    if not (np.isfinite(std).all() and (std > 0).all()):
-        return []
-    matrix = np.triu(identification.covariance / np.outer(std, std), 1)
-    pairs = np.argwhere(np.abs(matrix) > CORRELATED)
-    order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
-    return [{"parameters": [names[i], names[j]], "correlation": round(float(matrix[i, j]), 4)} for i, j in order]
-
-
-def weak(outcome: CalibrationResult) -> list[dict[str, Any]]:
-    """Directions of the identified parameters that these measurements nearly do not see."""
-    found = outcome.identification
-    _, jacobian = found.model.observe(outcome.fitted.inputs(found.model.conditions), found.values)
-    rows = jacobian[outcome.fitted.seen][..., list(found.fit.free)].reshape(-1, len(found.fit.free))
-    return [direction_as_values(each) for each in weak_directions([found.model.names[i] for i in found.fit.free], rows)]
-
-
-def direction_as_values(direction: Direction) -> dict[str, Any]:
-    """A weak direction as plain values; ``parts`` in SI units."""
+def _group_to_dict(group: GroupTrial) -> dict[str, Any]:
     return {
-        "singular_value": direction.singular_value,
-        "moved_mm": 1e3 * direction.moved,
-        "parts": dict(direction.parts),
+        "name": group.name,
+        "parameters": group.parameters,
+        "holdout_mm": number(1e3 * group.holdout_m),
+        "f_p": number(group.f_p),
+        "bic": number(group.bic),
+        "chosen": group.chosen,
+        "why_not": group.infeasibility_reason,
     }
 
 
-def predicted_rms(identification: Identification) -> float:
-    """Predicted position uncertainty (m) over the workspace: sqrt(tr J C J'), root mean square over random poses."""
-    model = identification.model
-    inputs = model.structure_joints(200, rng_for(0, "structure"))
-    if not observation_of(model).positions:
-        return float("nan")
-    squares = np.trace(position_covariance(identification, inputs), axis1=1, axis2=2)
-    return float(np.sqrt(squares.mean()))
-
-
-def outliers(outcome: CalibrationResult) -> list[dict[str, Any]]:
-    """Poses that are off by a test, the largest first."""
-    found = []
-    for pose in outcome.fit.outliers:
-        where = {} if pose.line is None else {"line": pose.line}
-        found.append({"id": pose.id, **where, "size_mm": 1e3 * pose.size_m, "p": pose.p, "held_out": pose.held_out})
-    return found
-
-
-def statistics(errors: Array) -> dict[str, float | int]:
-    """Statistics in mm of errors in m; NaN is left out."""
-    seen = 1e3 * errors[np.isfinite(errors)]
-    return {
-        "mean": float(seen.mean()),
-        "rms": float(np.sqrt(np.mean(seen**2))),
-        "p95": float(np.percentile(seen, 95)),
-        "max": float(seen.max()),
-        "count": int(seen.size),
-    }
-
-
-def number(value: float) -> float | None:
-    """The value, or None where it is not finite."""
-    return float(value) if np.isfinite(value) else None
+def _outlier_to_dict(pose: Named) -> dict[str, Any]:
+    where = {} if pose.line is None else {"line": pose.line}
+    return {"id": pose.id, **where, "size_mm": 1e3 * pose.size_m, "p": pose.p, "held_out": pose.held_out}

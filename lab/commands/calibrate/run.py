@@ -1,17 +1,14 @@
 """One campaign: plan, measure, identify, assess; on a virtual arm, or on measurements of a real one."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from lab.calibration.identify import Identification
-from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.options import FitInputs, ObservationOptions
-from lab.calibration.prior import Tolerance
 from lab.calibration.validation import (
     TruthComparison,
     Validation,
@@ -22,7 +19,7 @@ from lab.calibration.validation import (
     validate_folds,
     validate_rows,
 )
-from lab.calibration.verdict import Verdict, verdict
+from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.campaign.observation_kinds import configured_kind, kind_named
 from lab.campaign.options import VirtualCampaign
@@ -33,13 +30,13 @@ from lab.campaign.virtual_robot import (
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
-from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.simulation.effects import true_parameters
@@ -48,46 +45,6 @@ from lab.simulation.true_robot import TrueRobot
 __all__ = ["CalibrationResult", "calibrate", "identify"]
 
 IN_MEMORY: Final = "measurements.csv"  # the file's name, of measurements that are in none
-
-
-@dataclass(frozen=True)
-class CalibrationResult:
-    """What a campaign ended with.
-
-    Attributes:
-        kind: of observation.
-        measurements: all rows that were read or measured.
-        fit: of those to be fitted.
-        nominal: the drawing's parameters, of the model that was fitted.
-        tolerance: of manufacture.
-        comparison, real: of a virtual arm only; so are ``bad``, the ids of its bad readings.
-        seconds: of the identification and its assessment.
-    """
-
-    options: VirtualCampaign | MeasuredCampaign
-    robot: Robot
-    kind: ObservationKind
-    measurements: Measurements
-    fit: FitReport
-    nominal: Array
-    tolerance: Tolerance
-    validation: Validation
-    verdict: Verdict
-    seconds: float
-    warnings: tuple[str, ...]
-    real: TrueRobot | None = None
-    comparison: TruthComparison | None = None
-    bad: frozenset[str] = frozenset()
-
-    @property
-    def identification(self) -> Identification:
-        """The parameters."""
-        return self.fit.identification
-
-    @property
-    def fitted(self) -> Measurements:
-        """The rows that they come from."""
-        return self.fit.rows
 
 
 @takes(VirtualCampaign)
@@ -133,7 +90,7 @@ def _of_a_virtual_robot(day: MeasuringDay) -> CalibrationResult:
         fit = fitter(rows)
     identification = fit.identification
     said = [*_impossible("poses", data), *_impossible("fresh poses", fresh)]
-    validation = Validation("fresh", errors_of(identification, fresh), tuple(said))
+    validation = Validation("fresh", errors_of(identification, fresh), tuple(said), fresh)
     truth = truth_of(real, robot.arm(options.targets))
     effects = true_parameters(real.effects)
     if truth is None:

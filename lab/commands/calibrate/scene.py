@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
-from lab.commands.calibrate.result import rigid
-from lab.commands.calibrate.run import CalibrationResult
+from lab.commands.calibrate.result import CalibrationResult
 from lab.core import se3
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
@@ -30,14 +29,14 @@ from lab.render.scene import (
 from lab.render.skeleton import Legs, frame_origins
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells
 
-MOST_OFF = 30  # poses that are off, marked
+MOST_OUTLIERS = 30  # marked
 ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
 ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
 
 
 @dataclass(frozen=True)
-class OffPose:
-    """A pose that is off: where its farthest target was measured and where it should be, in the world ``(3,)``."""
+class OutlierPose:
+    """An outlier: where its farthest target was measured and where it should be, in the world ``(3,)`` m."""
 
     words: str
     measured: Array
@@ -51,12 +50,12 @@ class Scene:
     Attributes:
         rows: ``(m,)`` which of the fitted poses are drawn.
         numbers: ``(n,)`` each fitted pose's row among all that were measured.
-        off: poses that are off, the farthest first.
+        outliers: the farthest first.
         reach_m: the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it.
         T_world_instrument: ``(4, 4)``, identified.
-        measured, before, after: ``(m, k, 3)`` points as seen (NaN where not), and as predicted.
-        all_measured: ``(seen, 3)`` of every fitted pose.
-        error_before, error_after: ``(n,)`` m, mean over the targets seen at each fitted pose, NaN where none was.
+        measured, before, after: ``(m, k, 3)`` points as measured (NaN where not), and as predicted.
+        all_measured: ``(q, 3)`` of every fitted pose.
+        error_before, error_after: ``(n,)`` m, mean over the targets measured at each fitted pose, NaN where none was.
         factor_before, factor_after: magnification of the error arrows.
         uncertainty: None where the noise is not known, or there was none.
         shells: of the bodies in ``bodies``.
@@ -67,7 +66,7 @@ class Scene:
 
     rows: NDArray[np.int_]
     numbers: NDArray[np.int_]
-    off: tuple[OffPose, ...]
+    outliers: tuple[OutlierPose, ...]
     reach_m: float
     T_world_instrument: Array
     measured: Array
@@ -95,16 +94,16 @@ def scene(outcome: CalibrationResult) -> Scene:
     """The scene of a campaign; an evenly spaced part of its poses where they are many."""
     fitted, identification = outcome.fitted, outcome.identification
     model = identification.model
-    seen = fitted.points[:, : observation_of(model).positions]
+    observed = fitted.points[:, : observation_of(model).positions]
     rows, inputs = drawn_rows(len(fitted)), fitted.inputs(model.conditions)
     joints = fitted.joints[rows]
     T_world_instrument = world_of(outcome)
     both = (identification.nominal_aligned, identification.values)
-    before, after = (model.points(inputs, v)[:, : seen.shape[1]] for v in both)
-    errors = [_mean_length(seen - predicted) for predicted in (before, after)]
-    measured, before, after = (moved(T_world_instrument, points) for points in (seen, before, after))
-    there = seen_mask(seen)
-    arm, values = rigid(outcome, identification.values)
+    before, after = (model.points(inputs, v)[:, : observed.shape[1]] for v in both)
+    errors = [_mean_length(observed - predicted) for predicted in (before, after)]
+    measured, before, after = (moved(T_world_instrument, points) for points in (observed, before, after))
+    there = seen_mask(observed)
+    arm, values = outcome.rigid(identification.values)
     places = moved(_world_frame0(outcome), frame_origins(arm, values, joints))
     between = world_legs(_world_frame0(outcome), arm, values, joints)
     reach = reach_of(_world_frame0(outcome), measured[there], between)
@@ -113,7 +112,7 @@ def scene(outcome: CalibrationResult) -> Scene:
     return Scene(
         rows,
         np.array([everything[name] for name in fitted.ids]),
-        _off(outcome, T_world_instrument),
+        _outliers(outcome, T_world_instrument),
         reach,
         T_world_instrument,
         measured[rows],
@@ -133,10 +132,10 @@ def scene(outcome: CalibrationResult) -> Scene:
     )
 
 
-def _off(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[OffPose, ...]:
-    """The poses that are named as off; none where the file's points are not all that is observed."""
+def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[OutlierPose, ...]:
+    """The outliers that the test names; none where the file's points are not all that is observed."""
     model, data = outcome.identification.model, outcome.measurements
-    named = outcome.fit.outliers[:MOST_OFF]
+    named = outcome.fit.outliers[:MOST_OUTLIERS]
     if not named or not isinstance(model, SerialArm | ClosedArm | ArmWithEffects):
         return ()
     part = data.take([data.ids.index(pose.id) for pose in named])
@@ -144,7 +143,7 @@ def _off(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[OffPose
     worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
     ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in (part.points, expected))
     return tuple(
-        OffPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm off", measured, should)
+        OutlierPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm residual", measured, should)
         for pose, measured, should in zip(named, *ends, strict=True)
     )
 
@@ -156,14 +155,14 @@ def _error_factor(errors: Array, shown: float) -> float:
 def _mean_length(vectors: Array) -> Array:
     """Mean length ``(n,)`` of those of the vectors ``(n, k, 3)`` that are not NaN; NaN where all are."""
     lengths = np.linalg.norm(vectors, axis=2)
-    seen = np.isfinite(lengths)
-    mean: Array = np.where(seen, lengths, 0.0).sum(axis=1) / np.where(seen.any(axis=1), seen.sum(axis=1), np.nan)
+    known = np.isfinite(lengths)
+    mean: Array = np.where(known, lengths, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
     return mean
 
 
 def world_of(outcome: CalibrationResult) -> Array:
     """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
-    arm, values = rigid(outcome, outcome.identification.values)
+    arm, values = outcome.rigid(outcome.identification.values)
     return _world_frame0(outcome) @ se3.inverse(arm.T_tracker_frame0(values))
 
 
@@ -174,7 +173,7 @@ def _world_frame0(outcome: CalibrationResult) -> Array:
 def _bodies(
     outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
-    """What is seen of the robot; of the instrument only where it is known: a virtual one."""
+    """The bodies that are drawn; the instrument's only where it is known: a virtual one."""
     robot = outcome.robot.model
     hidden = instrument_body(robot) if outcome.real is None else ""
     visible = tuple(shell for shell in shells(robot) if shell.body != hidden)

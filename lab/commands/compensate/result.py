@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.calibrate.load_run import Calibrated
-from lab.commands.calibrate.result import number
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.result import Result
+from lab.commands.values import number
 from lab.compensation.compensator import Compensation
 from lab.compensation.ik_results import NEAR_RAD
 from lab.core.se3 import Array

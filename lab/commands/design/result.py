@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.calibrate.result import number, statistics
 from lab.commands.design.run import DesignStep, Plan
 from lab.commands.run_folder import config, write_json
+from lab.commands.values import error_statistics, number
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import write_measurements
@@ -33,7 +33,7 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
         "d_efficiency": plan.d_efficiency,
         "bound_gap": plan.certificate.gap,
         "pool": {"poses": plan.pool, "what": pool_in_words(plan)},
-        "predicted_mm": statistics(plan.prediction.rms),
+        "predicted_mm": error_statistics(plan.prediction.rms).to_dict(),
         "promise_mm": 1e3 * plan.prediction.coverage_radius,
         "candidates": {
             "drawn": candidates.drawn,

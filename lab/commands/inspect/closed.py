@@ -7,9 +7,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.commands.calibrate.result import number
 from lab.commands.inspect.closed_shape import SINGULAR, closed_shape_of
 from lab.commands.inspect.format import joint_kind, joint_limits, limits_and_speed, printed, tidy, with_reading
+from lab.commands.values import number
 from lab.core.se3 import Array
 from lab.kinematics.closed.loop_closure import SINGULAR as REFUSED
 from lab.kinematics.closed.mechanism import Mechanism

@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.calibrate.result import human_unit
 from lab.kinematics.joints import JointSpec
+from lab.kinematics.parameter import Parameter
+from lab.render.units import display_unit
 
 
 def tidy(value: float) -> float:
@@ -18,16 +19,16 @@ def printed(value: float) -> str:
     return f"{value:.6g}".replace("-", "−")
 
 
-def coefficient(name: str, other: str, value: float) -> str:
+def coefficient(parameter: Parameter, other: Parameter, value: float) -> str:
     """What an error of one parameter looks like in another, in the units that a person reads."""
-    (per, unit, _), (factor, into, _) = human_unit(name), human_unit(other)
+    (per, unit, _), (factor, into, _) = display_unit(parameter), display_unit(other)
     number = f"{value * factor / per:+.4g}".replace("-", "−")
-    return f"{other} ({number})" if unit == into else f"{other} ({number} {into} per {unit})"
+    return f"{other.name} ({number})" if unit == into else f"{other.name} ({number} {into} per {unit})"
 
 
-def per_person(name: str, value: float) -> str:
+def per_person(parameter: Parameter, value: float) -> str:
     """A change of a parameter in the unit that a person reads."""
-    factor, unit, _ = human_unit(name)
+    factor, unit, _ = display_unit(parameter)
     return f"{factor * value:+.3g} {unit}".replace("-", "−")
 
 

@@ -7,15 +7,23 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from lab.calibration.identifiability import WEAK_CONDITION, aliases, poses_needed, scaled_condition, weak_directions
+from lab.calibration.identifiability import (
+    WEAK_CONDITION,
+    aliases,
+    column_scale,
+    poses_needed,
+    scaled_condition,
+    weak_directions,
+)
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.advice import changes
-from lab.commands.calibrate.result import column_scale, direction_as_values, number
+from lab.commands.calibrate.findings import direction_to_dict
 from lab.commands.inspect.closed import drawn_closed, print_closed, shape_closed
 from lab.commands.inspect.format import coefficient, per_person
 from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.serial import drawn_serial, print_serial, shape_serial
 from lab.commands.keywords import options_of, takes
+from lab.commands.values import number
 from lab.core.errors import LabError
 from lab.core.numbers import LARGEST
 from lab.core.random import rng_for
@@ -100,7 +108,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         "told_apart": [arm.names[i] for i in structure.held if i not in asked],
         "aliases": {alias.name: dict(alias.into) for alias in hidden if alias.name not in held},
         "condition": number(condition),
-        "weak_directions": [direction_as_values(each) for each in weak_directions(names, jacobian)],
+        "weak_directions": [direction_to_dict(each) for each in weak_directions(names, jacobian)],
         "changes": {
             change.words: number(change.condition)
             for change in (
@@ -130,6 +138,8 @@ def print_inspection(found: Inspection) -> None:
     """The same for a person."""
     console, seen = Console(markup=False), found.values
     closed = isinstance(found.robot.chain, Mechanism)
+    arm = found.robot.arm_with(found.options.targets, found.options.groups)
+    named_parameters = {parameter.name: parameter for parameter in arm.parameters}
     (print_closed if closed else print_serial)(console, seen)
     left = f" ({seen['rank']} of the {seen['not_fixed']} that --fix leaves)" if closed and found.options.fix else ""
     console.print(
@@ -148,11 +158,11 @@ def print_inspection(found: Inspection) -> None:
         )
     console.print("fixed at nominal, because an error of it looks like errors of others:")
     for name, into in seen["aliases"].items():
-        parts = [coefficient(name, other, value) for other, value in into.items()]
+        parts = [coefficient(named_parameters[name], named_parameters[other], value) for other, value in into.items()]
         console.print(f"  {name} is hidden in {', '.join(parts) or 'nothing: it moves no target'}", soft_wrap=True)
     console.print(f"condition over random poses, with unit columns: {seen['condition']:.1f}")
     for direction in seen["weak_directions"]:
-        parts = [f"{name} {per_person(name, value)}" for name, value in direction["parts"].items()]
+        parts = [f"{name} {per_person(named_parameters[name], value)}" for name, value in direction["parts"].items()]
         console.print(
             f"nearly unidentifiable, 1/{1 / direction['singular_value']:.0f} of the largest singular value: "
             f"{', '.join(parts)} move the targets by {1e3 * direction['moved_mm']:.2g} µm",

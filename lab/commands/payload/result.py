@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.result import number
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.options import PayloadOptions
 from lab.commands.result import Result
+from lab.commands.values import number
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.formats.load_csv import WRENCH

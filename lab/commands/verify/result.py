@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.commands.calibrate.load_run import Calibrated
-from lab.commands.calibrate.result import number, statistics
 from lab.commands.result import Result
+from lab.commands.values import error_statistics, number
 from lab.commands.verify.options import VerifyOptions
 from lab.core.measurements import Measurements
 from lab.core.significance import VERIFICATION
@@ -59,7 +59,7 @@ class VerificationResult(Result):
     @property
     def observed_mm(self) -> dict[str, float | int]:
         """Statistics of the observed position errors: mean, rms, p95, max (mm) and count."""
-        return statistics(self.verified.errors)
+        return error_statistics(self.verified.errors).to_dict()
 
     @property
     def detectable(self) -> tuple[tuple[str, str, float], ...]:

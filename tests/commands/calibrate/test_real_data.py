@@ -8,7 +8,6 @@ from helpers.robots import data_file
 
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.result import summary
 from lab.commands.calibrate.run import identify
 
 
@@ -135,12 +134,12 @@ def test_ur10_as_poses(tmp_path) -> None:
     errors = outcome.validation.errors
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
-    assert 0.3 < summary(outcome)["noise_mrad"] < 1.5 and outcome.verdict.word == "good"
+    assert 0.3 < outcome.to_dict()["noise_mrad"] < 1.5 and outcome.verdict.word == "good"
     header, *rows = file.read_text().splitlines()
     few = tmp_path / "every_fourth.csv"
     few.write_text("\n".join([header, *rows[::4]]) + "\n")
     options = replace(options, file=few)
-    stated = summary(identify(replace(options, noise_mm=0.3, noise_mrad=0.6)))
+    stated = identify(replace(options, noise_mm=0.3, noise_mrad=0.6)).to_dict()
     assert stated["noise_mm"] == pytest.approx(0.3) and stated["noise_mrad"] == pytest.approx(0.6)
     wrong = identify(replace(options, orientation="fixed-xyz"))
     assert wrong.verdict.word == "bad" and "wrong --orientation" in wrong.verdict.reason

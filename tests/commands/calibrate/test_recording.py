@@ -9,8 +9,7 @@ from rerun.chunk import RrdReader
 from lab.calibration.identify import identify
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.recording_text import parameter_table, wording
+from lab.commands.calibrate.recording import parameters_text, record, summary_text
 from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, calibrate
 from lab.commands.calibrate.run import identify as identify_file
 from lab.commands.calibrate.scene import scene
@@ -236,7 +235,7 @@ def test_drawn_rows_span_all_poses():
 
 
 def test_the_parameter_table_names_every_parameter(outcome):
-    text = parameter_table(outcome)
+    text = parameters_text(outcome)
     for name in outcome.identification.model.names:
         assert text.count(f"| {name} |") == 1
 
@@ -275,7 +274,8 @@ def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
     index, _ = column(path, "/world/targets/measured", "Points3D:positions")
     assert index == [int(name) for name in outcome.fitted.ids] and len(index) == 50 - len(outcome.bad)
     shown = scene(outcome)
-    for pose, named in zip(shown.off, outcome.fit.outliers, strict=True):
+    for pose, named in zip(shown.outliers, outcome.fit.outliers, strict=True):
         assert np.linalg.norm(pose.measured - pose.expected) == pytest.approx(named.size_m, rel=1e-3)
         assert pose.words.startswith(f"{named.id}: ")
-    assert "magenta" in wording(outcome, shown) and "left out: " in wording(outcome, shown)
+    text = summary_text(outcome, shown)
+    assert "magenta" in text and "excluded from the fit" in text

@@ -8,8 +8,7 @@ from rerun.chunk import RrdReader
 
 from lab.campaign import virtual_robot as virtual_arm
 from lab.campaign.options import DesignOptions
-from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.recording_text import wording
+from lab.commands.calibrate.recording import record, summary_text
 from lab.commands.calibrate.run import VirtualCampaign, calibrate
 from lab.commands.calibrate.scene import scene
 from lab.commands.design.recording import record_plan
@@ -101,7 +100,7 @@ def test_measured_legs_are_told_from_rods(recorded):
     assert len(colours) == len(measured) and len(set(colours)) == len(set(measured))
     radii = np.array(statics(path, f"/{LEGS}", "LineStrips3D:radii"))
     assert ((radii > 0.002 * shown.reach_m) & (radii < 0.02 * shown.reach_m)).all()
-    said = wording(outcome, shown)
+    said = summary_text(outcome, shown)
     told = ("legs whose length is a joint position" in said, "grey**: rods" in said)
     assert told == (any(measured), not all(measured))
     assert shown.reach_m >= np.linalg.norm(shown.legs.ends - shown.origins[0, 0], axis=-1).max() - 1e-12
@@ -114,7 +113,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
     record(tmp_path / "serial.rrd", outcome)
     found = entities(tmp_path / "serial.rrd")
     assert "/world/arm/link3" in found and f"/{LEGS}" not in found
-    assert "lines of the robot" not in wording(outcome, shown)
+    assert "lines of the robot" not in summary_text(outcome, shown)
 
 
 def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):

@@ -1,0 +1,353 @@
+"""What a person reads of a calibration: on the terminal, on the page and beside the recording."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lab.calibration.identifiability import Direction
+from lab.calibration.identify import ILL_CONDITIONED
+from lab.calibration.observations.kind import ObservationWords
+from lab.calibration.verdict import Verdict, rotation_noise_rad
+from lab.commands.calibrate.error_map import arm_poses, error_map
+from lab.commands.calibrate.figures import (
+    arm_views,
+    correction_pictures,
+    error_histograms,
+    has_correction,
+    singular_value_picture,
+)
+from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs, predicted_rms, weak_directions_of
+from lab.commands.calibrate.fit_result import Named
+from lab.commands.calibrate.result import CalibrationResult
+from lab.commands.provenance import provenance_section
+from lab.core.se3 import Array
+from lab.kinematics.parameter import Parameter
+from lab.render.document import (
+    EVERYWHERE,
+    PAGE,
+    Badge,
+    Block,
+    Code,
+    Column,
+    Document,
+    Figure,
+    Paragraph,
+    Row,
+    Section,
+    Table,
+    Warnings,
+)
+from lab.render.format import capital, fixed, short
+from lab.render.plots import MOST_POINTS, size_maps
+from lab.render.units import display_unit
+
+__all__ = ["document_of", "parameters_table"]
+
+MOST_LISTED = 12  # rows of a table
+MOST_PARTS = 5  # parameters of a direction
+MOST_ALIASES = 4
+_VALIDATED = {
+    "fresh": "on {count} points at validation poses without noise",
+    "holdout": "on {count} points of the hold-out set",
+    "file": "on {count} points of the validation file",
+    "cross-validation": "by cross-validation on {count} points",
+}
+_VERDICTS = {
+    "good": Badge("good", "good"),
+    "bad": Badge("bad", "bad"),
+    "not judged": Badge("not validated"),
+}
+_STATUS = {
+    "identified": "identified",
+    "held": "fixed at nominal on request",
+    "not seen": "not observable at these poses",
+    "fixed": "fixed at nominal",
+}
+
+
+def document_of(result: CalibrationResult) -> Document:
+    """The whole of a calibration."""
+    words = result.kind.words
+    return Document(
+        _title(result),
+        (
+            Paragraph(_lead(result, words), "lead"),
+            _verdict(result.verdict, result.fit.adequacy.adequate),
+            Warnings(result.warnings),
+            _errors(result, words),
+            Section("Where in the workspace the errors are", _where(result, words)),
+            Section("Uncertainty and goodness of fit", _uncertainty(result)),
+            _outliers(result.fit.outliers, result.fit.left_out),
+            _parameters(result, words),
+            Section("Identifiability and conditioning", _identifiability(result)),
+            Section("The arm at its poses", _arm(result)),
+            provenance_section(result.command, result.options, result.robot.sha256),
+        ),
+    )
+
+
+def _title(result: CalibrationResult) -> str:
+    """Robot, errors before and after, verdict."""
+    name, before, after = result.robot.name, result.before, result.after
+    if before is None or after is None:
+        return f"{name}: {'bad' if result.verdict.word == 'bad' else 'identified, not validated'}"
+    return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
+
+
+def _lead(result: CalibrationResult, words: ObservationWords) -> str:
+    fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
+    of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if words.names_targets else ""
+    begun = (
+        f"From {words.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
+        f"{len(result.parameters)} parameters were identified ({result.identification.status} in {fit.iterations} "
+        "steps)."
+    )
+    if before is None or after is None:
+        return f"{begun} The accuracy at other poses was not validated."
+    return (
+        f"{begun} The mean {words.error} {_validated_on(result)} was {short(before.mean)} mm with the nominal model "
+        f"and is {short(after.mean)} mm with the calibrated one."
+    )
+
+
+def _validated_on(result: CalibrationResult) -> str:
+    """What the validation counted: how many errors, and where."""
+    assert result.after is not None and result.validation.judged_by is not None
+    return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
+
+
+def _verdict(verdict: Verdict, adequate: bool | None) -> Paragraph:
+    doubt = "lack of fit (see below)" if adequate is False else ""
+    why = "; ".join(part for part in (verdict.reason, doubt) if part)
+    return Paragraph(("Verdict: ", _VERDICTS[verdict.word], f": {why}" if why else ""))
+
+
+def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
+    title, before, after = "Before and after calibration", result.before, result.after
+    if before is None or after is None:
+        return Section(title, (Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
+    rows = tuple(
+        (name, *(short(value) for value in (each.mean, each.rms, each.p95, each.max)), f"{each.count:,}")
+        for name, each in (("before", before), ("after", after))
+    )
+    caption = f"{capital(words.error)}, mm, {_validated_on(result)}"
+    note = (
+        f"Before: the nominal model, with {words.placed} fitted to the same measurements. After: all parameters "
+        "estimated."
+    )
+    spread = (
+        "Distribution of the errors. Red: before, green: after; dashed: the means. "
+        "The axis is logarithmic: from one number to the next the error is ten times as large."
+    )
+    return Section(
+        title,
+        (
+            Table(("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after")),
+            Paragraph(note, "note", shown_in=PAGE),
+            Figure("errors-figure", error_histograms(result, words.error), spread),
+        ),
+    )
+
+
+def _where(result: CalibrationResult, words: ObservationWords) -> tuple[Block, ...]:
+    found = error_map(result, words.error)
+    if found is None:
+        return ()
+    part = "" if found.all_shown else f"; {MOST_POINTS} of them, evenly from the smallest error to the largest"
+    caption = f"Shown are {found.which}{part}. The darker, the larger the error."
+    if len(found.sizes.crosses):
+        caption += " Crosses: where the outliers should be."
+    return (Figure("where", size_maps(found.sizes), caption),)
+
+
+def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
+    """Model, goodness of fit, noise, the truth of a virtual robot, model selection, stiffness."""
+    model = " + ".join(("geometric", *result.fit.groups))
+    stiffness = tuple(
+        (each.joint, f"{each.stiffness:,.0f}", f"± {each.std:,.0f}" if np.isfinite(each.std) else "–")
+        for each in result.stiffnesses
+    )
+    return (
+        Paragraph(f"Model: {model}. {capital(result.fit.adequacy.words)}."),
+        Paragraph(_noise(result)),
+        Paragraph(_truth(result)),
+        _model_selection(result),
+        Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
+    )
+
+
+def _noise(result: CalibrationResult) -> str:
+    found = result.identification
+    sigma_m, rotation, predicted = found.sigma_m, rotation_noise_rad(found), predicted_rms(found)
+    if not np.isfinite(sigma_m):
+        return "The noise is unknown, so the parameters have no uncertainty."
+    rotations = f" and {short(1e3 * rotation)} mrad" if np.isfinite(rotation) else ""
+    how = "given" if found.sigma_known else "estimated from the residuals"
+    text = f"The noise per axis is {short(1e3 * sigma_m)} mm{rotations} (1σ, {how})."
+    if np.isfinite(predicted):
+        text += (
+            f" The parameters' covariance alone predicts a position error of {short(1e3 * predicted)} mm "
+            "(RMS over the workspace)."
+        )
+    return text
+
+
+def _truth(result: CalibrationResult) -> str:
+    """How the estimates compare with a virtual robot's truth."""
+    comparison = result.comparison
+    if comparison is None or not np.isfinite(comparison.z).all():
+        return ""
+    text = (
+        f"Compared with the truth of the virtual robot, the largest error is {np.abs(comparison.z).max():.2f} σ, the "
+        f"NEES per parameter is {comparison.nees_per_parameter:.2f} (1 is expected), and "
+        f"{100 * comparison.coverage_95:.0f} % of the 95 % intervals contain the true value."
+    )
+    if result.bad:
+        text += f" {result.outliers_found} of {len(result.bad)} simulated outliers are detected."
+    return text
+
+
+def _model_selection(result: CalibrationResult) -> Table:
+    rows = tuple(
+        (
+            group.name,
+            str(group.parameters),
+            short(1e3 * group.holdout_m) if np.isfinite(group.holdout_m) else "",
+            short(group.f_p) if np.isfinite(group.f_p) else "",
+            fixed(group.bic, 0) if np.isfinite(group.bic) else "",
+            ", but ".join(part for part in ("chosen" if group.chosen else "", group.infeasibility_reason) if part),
+        )
+        for group in result.groups
+    )
+    kinds = tuple("" if group.chosen else "quiet" for group in result.groups)
+    return Table(("group", "parameters", "hold-out error, mm", "p", "BIC", ""), rows, "Model selection", kinds)
+
+
+def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
+    fitted = "excluded from the fit" if left_out else "kept in the fit"
+    held_out = "hold-out set, " + ("excluded from the validation" if left_out else "kept in the validation")
+    rows = tuple(
+        (
+            pose.id,
+            "" if pose.line is None else str(pose.line),
+            short(1e3 * pose.size_m),
+            short(pose.p),
+            held_out if pose.held_out else fitted,
+        )
+        for pose in outliers
+    )
+    in_file = any(pose.line is not None for pose in outliers)
+    columns = ("pose", Column("line", EVERYWHERE if in_file else frozenset()), "residual, mm", "p", "")
+    return Section(f"Outliers: {len(outliers)}", (Table(columns, rows, most_rows=MOST_LISTED),))
+
+
+def _parameters(result: CalibrationResult, words: ObservationWords) -> Section:
+    caption = (
+        "Corrections of the nominal values, with 95 % intervals (often smaller than the dot). "
+        "Green: the interval excludes zero; grey: it does not, or is not known."
+    )
+    offsets = result.robot.chain.offset_lengths
+    note = (
+        f"{capital(words.placed)} have no nominal value: the column shows where the nominal dimensions put them. "
+        "A parameter that is fixed stays at its nominal value, and an error of it goes into those that it is aliased "
+        "with." + (f" Added to a joint position to give a leg's length: {', '.join(offsets)}." if offsets else "")
+    )
+    return Section(
+        "Parameters",
+        (
+            parameters_table(result.parameters),
+            Paragraph(note, "note"),
+            Figure("corrections", correction_pictures(result.parameters), caption),
+        ),
+        shown_in=PAGE,
+    )
+
+
+def parameters_table(rows: Sequence[EstimatedParameter]) -> Table:
+    """Every parameter with its 95 % interval, or why it has none."""
+    kinds = tuple("" if row.identified else "quiet" for row in rows)
+    columns = ("parameter", "unit", "nominal", "estimated", "correction", "95 % interval", "status")
+    return Table(columns, tuple(map(_parameter_row, rows)), row_kinds=kinds)
+
+
+def _parameter_row(row: EstimatedParameter) -> Row:
+    factor, unit, digits = display_unit(row.parameter)
+    half = factor * row.half_width_95
+    return (
+        Code(row.name),
+        unit,
+        fixed(factor * row.nominal, digits),
+        fixed(factor * row.estimate, digits) if row.identified else "",
+        fixed(factor * (row.estimate - row.nominal), digits, signed=True) if has_correction(row) else "",
+        f"± {short(half)}" if np.isfinite(half) else "",
+        _status(row),
+    )
+
+
+def _status(row: EstimatedParameter) -> str:
+    """The status; of a parameter that is fixed, also what it is aliased with."""
+    names = [name for name, _ in sorted(row.aliased_with, key=lambda alias: -abs(alias[1]))]
+    more = f" and {len(names) - MOST_ALIASES} more" if len(names) > MOST_ALIASES else ""
+    aliased = f"; aliased with {', '.join(names[:MOST_ALIASES])}{more}" if names else ""
+    return f"{_STATUS[row.status]}{aliased}"
+
+
+def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
+    """What the robot's structure and these poses allow to be identified."""
+    found = result.identification
+    directions, pairs = weak_directions_of(found, result.fitted), correlated_pairs(found)
+    parameters = {each.name: each.parameter for each in result.parameters}
+    weak = tuple(
+        (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(1e6 * each.moved)} µm")
+        for each in directions
+    )
+    correlated = tuple((" and ".join(pair.names), fixed(pair.correlation, 3)) for pair in pairs)
+    none = "" if weak or pairs else " No parameters are strongly correlated, and no direction is weakly observable."
+    return (
+        Paragraph(_identifiable(result) + none),
+        Table(
+            ("relative singular value", "weakly observable: a change of", "moves the targets by"),
+            weak,
+            most_rows=MOST_LISTED,
+            shown_in=PAGE,
+        ),
+        Table(("strongly correlated parameters", "correlation"), correlated, most_rows=MOST_LISTED, shown_in=PAGE),
+        _singular_values(found.fit.singular_values),
+    )
+
+
+def _identifiable(result: CalibrationResult) -> str:
+    found, condition = result.identification, result.identification.fit.condition
+    count, rank = len(found.base_set.kept), found.fit.rank
+    which = "all of them" if count == rank else str(rank)
+    poorly = ", but hardly" if np.isfinite(condition) and condition > ILL_CONDITIONED else ""
+    number = f" (condition number {short(condition)})" if np.isfinite(condition) else ""
+    return (
+        f"Of {len(result.parameters)} parameters, {count} are identifiable on such a robot with such measurements; "
+        f"these poses identify {which}{poorly}{number}."
+    )
+
+
+def _mixture(direction: Direction, parameters: dict[str, Parameter]) -> str:
+    """A direction in words, in what a person reads."""
+    parts = []
+    for name, part in direction.parts[:MOST_PARTS]:
+        factor, unit, _ = display_unit(parameters[name])
+        parts.append(f"{short(factor * part)} {unit} of {name}")
+    more = len(direction.parts) - MOST_PARTS
+    return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
+
+
+def _singular_values(values: Array) -> Figure:
+    caption = (
+        "Singular values of the Jacobian (whitened rows, unit columns) of the identified parameters: a direction far "
+        "below the others is one of which the measurements say little."
+    )
+    return Figure("singular-values-figure", singular_value_picture(values), caption)
+
+
+def _arm(result: CalibrationResult) -> tuple[Block, ...]:
+    arm = arm_poses(result)
+    points = "points as measured" if arm.measured else "tool points as the calibrated model predicts them"
+    caption = f"The calibrated arm as lines between its joints, at {len(arm.joints)} of its poses, and all {points}."
+    return (Figure("arm", arm_views(arm), caption),)

@@ -1,0 +1,41 @@
+"""Plain values that the results of several commands hold: numbers that JSON can say, statistics of errors."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from lab.core.se3 import Array
+
+__all__ = ["ErrorStatistics", "error_statistics", "number"]
+
+
+@dataclass(frozen=True)
+class ErrorStatistics:
+    """Statistics of lengths, mm, and of how many."""
+
+    mean: float
+    rms: float
+    p95: float
+    max: float
+    count: int
+
+    def to_dict(self) -> dict[str, float | int]:
+        """The statistics by name."""
+        return asdict(self)
+
+
+def error_statistics(errors: Array) -> ErrorStatistics:
+    """Statistics of errors in m; NaN is left out."""
+    lengths = 1e3 * errors[np.isfinite(errors)]
+    return ErrorStatistics(
+        float(lengths.mean()),
+        float(np.sqrt(np.mean(lengths**2))),
+        float(np.percentile(lengths, 95)),
+        float(lengths.max()),
+        int(lengths.size),
+    )
+
+
+def number(value: float) -> float | None:
+    """The value, or None where it is not finite."""
+    return float(value) if np.isfinite(value) else None
