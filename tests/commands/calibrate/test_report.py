@@ -121,7 +121,9 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     options = MeasuredCampaign(file, noise_mm=0.005)
     found = identify(options)
     assert found.fit.outliers and found.fitted.targets == (target,)
-    found = replace(found, robot=replace(found.robot, name=NASTY), warnings=(f"{NASTY} of a warning",))
+    model = found.robot.model
+    named = replace(found.robot, model=replace(model, chain=replace(model.chain, name=NASTY)))
+    found = replace(found, robot=named, warnings=(f"{NASTY} of a warning",))
     seen = written(tmp_path / "report.html", found)
     assert seen.headings[0].startswith(NASTY) and seen.items == [f"{NASTY} of a warning"]
     assert found.fit.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
