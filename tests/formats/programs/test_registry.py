@@ -1,0 +1,66 @@
+"""Languages of controllers: what one has to offer is all that the commands ask of it."""
+
+import numpy as np
+import pytest
+
+from lab.formats.programs import registry
+from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.rapid import Rapid
+from lab.kinematics.joints import JointSpec
+
+
+class Spoken:
+    """A language for robots of two joints."""
+
+    name = "Spoken"
+    suffix = ".txt"
+    speed = "slowly"
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        return None if joints.size == 2 else f"no spoken program for {joints.size} joints"
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        return f"{tour.robot}: {len(tour.stops)} stops, {', '.join(tour.ids)}".encode()
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        return f"{moves.robot}: {', '.join(moves.ids)}".encode()
+
+
+def joints(count: int) -> JointSpec:
+    every = np.ones(count)
+    return JointSpec(
+        name="arm",
+        joint_names=tuple(f"q{i}" for i in range(count)),
+        prismatic=(False,) * count,
+        sign=every,
+        lower=-every,
+        upper=every,
+        speed=every,
+        acceleration=every,
+    )
+
+
+@pytest.fixture(autouse=True)
+def two_languages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "LANGUAGES", (Rapid(), Spoken()))
+
+
+def test_each_language_writes_for_the_robots_that_it_can_move() -> None:
+    tour = MeasuringTour("arm", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))
+    assert registry.plan_files(joints(2), tour) == {"plan.txt": b"arm: 4 stops, 3, 4"}
+    moves = TargetMoves("arm", ("a", "b"), np.zeros((2, 2)), np.eye(4), np.eye(4))
+    assert registry.target_files(joints(2), moves) == {"program.txt": b"arm: a, b"}
+    six = TargetMoves("arm", ("a",), np.zeros((1, 6)), np.eye(4), np.eye(4))
+    assert list(registry.target_files(joints(6), six)) == ["program.mod"]
+
+
+def test_a_result_says_of_each_language_the_file_or_the_reason() -> None:
+    said = registry.plan_or_refusal(joints(6))
+    assert said == {"rapid": "plan.mod", "spoken": "no spoken program for 6 joints"}
+    languages, refusals = registry.planned_in(said)
+    assert [language.name for language in languages] == ["RAPID"] and refusals == ["no spoken program for 6 joints"]
+    assert registry.refusals(joints(6)) == ("no spoken program for 6 joints",)
+
+
+def test_a_run_may_hold_the_files_of_every_language() -> None:
+    assert set(registry.program_file_names()) == {"plan.mod", "plan.txt", "program.mod", "program.txt"}
