@@ -40,7 +40,9 @@ from lab.simulation.true_robot import (
     true_robot_from_table,
 )
 
-DESCRIPTION = "mechanism.toml"
+__all__ = ["ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual", "models_folder"]
+
+_DESCRIPTION = "mechanism.toml"
 
 
 @dataclass(frozen=True)
@@ -269,9 +271,9 @@ def _models() -> dict[str, Path]:
     """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else a mechanism's folder describes."""
     found = {}
     for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
-        files = [folder / name for name in (DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
+        files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
         found[folder.name] = next((path for path in files if path.is_file()), folder)
-        if found[folder.name].name == DESCRIPTION:
+        if found[folder.name].name == _DESCRIPTION:
             found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
     return found
 
@@ -313,7 +315,7 @@ def _loaded(robot: str) -> Robot:
     else:
         model = load_model(path)
         warnings = (f"{model.missing}, so no shape is shown",) if model.missing else ()
-    loads = None if model.weighed else _some(loads_of(model))
+    loads = None if model.masses_assumed else _some(loads_of(model))
     return SerialRobot(model, sha256, warnings, loads)
 
 

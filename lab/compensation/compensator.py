@@ -1,8 +1,8 @@
 """Targets that an identified arm really hits: three schemes that end at the same place.
 
 (a) The identified arm's inverse, by Newton's method. (b) The differential scheme: joints moved by dq = -J+ dX, with
-the drawing's Jacobian J and the error dX evaluated anew where they then stand. (c) Targets corrected in space,
-X_C = X_R - dX, for a controller that goes on computing with the drawing; dX is evaluated at the joints that it
+the nominal model's Jacobian J and the error dX evaluated anew where they then stand. (c) Targets corrected in space,
+X_C = X_R - dX, for a controller that goes on computing with the nominal model; dX is evaluated at the joints that it
 finds for X_C. The last two are how elastic errors are compensated (e.g. Khalil & Besnard 2002; Klimchik 2011).
 
 An arm with fewer than six joints is brought to the place, and as near to the rotation as it can be turned there.
@@ -24,13 +24,17 @@ from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, shortest_step, tool_at, within_reach
 
-CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
-AIMINGS = 3  # of the drawing's inverse at what the arm misses, before Newton's method begins
-ROUNDS = 50  # of the schemes (b) and (c)
-SETTLED_M, SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
-TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
+__all__ = ["CLEAR_RAD", "Compensation", "Compensator"]
 
-Moved = Callable[[NDArray[np.int_], Array, Array], Array]  # rows, their readings, what is missing: to new readings
+CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
+_AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Newton's method begins
+_ROUNDS = 50  # of the schemes (b) and (c)
+_SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
+_TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
+
+Moved = Callable[
+    [NDArray[np.int_], Array, Array], Array
+]  # rows, their joint positions, what is missing: to new joint positions
 
 
 @dataclass(frozen=True)
@@ -38,16 +42,16 @@ class Compensation:
     """Corrected targets.
 
     Attributes:
-        joints: ``(n, joints)`` readings that bring the identified arm's tool to each target; where that fails, those
-            that come nearest.
-        uncorrected: ``(n, joints)`` readings that the drawing says, in the same branch.
-        places, turns: ``(n, 3)`` m, ``(n, 3, 3)``: the corrected targets in space, in the tracker's frame.
+        joints: ``(n, joints)`` that bring the identified arm's tool to each target; where that fails, those that come
+            nearest.
+        uncorrected: ``(n, joints)`` that the nominal model says, in the same branch.
+        positions, rotations: ``(n, 3)`` m, ``(n, 3, 3)``: the corrected targets in space, in the tracker's frame.
         reasons: why a target cannot be reached, one each; empty where it is reached.
-        differential, cartesian: ``(n, joints)`` readings of the schemes (b) and (c).
-        apart_m: ``(n,)`` the largest distance between the schemes' places of the tool; NaN where one has none.
+        differential, cartesian: ``(n, joints)`` joint positions of the schemes (b) and (c).
+        scheme_disagreement_m: ``(n,)`` the largest distance between the schemes' tools; NaN where one has none.
         singular_rad: ``(n,)`` distance to the nearest singularity (m of a slide), and ``singular_joint`` the joint
             that leads there.
-        steps: ``(n,)`` of scheme (a), from the drawing's inverse.
+        steps: ``(n,)`` of scheme (a), from the nominal model's inverse.
         unturned_rad: ``(n,)`` by how much the rotation is missed because it takes more joints than the arm has; zero
             where it has six, where any rotation will do, and where a target is not reached.
     """
@@ -89,7 +93,7 @@ class Compensator:
 
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
-        _, jacobian = self.nominal.tool(chain.random_joints(TRIED, rng_for(0, "structure")))
+        _, jacobian = self.nominal.tool(chain.random_joints(_TRIED, rng_for(0, "structure")))
         ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
         if ways < 3:
             raise LabError(
@@ -103,7 +107,7 @@ class Compensator:
 
         Args:
             conditions: ``(n, c)``, what the arm's effects ask for.
-            reference: ``(n, joints)`` readings that say which way to take; NaN where that is free.
+            reference: ``(n, joints)`` joint positions that say which way to take; NaN where that is free.
         """
         chain, found = self.nominal.arm.chain, self._first_that_fits(wanted, conditions, reference)
         fits = np.flatnonzero(found.fits)
@@ -136,7 +140,7 @@ class Compensator:
         )
 
     def _first_that_fits(self, wanted: PoseTarget, conditions: Array, reference: Array) -> Attempts:
-        """The identified arm's inverse, by the first way of the drawing that ends within limits; else the best."""
+        """The identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
         ways = self.nominal.ways(wanted, reference)
         starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways))
@@ -162,11 +166,11 @@ class Compensator:
         return near
 
     def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
-        """Newton's method from one way of the drawing, aimed a few times at what the arm misses there."""
+        """Newton's method from one way of the nominal model, aimed a few times at what the arm misses there."""
         chain = self.nominal.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
         going = np.arange(len(wanted))
-        for _ in range(AIMINGS):
+        for _ in range(_AIMINGS):
             aimed = self._aimed(wanted.take(going), joints[going], conditions[going])
             joints[going], reached = self.nominal.again(aimed, joints[going], branch[going])
             aimings[going] += 1
@@ -187,7 +191,7 @@ class Compensator:
     def _cartesian(
         self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]
     ) -> tuple[PoseTarget, Array]:
-        """Scheme (c): the corrected targets, and the readings that the controller finds for them."""
+        """Scheme (c): the corrected targets, and the joint positions that the controller finds for them."""
         aimed = PoseTarget(wanted.positions.copy(), wanted.rotations.copy())
 
         def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
@@ -205,13 +209,13 @@ class Compensator:
         return PoseTarget(wanted.positions, np.where(kept[:, None, None], wanted.rotations, Ts[:, :3, :3]))
 
     def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: Moved) -> Array:
-        """Readings ``(n, joints)`` moved again and again, until the tool is where it is wanted.
+        """Joint positions ``(n, joints)`` moved again and again, until the tool is where it is wanted.
 
         A fixed point, not Newton's method: ``moved`` may be a controller's own inverse, which gives joint positions,
         not steps.
         """
         joints, going = start.copy(), np.arange(len(wanted))
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             some = wanted.take(going)
             Ts, jacobian = self._tool(joints[going], conditions[going])
             missing = within_reach(jacobian, some.errors(Ts), some.turned)
@@ -223,7 +227,7 @@ class Compensator:
         return joints
 
     def _aimed(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
-        """X_C = X_R - dX: where to aim the drawing, by what the arm misses at these readings."""
+        """X_C = X_R - dX: where to aim the nominal model, by what the arm misses at these joint positions."""
         real, drawn = self._tool(joints, conditions)[0], self.nominal.tool(joints)[0]
         positions = wanted.positions - (real[:, :3, 3] - drawn[:, :3, 3])
         return PoseTarget(positions, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.rotations)
@@ -245,7 +249,7 @@ class Compensator:
 def _settled(missing: Array) -> NDArray[np.bool_]:
     """``(n,)``: whether what is missing ``(n, 6)`` is nothing."""
     place, turn = np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
-    return np.asarray((place < SETTLED_M) & (turn < SETTLED_RAD))
+    return np.asarray((place < _SETTLED_M) & (turn < _SETTLED_RAD))
 
 
 def _spread(part: Array, rows: NDArray[np.int_], shape: tuple[int, ...]) -> Array:

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 
+__all__ = ["AGREED_M", "LIMIT_SLACK", "NEAR_RAD", "Attempts"]
+
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
-EDGE_M = 1e-3  # missed by less, a target is at the edge of the workspace
+_EDGE_M = 1e-3  # missed by less, a target is at the edge of the workspace
 LIMIT_SLACK = 1e-9  # rad or m: rounding
 
 
@@ -19,7 +21,7 @@ class Attempts:
     """The best that was found so far.
 
     Attributes:
-        start: ``(n, joints)`` the drawing's readings, of its ways ``branch`` ``(n,)``.
+        start: ``(n, joints)`` the nominal model's joint positions, of its solutions ``branch`` ``(n,)``.
         joints: ``(n, joints)`` the identified arm's.
         errors: ``(n, 6)`` what is missing, m and rad.
         arrived: ``(n,)`` whether nothing is, or nothing that so many joints could make up for.
@@ -68,7 +70,7 @@ class Attempts:
             return f"{near}, where the schemes of compensation do not meet"
         short, turned = (float(np.linalg.norm(part)) for part in (self.errors[i, :3], self.errors[i, 3:]))
         missed = f"{_rounded(1e3 * short)} mm" if short > AGREED_M else f"{_rounded(np.rad2deg(turned))}°"
-        edge = f", {near}" if distance < NEAR_RAD and short < EDGE_M else ""
+        edge = f", {near}" if distance < NEAR_RAD and short < _EDGE_M else ""
         return f"out of reach by {missed}{edge}"
 
 

@@ -4,6 +4,8 @@ import numpy as np
 
 from lab.core.se3 import Array
 
+__all__ = ["CYCLES", "SIDES_M", "accuracy", "circle_positions", "cube_positions", "line_positions", "repeatability"]
+
 SIDES_M = (1.0, 0.63, 0.4, 0.25)  # of test cubes, table 1
 CYCLES = 30
 _NEAR_CORNERS = 0.8  # of half a diagonal: the poses are 10 % of it away from the corners

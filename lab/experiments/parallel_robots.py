@@ -210,7 +210,7 @@ def longer_rod() -> Row:
     """A drawn Delta with one rod longer than its twin: how the platform tilts, and what three rods say of it."""
     robot, place = robot_of(SIX), robot_of(SIX).model.T_world_tracker
     assert isinstance(robot.chain, Mechanism) and isinstance(robot.model, ClosedModel)
-    values = robot.chain.drawn + LONGER_M * (np.array(robot.chain.names) == "rod1a.length")
+    values = robot.chain.nominal_values + LONGER_M * (np.array(robot.chain.names) == "rod1a.length")
     bench = Bench.of(true_mechanism(robot.model, values, place), ("p1",), 0)
     Ts = ClosedArm(robot.chain).tool(bench.fresh, np.concatenate([values, np.zeros(3)]))[0]
     tilt = 1e3 * np.linalg.norm(se3.log(Ts[:, :3, :3]), axis=1)
@@ -231,10 +231,12 @@ def assembled(robot: str, readings: int, seed: int) -> Row:
     """A drawing at readings anywhere within the limits: its mode against the closed form's, and what is refused."""
     chain, course = course_of(robot)
     joints = JointSpec.random_joints(chain, readings, rng_for(seed, "poses"))
-    found, modes = chain.assembled(joints, chain.drawn), course.modes(joints)
-    at_home = course.side(chain.home[None], chain.assembled(chain.home[None], chain.drawn).posture.passive.T)
+    found, modes = chain.assembled(joints, chain.nominal_values), course.modes(joints)
+    at_home = course.side(
+        chain.home[None], chain.assembled(chain.home[None], chain.nominal_values).configuration.passive.T
+    )
     ours = np.stack([course.side(joints, mode) == at_home for mode in modes.swapaxes(0, 1)], axis=1)  # (n, m)
-    near = np.abs(modes - found.posture.passive.T[:, None]).max(axis=2) < SAME
+    near = np.abs(modes - found.configuration.passive.T[:, None]).max(axis=2) < SAME
     closes, fits = ours.any(axis=1), found.fits
     row = {"readings": fits | True, "close": closes, "answered": fits, "right": (near & ours).any(axis=1) & fits}
     row |= {"the first mode": near[:, 0] & fits, "refused": closes & ~fits}

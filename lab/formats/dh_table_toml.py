@@ -29,6 +29,8 @@ from lab.formats.toml import read_toml
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
 
+__all__ = ["TABLE_TOML", "RobotTable", "read_table"]
+
 _QUANTITIES = {"theta": ANGLES, "alpha": ANGLES, "beta": ANGLES, "d": LENGTHS, "a": LENGTHS}
 _KNOWN = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
@@ -42,7 +44,7 @@ class RobotTable:
     """What a table file holds.
 
     Attributes:
-        base: ``(6,)`` of an identified arm, as ``base.x y z rx ry rz``; None in a drawing.
+        base: ``(6,)`` of an identified arm, as ``base.x y z rx ry rz``; None of a nominal robot.
         tool: targets (m, in the last frame).
         height_m: of frame 0 above the floor that the arm stands on; None where there is none.
         mass_kg: ``(n,)`` of the links that the joints move; NaN where unknown.
@@ -119,7 +121,7 @@ def _document(path: Path) -> dict[str, Any]:
     return document
 
 
-def write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
+def _write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
     """A table that reads back to the bit, with the base ``(6,)`` (m, rad) and the targets (m)."""
     lines = [f"name = {quoted(chain.name)}", f'convention = "{chain.convention}"']
     for i, joint in enumerate(chain.joint_names):
@@ -136,7 +138,7 @@ def write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
 def _identified_table(identified: IdentifiedRobot[SerialArm, object]) -> str:
     arm = identified.arm
     base, table, tool = arm.split(identified.values)
-    return write_table(arm.chain.with_table(table), base, dict(zip(arm.targets, tool, strict=True)))
+    return _write_table(arm.chain.with_table(table), base, dict(zip(arm.targets, tool, strict=True)))
 
 
 TABLE_TOML = DescriptionFormat("calibrated.toml", _identified_table)

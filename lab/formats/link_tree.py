@@ -2,7 +2,7 @@
 
 A Denavit-Hartenberg row is ``before`` * Rz(theta) Tz(d) * ``after``: of a Craig table ``before`` is
 Rx(alpha) Tx(a) Ry(beta), of a distal one that is ``after``, and the other is one. A joint's link
-stands between the two, with z on the joint's axis, so that the reading turns it about or slides it
+stands between the two, with z on the joint's axis, so that the joint position turns it about or slides it
 along its own z, and the table's frame is fixed to it.
 """
 
@@ -16,6 +16,8 @@ from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Convention
 
+__all__ = ["Link", "free_name", "link_tree"]
+
 
 @dataclass(frozen=True)
 class Link:
@@ -23,10 +25,10 @@ class Link:
 
     Attributes:
         parent: the name of the link that carries it; None of the root, the frame of the measurements.
-        T_parent_link: its pose ``(4, 4)`` in the parent's frame (m), readings zero.
+        T_parent_link: its pose ``(4, 4)`` in the parent's frame (m), joint positions zero.
         T_link_frame: pose ``(4, 4)`` in it of the table's frame that moves with it.
         joint: which of the chain's joints (from 0) moves it; None where it is fixed.
-        sign: +1 or -1, how the reading counts along z.
+        sign: +1 or -1, how the joint position counts along z.
     """
 
     name: str

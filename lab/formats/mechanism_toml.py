@@ -31,11 +31,13 @@ from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Frame, Kind, Pin, Rod, Step, Tree
 from lab.kinematics.parameter import is_reserved_owner
 
+__all__ = ["MECHANISM_TOML", "MechanismFile", "is_mechanism", "read_mechanism", "write_mechanism"]
+
 _TOP_KEYS = ("name", "height_mm", "joint", "frame", "rod", "pin", "platform", "tool", "base")
 _OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration"
 _OF_STEP = "one of x, y, z with _mm or _m, rx, ry, rz with _deg or _rad; and joint, passive or exact"
 _GROUND = "base"
-RESERVED = ("world", "tracker", "floor")  # names that the virtual robot's model has of its own
+_RESERVED = ("world", "tracker", "floor")  # names that the virtual robot's model has of its own
 _LARGEST = 1e6  # m, of any length in a path
 
 
@@ -69,7 +71,7 @@ def read_mechanism(path: Path) -> MechanismFile:
     names = [joint.name for joint in joints]
     refuse_doubled_names(path, names)
     for name in (*names, *read_tool(path, document.get("tool", {}))):
-        if "." in name or name in RESERVED:
+        if "." in name or name in _RESERVED:
             raise LabError(f"{path}: {name} cannot be a joint's or a target's name; give it another, without a dot")
     limits = [joint.limits(warnings) for joint in joints]
     speed, acceleration = (np.array([joint.rate(name) for joint in joints]) for name in RATES)
@@ -127,7 +129,7 @@ def write_mechanism(mechanism: Mechanism, values: Array, tool: dict[str, Array])
 MECHANISM_TOML: DescriptionFormat[ClosedArm, object] = DescriptionFormat(
     "calibrated.toml",
     lambda identified: write_mechanism(
-        identified.arm.chain, identified.values, identified.arm.places(identified.values)
+        identified.arm.chain, identified.values, identified.arm.tool_positions(identified.values)
     ),
 )
 
@@ -205,7 +207,7 @@ class _Tree:
         name = section.take("name")
         if not isinstance(name, str) or not name.strip() or "." in name or "," in name:
             raise LabError(f"{section.where}: name is {name!r}; give it a name, without a dot or a comma")
-        if name in taken or name in RESERVED or is_reserved_owner(name):
+        if name in taken or name in _RESERVED or is_reserved_owner(name):
             raise LabError(f"{section.where}: the name {name} is taken; give it another")
         return name
 

@@ -9,6 +9,20 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.toml import is_number
 
+__all__ = [
+    "ANGLES",
+    "LENGTHS",
+    "RATES",
+    "JointSection",
+    "Section",
+    "quoted",
+    "read_base",
+    "read_height",
+    "read_tool",
+    "refuse_doubled_names",
+    "written_base_and_tool",
+]
+
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 LENGTHS = {"m": 1.0, "mm": 1e-3}
 RATES = {"speed": "per_s", "acceleration": "per_s2"}
@@ -92,7 +106,7 @@ class JointSection(Section):
         return self.positive("force", {"n": 1.0}) if self.prismatic else self.positive("torque", {"nm": 1.0})
 
     def sign(self) -> float:
-        """How its reading counts."""
+        """+1 or -1: how the joint's position counts."""
         sign = self.take("sign", 1)
         if sign not in (1, -1) or isinstance(sign, bool):
             raise LabError(f"{self.where}: sign is {sign!r}; write 1 or -1")

@@ -12,6 +12,8 @@ from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
+__all__ = ["URDF"]
+
 _PLACEHOLDER_KG = 1e-3
 _GYRATION_M = 0.05
 _ABOUT = """\
@@ -70,7 +72,7 @@ def _add_joint(root: ET.Element, chain: Chain, link: Link, parent: str) -> None:
 
 
 def _mass_and_centre(loads: Loads | None, link: Link) -> tuple[float, Array]:
-    """Mass (kg) and its centre ``(3,)`` (m) in the frame of a moving link: the drawing's, or a placeholder."""
+    """Mass (kg) and its centre ``(3,)`` (m) in the frame of a moving link: the nominal model's, or a placeholder."""
     assert link.joint is not None
     mass = 0.0 if loads is None else float(loads.mass_kg[link.joint])
     if loads is None or mass <= 0:
@@ -87,7 +89,7 @@ def _masses_note(loads: Loads | None) -> str:
     """What of the masses is known, for a comment in the file."""
     if loads is None:
         return "Masses and inertias are placeholders: the robot's are not known."
-    return "Masses and their centres are the drawing's (1 g where it has none); inertias are placeholders."
+    return "Masses and their centres are the nominal model's (1 g where it has none); inertias are placeholders."
 
 
 def _numbers(vector: Array) -> str:

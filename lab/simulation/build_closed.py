@@ -1,6 +1,6 @@
 """A mechanism with loops as MuJoCo has it: a body for each frame, joints for what moves, tendons for rods.
 
-The model rests (``qpos0``) as the mechanism is drawn: readings at home, the drawing's passive values. MuJoCo computes
+The model rests (``qpos0``) in the nominal position: joints at home, passive values nominal. MuJoCo computes
 the length of a tendon there whenever it compiles; the tendon's equality adds what the rod is longer, so that a file
 of the model stands alone. Shapes collide with nothing: they are there to be looked at.
 """
@@ -22,6 +22,8 @@ from lab.simulation.link_shapes import DENSITY
 from lab.simulation.model import add_targets, add_tracker, compiled, let_weigh_nothing
 from lab.simulation.write_mjcf import set_vectors, write_in_full
 
+__all__ = ["BASE_BODY", "closed_mjcf", "closed_spec"]
+
 BASE_BODY = "base"
 _ARM, _PLATE, _BALL, _ROD, _SPOKE = 0.02, 0.012, 0.014, 0.007, 0.004  # radii beside the mechanism's size
 _SHORT_M = 1e-3  # a shorter stretch is not drawn
@@ -33,8 +35,8 @@ def closed_spec(
 ) -> mujoco.MjSpec:
     """The mechanism of parameters ``(p,)``, its base upright at this height; in the air where there is none.
 
-    A joint that is measured is called like the robot's, and its ``qpos`` is the reading; one that is passive is called
-    ``<frame>.<step>``. A leg whose length is a reading has no joint: its equality is set pose by pose
+    A joint that is measured is called like the robot's, and its ``qpos`` is its position; one that is passive is called
+    ``<frame>.<step>``. A leg whose length is a joint position has no joint: its equality is set pose by pose
     (``loops.closed_qpos``), and rests at home. Tendons and equalities are called like rods and pins. A pin is three
     equations here, whatever axes it is along: of a planar mechanism the third is 0 = 0.
 
@@ -92,7 +94,7 @@ class _Body:
         moved: the step that moves it; None where nothing does.
         joint: the name of the joint there.
         at: where that rests, as ``qpos`` (m, rad).
-        driven: how many readings carry it.
+        driven: how many joint positions carry it.
     """
 
     name: str
@@ -105,11 +107,11 @@ class _Body:
 
 
 def _rest(mechanism: Mechanism) -> Configuration:
-    """The mechanism as drawn, with its loops closed, if it has any."""
+    """The nominal mechanism, with its loops closed, if it has any."""
     if mechanism.tree.passive:
-        return mechanism.assembled(mechanism.home[None], mechanism.drawn).posture
+        return mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
     return Configuration.of(
-        mechanism.tree, mechanism.dimensions(mechanism.drawn), mechanism.home[None], np.empty((0, 1))
+        mechanism.tree, mechanism.dimensions(mechanism.nominal_values), mechanism.home[None], np.empty((0, 1))
     )
 
 

@@ -14,6 +14,8 @@ from lab.simulation.link_shapes import dress, reach_of
 from lab.simulation.model import FLANGE, TRACKER, add_targets, add_tracker, compiled
 from lab.simulation.serial_model import SerialModel
 
+__all__ = ["table_model"]
+
 _SMALL_M = 1.0  # reach of an arm beside which the tracker stands at its usual place
 _PEDESTAL_M = 0.1  # of a floor-standing arm's reach, the radius of what carries it
 
@@ -53,7 +55,7 @@ def table_model(path: Path, table: RobotTable) -> SerialModel:
     model = compiled(path, spec)
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=tuple(bodies),
-        base_body=tree.base.name, tool=tool, drawn=True, weighed=weighed,
+        base_body=tree.base.name, tool=tool, shapes_assumed=True, masses_assumed=weighed,
     )  # fmt: skip
 
 

@@ -20,8 +20,10 @@ from lab.core.se3 import Array
 from lab.simulation.collisions import collision_flags, standing
 from lab.simulation.model import TRACKER, RobotModel
 
+__all__ = ["MARGIN", "Candidates", "draw_candidates", "feasibility", "field_of_view", "path_check"]
+
 MARGIN = 0.02  # of a joint's range, kept from each limit
-STEP_M = 0.010  # along a path no point of the arm moves further than this between two looks
+_STEP_M = 0.010  # along a path no point of the arm moves further than this between two looks
 Feasible = Callable[[Array], NDArray[np.bool_]]
 FreePath = Callable[[Array, Array], bool]
 _REASONS = ("limits", "singularity", "collision", "visibility")
@@ -36,7 +38,7 @@ class Candidates:
     """Feasible poses, and what became of the others.
 
     Attributes:
-        joints: ``(m, n)`` readings, rad or m.
+        joints: ``(m, n)`` joint positions, rad or m.
         drawn: quasi-random draws over the full limits, up to the last candidate.
         rejected: draws by the first reason against them: ``limits`` (in the margin), ``singularity`` (loops that do
             not close, or nearly otherwise too), ``collision``,
@@ -79,7 +81,7 @@ def draw_candidates(
 
 
 def feasibility(robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN) -> Feasible:
-    """A callable: whether readings ``(n, joints)`` keep from the limits, touch nothing and show every target.
+    """A callable: whether joint positions ``(n, joints)`` keep from the limits, touch nothing and show every target.
 
     Quick to ask again and again, by one thread.
     """
@@ -88,14 +90,14 @@ def feasibility(robot: RobotModel, targets: Sequence[str], instrument: Instrumen
 
 
 def path_check(robot: RobotModel) -> FreePath:
-    """A callable: whether the arm touches nothing while all joints move in proportion between two readings ``(n,)``.
+    """A callable: whether the arm touches nothing while all joints move in proportion from ``(n,)`` to ``(n,)``.
 
-    Looked at so often that no point of it moves more than ``STEP_M`` in between. By one thread.
+    Looked at so often that no point of it moves more than ``_STEP_M`` in between. By one thread.
     """
     data, reach = mujoco.MjData(robot.model), robot.travel_per_joint()
 
     def is_free(start: Array, end: Array) -> bool:
-        steps = max(1, int(np.ceil(np.abs(end - start) @ reach / STEP_M)))
+        steps = max(1, int(np.ceil(np.abs(end - start) @ reach / _STEP_M)))
         # evenly spread from the first look on, so that an obstacle is met early
         order = np.argsort(np.argsort(np.arange(steps + 1) * _GOLDEN % 1.0))
         return not any(collision_flags(robot, start + (order / steps)[:, None] * (end - start), data))
@@ -106,7 +108,7 @@ def path_check(robot: RobotModel) -> FreePath:
 def _judge(
     robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float
 ) -> Callable[[Array], NDArray[np.int_]]:
-    """A callable: the first of ``_REASONS`` against each of the readings ``(n, joints)``, -1 for none."""
+    """A callable: the first of ``_REASONS`` against each of the joint positions ``(n, joints)``, -1 for none."""
     if not 0 <= margin < 0.5:
         raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
     sees, data = field_of_view(robot, targets, instrument), mujoco.MjData(robot.model)
@@ -127,7 +129,7 @@ def _judge(
 
 
 def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
-    """A callable: whether the tracker sees every one of the targets at readings ``(n, joints)``."""
+    """A callable: whether the tracker sees every one of the targets at joint positions ``(n, joints)``."""
     for target in targets:
         if target not in robot.tool:
             raise LabError(f"target '{target}' is unknown: robot {robot.chain.name} has {', '.join(robot.tool)}")
@@ -151,10 +153,10 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
         for i, stand in enumerate(standing(robot, joints, data)):
             points[i], axes[i] = stand.site_xpos[sites], stand.site_xmat[sites, 2::3]
         admitted = instrument.field_of_view.admits((points - head) @ turn, axes @ turn)
-        seen: NDArray[np.bool_] = np.all(admitted, axis=1)
-        rays = (reached(stand) for stand in standing(robot, joints[seen], data))
-        seen[seen] = np.fromiter(rays, bool, int(seen.sum()))
-        return seen
+        visible: NDArray[np.bool_] = np.all(admitted, axis=1)
+        rays = (reached(stand) for stand in standing(robot, joints[visible], data))
+        visible[visible] = np.fromiter(rays, bool, int(visible.sum()))
+        return visible
 
     return sees
 

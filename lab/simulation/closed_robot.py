@@ -1,4 +1,4 @@
-"""A mechanism with loops in MuJoCo: the drawing, the "real" robot whose dimensions are off, and the identified one."""
+"""A mechanism with loops in MuJoCo: nominal, as a "real" robot whose dimensions are off, and identified."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,12 +23,14 @@ from lab.simulation.loop_constraints import closed_qpos
 from lab.simulation.model import FLANGE, TRACKER, RobotModel, compiled, coordinates
 from lab.simulation.true_robot import TrueRobot, stand_before_tracker
 
+__all__ = ["CLOSED_MJCF", "ClosedModel", "TrueMechanism", "closed_model", "random_values", "true_mechanism"]
+
 _LOOKS = 1000  # random poses
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedModel(RobotModel):
-    """A mechanism as drawn.
+    """The nominal model of a mechanism.
 
     Attributes:
         height_m: of its base above the floor; None where there is none.
@@ -38,10 +40,10 @@ class ClosedModel(RobotModel):
     height_m: float | None
 
     def qpos(self, joints: Array) -> Array:
-        """As of any robot; passive joints where the drawing's loops have them."""
-        closed = self.chain.assembled(joints, self.chain.drawn)
-        return passive_coordinates(
-            self.model, self.chain, joints, np.where(closed.fits, closed.posture.passive, np.nan)
+        """Passive joints stand where the nominal model's loops have them."""
+        closed = self.chain.assembled(joints, self.chain.nominal_values)
+        return _passive_coordinates(
+            self.model, self.chain, joints, np.where(closed.fits, closed.configuration.passive, np.nan)
         )
 
     def travel_per_joint(self) -> Array:
@@ -53,9 +55,9 @@ class ClosedModel(RobotModel):
 
     def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
         """A mechanism with these parameters, its loops closed at the joint positions."""
-        passive = self.chain.assembled(joints, values).posture.passive
+        passive = self.chain.assembled(joints, values).configuration.passive
         model = self.with_values(values, {}).compile()
-        return model, passive_coordinates(model, self.chain, joints, passive)
+        return model, _passive_coordinates(model, self.chain, joints, passive)
 
     def with_values(self, values: Array, tool: Mapping[str, Array]) -> mujoco.MjSpec:
         """A copy with the mechanism's parameters ``(p,)`` and these targets (m, on the platform)."""
@@ -67,7 +69,7 @@ def closed_model(path: Path, described: MechanismFile) -> ClosedModel:
     mechanism = described.mechanism
     named = {name: place for name, place in described.tool.items() if name not in (FLANGE, TRACKER)}
     tool = named or {name: np.array(place) for name, place in DEFAULT_TOOL.items()}
-    spec = closed_spec(mechanism, mechanism.drawn, tool, described.height_m)
+    spec = closed_spec(mechanism, mechanism.nominal_values, tool, described.height_m)
     return ClosedModel(
         path=path,
         spec=spec,
@@ -80,9 +82,9 @@ def closed_model(path: Path, described: MechanismFile) -> ClosedModel:
     )
 
 
-def identified_mjcf(robot: ClosedModel, arm: ClosedArm, values: Array) -> str:
+def _identified_mjcf(robot: ClosedModel, arm: ClosedArm, values: Array) -> str:
     """The identified mechanism as MJCF whose loops, closed, have the identified sites in the tracker's frame."""
-    spec = robot.with_values(values, arm.places(values))
+    spec = robot.with_values(values, arm.tool_positions(values))
     model = compiled(robot.path, spec)
     robot.place_tracker(model, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
     carrier = spec.site(TRACKER).parent
@@ -92,12 +94,12 @@ def identified_mjcf(robot: ClosedModel, arm: ClosedArm, values: Array) -> str:
 
 
 CLOSED_MJCF: DescriptionFormat[ClosedArm, ClosedModel] = DescriptionFormat(
-    "calibrated.xml", lambda identified: identified_mjcf(identified.model, identified.arm, identified.values)
+    "calibrated.xml", lambda identified: _identified_mjcf(identified.model, identified.arm, identified.values)
 )
 
 
-def passive_coordinates(model: mujoco.MjModel, mechanism: Mechanism, joints: Array, passive: Array) -> Array:
-    """MuJoCo's coordinates ``(n, nq)`` at readings ``(n, joints)`` and passive values ``(z, n)``."""
+def _passive_coordinates(model: mujoco.MjModel, mechanism: Mechanism, joints: Array, passive: Array) -> Array:
+    """MuJoCo's coordinates ``(n, nq)`` at joint positions ``(n, joints)`` and passive values ``(z, n)``."""
     moving = [i for i, name in enumerate(mechanism.joint_names) if mechanism.offset_of(i) not in _legs(mechanism)]
     names = [mechanism.joint_names[i] for i in moving]
     names += [mechanism.tree.name_of(f, s) for f, s in mechanism.tree.passive]
@@ -113,7 +115,7 @@ class TrueMechanism(TrueRobot):
     """A mechanism whose dimensions are off.
 
     Attributes:
-        values: ``(p,)`` of ``Mechanism.names``; the base stands in the world as drawn.
+        values: ``(p,)`` of ``Mechanism.names``; the base stands in the world at its nominal pose.
     """
 
     robot: ClosedModel
@@ -123,15 +125,19 @@ class TrueMechanism(TrueRobot):
         """Dimensions of a mechanism are not read off its joint axes."""
 
     def with_effects(self, effects: Effects) -> Self:
-        """As of any arm; nothing of it bends."""
+        """This robot with these effects alone; nothing of it bends.
+
+        Raises:
+            LabError: the effects bend its links, or are of a robot with other joints.
+        """
         if effects.is_elastic:
             raise LabError(f"robot {self.robot.chain.name} has loops, and nothing bends such a robot here")
         return super().with_effects(effects)
 
     def _qpos(self, driven: Array) -> Array:
-        """Newton's method on MuJoCo's constraints, from the drawing's passive values: a jump to another mode is NaN."""
+        """Newton's method on MuJoCo's constraints, from nominal passive values: a jump to another mode is NaN."""
         chain = self.robot.chain
-        start = chain.assembled(driven, chain.drawn).posture.passive
+        start = chain.assembled(driven, chain.nominal_values).configuration.passive
         found = np.full((len(driven), self.model.nq), np.nan)
         near = np.isfinite(start).all(axis=0)
         qpos, jumped = closed_qpos(self.model, chain, self.values, driven[near], start[:, near])
@@ -155,9 +161,9 @@ def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) ->
 def random_values(
     mechanism: Mechanism, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator
 ) -> Array:
-    """Parameters ``(p,)`` off by normal draws of these standard deviations, the base as drawn."""
+    """Parameters ``(p,)`` off by normal draws of these standard deviations, the base at its nominal pose."""
     turns = [tree_step.is_turn for tree_step in (mechanism.tree.step(f, s) for f, s in mechanism.tree.constants)]
     sigma = np.array([rotation_sigma_rad if turn else position_sigma_m for turn in turns])
     sigma = np.concatenate([np.zeros(6), sigma, np.full(len(mechanism.tree.lengths), position_sigma_m)])
-    off: Array = mechanism.drawn + sigma * rng.standard_normal(len(sigma))
+    off: Array = mechanism.nominal_values + sigma * rng.standard_normal(len(sigma))
     return off

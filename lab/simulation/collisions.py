@@ -10,12 +10,14 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.simulation.model import RobotModel
 
+__all__ = ["at_contacts", "collides", "collision_flags", "random_poses", "standing"]
+
 _BLOCK = 64
 _MOST_BLOCKS = 2000
 
 
 def standing(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[mujoco.MjData]:
-    """The nominal model's kinematics at each of the readings ``(n, joints)``, always in the same data.
+    """The nominal model's kinematics at each of the joint positions ``(n, joints)``, always in the same data.
 
     Making an MjData takes as long as fifty poses: who asks again and again hands one in.
     """
@@ -51,12 +53,12 @@ def collision_flags(robot: RobotModel, joints: Array, data: mujoco.MjData | None
 
 
 def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:
-    """``(n,)``: whether the nominal arm touches itself or its surroundings at readings ``(n, joints)``."""
+    """``(n,)``: whether the nominal arm touches itself or its surroundings at joint positions ``(n, joints)``."""
     return np.fromiter(collision_flags(robot, joints), bool, len(joints))
 
 
 def random_poses(robot: RobotModel, count: int, rng: np.random.Generator) -> Array:
-    """``(count, joints)`` readings uniform over the limits, without those that collide.
+    """``(count, joints)`` joint positions uniform over the limits, without those that collide.
 
     Drawn in blocks of a fixed size, so that asking for more keeps the first ones.
 

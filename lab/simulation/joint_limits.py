@@ -10,8 +10,10 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = ["joint_limits"]
+
 # an MJCF's <custom><numeric>, in joint order; mm for a slide
-SPEED_KEY, ACCELERATION_KEY = "joint_speed_deg_per_s", "joint_acceleration_deg_per_s2"
+_SPEED_KEY, _ACCELERATION_KEY = "joint_speed_deg_per_s", "joint_acceleration_deg_per_s2"
 
 
 def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array, Array]:
@@ -33,7 +35,7 @@ def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tup
             raise LabError(f"{path}: slide {name} has no range; give it one")
         else:
             lower[i], upper[i] = -np.pi, np.pi
-    speed, acceleration = (_each(path, model, key, names, scale) for key in (SPEED_KEY, ACCELERATION_KEY))
+    speed, acceleration = (_each(path, model, key, names, scale) for key in (_SPEED_KEY, _ACCELERATION_KEY))
     return (
         lower,
         upper,

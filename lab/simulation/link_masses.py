@@ -8,9 +8,11 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.model import at_zero
 from lab.simulation.serial_model import SerialModel
 
+__all__ = ["loads_of"]
+
 
 def loads_of(robot: SerialModel) -> Loads:
-    """What turns with each joint of the drawing: its body and all that is welded to it, later joints' aside."""
+    """What turns with each joint of the nominal model: its body and all that is welded to it, later joints' aside."""
     model, chain = robot.model, robot.chain
     data = at_zero(model)
     jointed = [int(model.body(name).id) for name in robot.bodies]

@@ -21,6 +21,8 @@ from lab.kinematics.serial.chain import Chain
 from lab.simulation.collisions import at_contacts
 from lab.simulation.model import at_zero, body_pose, compiled, coordinates, flange_body, let_weigh_nothing
 
+__all__ = ["DENSITY", "dress", "link_rods", "reach_of"]
+
 DENSITY = 1500.0  # kg/m^3 of a rod: castings are hollow, motors and gears are not
 _THICK, _TAPER = 0.06, 0.55  # radius of the first link beside the arm's reach; how much less the last one's is
 _SPOKE_M, _BALL_M = 0.004, 0.014  # radius of what carries a target; how far from the target it ends
@@ -34,7 +36,7 @@ _PAINT, _STEEL = (0.95, 0.38, 0.06, 1.0), (0.58, 0.60, 0.64, 1.0)
 class Rod:
     """A stretch with round ends of the link that ``joint`` (from 0; -1 is the base) moves.
 
-    ``start`` and ``end`` are ``(3,)`` m in frame 0, readings zero.
+    ``start`` and ``end`` are ``(3,)`` m in frame 0, joint positions zero.
     """
 
     joint: int

@@ -31,6 +31,8 @@ from lab.simulation.model import (
 )
 from lab.simulation.serial_model import SerialModel, last_frame
 
+__all__ = ["load_model"]
+
 
 def load_model(path: Path) -> SerialModel:
     """Load an MJCF or a URDF with exactly one serial chain of hinges and slides.
@@ -72,7 +74,7 @@ def load_model(path: Path) -> SerialModel:
     model = compiled(path, spec)
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=bodies,
-        base_body=base_body, tool=tool | spare, drawn=shapeless, weighed=weighed, missing=missing,
+        base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighed, missing=missing,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A closed model's joints at readings: Newton's method on MuJoCo's own constraints, which shares no line with ours.
+"""Where a closed model stands: Newton's method on MuJoCo's own constraints, which shares no line with ours.
 
 The rows of ``mjData.efc_pos`` are what closes: a tendon's length less the rod's (m), or, of a pin, one end less the
 other along the world's axes, which are the base's; ``efc_J`` are their derivatives by ``qvel``. Both are made by
@@ -18,18 +18,20 @@ from lab.kinematics.closed.configuration import Dimensions
 from lab.kinematics.closed.loop_closure import CONTRACTED, FIRST_STEP, LEAST_STEP, MOST_CORRECTIONS, ROUNDING_M
 from lab.kinematics.closed.mechanism import Mechanism
 
-SETTLED_M = 1e-9  # after a correction of less, the next would be below rounding, as they shrink quadratically
-FAR_RAD = 0.5  # turns that a correction changes by more may be wound up, or be past another mode
+__all__ = ["closed_qpos"]
+
+_SETTLED_M = 1e-9  # after a correction of less, the next would be below rounding, as they shrink quadratically
+_FAR_RAD = 0.5  # turns that a correction changes by more may be wound up, or be past another mode
 _ADDS_ROWS = mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
 
 
 def closed_qpos(
     model: mujoco.MjModel, mechanism: Mechanism, values: Array, joints: Array, passive: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Where a model of ``closed_spec`` stands at readings ``(n, joints)``, from passive values ``(z, n)``.
+    """Where a model of ``closed_spec`` stands at joint positions ``(n, joints)``, from passive values ``(z, n)``.
 
-    Meant is the assembly mode of the start at these readings. Newton's method keeps to it where no turn changes by
-    more than ``FAR_RAD``, later corrections are at most a quarter of the first (Deuflhard 2004, section 5.1; as in
+    Meant is the assembly mode of the start. Newton's method keeps to it where no turn changes by
+    more than ``_FAR_RAD``, later corrections are at most a quarter of the first (Deuflhard 2004, section 5.1; as in
     ``assembly``), and the determinant of the closures' derivatives keeps its sign. Where it may not, the gaps of the
     start are closed little by little, by steps in which it does; a way that ends is a jump.
 
@@ -42,8 +44,8 @@ def closed_qpos(
     loops = _Loops(_quiet(model), mechanism, mechanism.dimensions(values))
     qpos = np.full((len(joints), model.nq), np.nan)
     with np.errstate(all="ignore"):  # on the way to nowhere numbers may grow
-        for i, (reading, start) in enumerate(zip(joints, passive.T, strict=True)):
-            if (found := loops.settled(reading, start)) is not None:
+        for i, (row, start) in enumerate(zip(joints, passive.T, strict=True)):
+            if (found := loops.settled(row, start)) is not None:
                 qpos[i] = found
     return qpos, np.asarray(np.isnan(qpos).any(axis=1))
 
@@ -72,10 +74,10 @@ class _Loops:
 
     @cached_property
     def measured(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Measured joints: which of the robot's, and where in ``qpos``, which is the reading."""
+        """Measured joints: which of the robot's, and where in ``qpos``, which is the joint position."""
         steps = [step.joint for frame in self.mechanism.tree.frames for step in frame.path if step.joint is not None]
-        places = [int(self.model.joint(self.mechanism.joint_names[i]).qposadr[0]) for i in steps]
-        return np.array(steps, dtype=int), np.array(places, dtype=int)
+        addresses = [int(self.model.joint(self.mechanism.joint_names[i]).qposadr[0]) for i in steps]
+        return np.array(steps, dtype=int), np.array(addresses, dtype=int)
 
     @cached_property
     def passive(self) -> NDArray[np.int_]:
@@ -84,22 +86,22 @@ class _Loops:
         return np.array([int(self.model.joint(name).qposadr[0]) for name in names], dtype=int)
 
     @cached_property
-    def turns(self) -> NDArray[np.bool_]:
+    def rotational(self) -> NDArray[np.bool_]:
         """Which passive values are angles."""
         tree = self.mechanism.tree
         return np.array([tree.step(f, s).is_turn for f, s in tree.passive])
 
     @cached_property
     def rods(self) -> tuple[NDArray[np.int_], Array, Array]:
-        """Rods' equalities, what those add to a tendon at rest (m), and that per reading ``(rods, joints)``."""
+        """Rods' equalities, what those add to a tendon at rest (m), and that per joint position ``(rods, joints)``."""
         rods = self.mechanism.tree.rods
         at_rest = self.model.tendon_length0[[self.model.tendon(rod.name).id for rod in rods]]
-        by_reading = np.zeros((len(rods), self.mechanism.size))
+        by_joint = np.zeros((len(rods), self.mechanism.size))
         for i, rod in enumerate(rods):
             if rod.joint is not None:
-                by_reading[i, rod.joint] = self.dimensions.scale[rod.joint]
+                by_joint[i, rod.joint] = self.dimensions.scale[rod.joint]
         equalities = np.array([self.model.equality(rod.name).id for rod in rods], dtype=int)
-        return equalities, self.dimensions.lengths - at_rest, by_reading
+        return equalities, self.dimensions.lengths - at_rest, by_joint
 
     @cached_property
     def rows(self) -> NDArray[np.int_]:
@@ -117,12 +119,12 @@ class _Loops:
         """Where in ``efc_J`` the derivatives by the passive values are, ``(z, z)``."""
         return np.asarray(self.rows[:, None] * self.model.nv + self.passive)
 
-    def settled(self, reading: Array, start: Array) -> Array | None:
-        """The ``qpos`` at readings ``(joints,)``, from passive values ``(z,)``; None where no way leads there."""
-        which, places = self.measured
-        equalities, added, by_reading = self.rods
-        self.data.qpos[places] = reading[which]
-        self.model.eq_data[equalities, 0] = added + by_reading @ reading
+    def settled(self, row: Array, start: Array) -> Array | None:
+        """The ``qpos`` at one row ``(joints,)``, from passive values ``(z,)``; None where no way leads there."""
+        which, addresses = self.measured
+        equalities, added, by_joint = self.rods
+        self.data.qpos[addresses] = row[which]
+        self.model.eq_data[equalities, 0] = added + by_joint @ row
         if len(start):
             passive = self._corrected(start, np.zeros(len(start)))
             passive = self._followed(start) if passive is None else passive
@@ -158,13 +160,13 @@ class _Loops:
                 return None
             size = float(np.linalg.norm(self.mechanism.levers * moved))
             if correction == 0:
-                if np.abs(moved[self.turns]).max(initial=0.0) > FAR_RAD:
+                if np.abs(moved[self.rotational]).max(initial=0.0) > _FAR_RAD:
                     return None
                 side, allowed = float(np.linalg.det(matrix)), max(CONTRACTED * size, ROUNDING_M)
             elif not size <= allowed:  # nor if that is not a number
                 return None
             passive = passive - moved
-            if size < SETTLED_M:
+            if size < _SETTLED_M:
                 return passive if side * np.linalg.det(matrix) > 0 else None
         return None
 

@@ -11,7 +11,9 @@ from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
-VISUAL_GROUP = 2  # of the geoms that are there to be seen
+__all__ = ["Shell", "body_poses", "instrument_body", "shells"]
+
+_VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
 _SECTIONS = 32  # facets of a round primitive
 
@@ -21,7 +23,7 @@ Surface = tuple[Array, NDArray[np.int_], Array]  # vertices (v, 3) m, faces (f, 
 
 @dataclass(frozen=True)
 class Shell:
-    """All that is seen of one body, in the body's frame.
+    """All that is visible of one body, in the body's frame.
 
     Attributes:
         vertices: ``(v, 3)`` m.
@@ -42,9 +44,9 @@ def shells(robot: RobotModel) -> list[Shell]:
     model = robot.model
     plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
     solid = [g for g in range(model.ngeom) if int(model.geom_type[g]) != plane]
-    drawn = [g for g in solid if int(model.geom_group[g]) == VISUAL_GROUP] or solid
+    visual = [g for g in solid if int(model.geom_group[g]) == _VISUAL_GROUP] or solid
     bodies: dict[int, list[int]] = {}
-    for geom in drawn:
+    for geom in visual:
         bodies.setdefault(int(model.geom_bodyid[geom]), []).append(geom)
     return [_shell(model, body, geoms) for body, geoms in bodies.items()]
 
@@ -56,7 +58,7 @@ def instrument_body(robot: RobotModel) -> str:
 
 
 def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -> dict[str, Array]:
-    """World poses ``(n, 4, 4)`` of all bodies of the arm with parameters ``values``, at readings ``(n, joints)``.
+    """World poses ``(n, 4, 4)`` (m) of all bodies of the arm with parameters ``values``, at ``joints`` ``(n, joints)``.
 
     The tracker's body stands where ``values``' base, the pose of frame 0 in the tracker, puts it.
     """

@@ -1,4 +1,4 @@
-"""A robot's MuJoCo model, and the drawing that it stands for."""
+"""A robot's nominal model in MuJoCo, and what is read off any model of MuJoCo's."""
 
 import itertools
 import warnings
@@ -17,23 +17,42 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import JointAxes
 
+__all__ = [
+    "FLANGE",
+    "TRACKER",
+    "RobotModel",
+    "add_targets",
+    "add_tracker",
+    "at_zero",
+    "body_pose",
+    "compiled",
+    "coordinates",
+    "flange_body",
+    "joint_axes",
+    "joint_name",
+    "joint_of",
+    "let_weigh_nothing",
+    "one_line",
+    "site_pose",
+]
+
 FLANGE, TRACKER = "flange", "tracker"
 _DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) beside a small arm
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobotModel(ABC):
-    """The drawing as MuJoCo has it.
+    """A robot's nominal model in MuJoCo; its kind answers by its methods.
 
     Attributes:
         spec: what the model was compiled from; copy it before editing.
         model: nominal, with a site for each target of ``tool`` and one for the tracker's head.
         chain: the joints that are measured.
-        T_world_frame0: pose ``(4, 4)`` of the base's frame, a table's frame 0.
+        T_world_frame0: pose ``(4, 4)`` (m) of the base's frame, a table's frame 0, in the world of the MuJoCo model.
         base_body: what carries the moving ones, "" where that is the world.
         tool: targets' positions (m) in a table's last frame, or the platform's.
-        drawn: whether the links' shapes are the lab's own (``rods``).
-        weighed: whether the masses of some are.
+        shapes_assumed: whether the links' shapes are the lab's own (``link_shapes``).
+        masses_assumed: whether the masses of some links are.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
     """
 
@@ -44,15 +63,15 @@ class RobotModel(ABC):
     T_world_frame0: Array
     base_body: str
     tool: dict[str, Array]
-    drawn: bool = False
-    weighed: bool = False
+    shapes_assumed: bool = False
+    masses_assumed: bool = False
     missing: str = ""
 
     @property
     def assumed(self) -> str:
         """What of the arm is the lab's own, in words; "" where nothing is."""
-        said = ["its links are drawn as rods"] if self.drawn else []
-        return " and ".join([*said, "weigh what rods would"] if self.weighed else said)
+        said = ["its links are drawn as rods"] if self.shapes_assumed else []
+        return " and ".join([*said, "weigh what rods would"] if self.masses_assumed else said)
 
     @abstractmethod
     def qpos(self, joints: Array) -> Array:
@@ -78,7 +97,7 @@ class RobotModel(ABC):
 
     @property
     def T_world_tracker(self) -> Array:
-        """Nominal pose of the tracker's frame."""
+        """Nominal pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model."""
         return site_pose(self.model, at_zero(self.model), TRACKER)
 
     def place_tracker(self, model: mujoco.MjModel, T_world_tracker: Array) -> None:

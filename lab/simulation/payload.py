@@ -1,6 +1,6 @@
 """A rigid load welded to a virtual arm's flange, and the arm's exact inverse dynamics with and without it.
 
-Torques and the wrist's wrench are MuJoCo's ``mj_inverse`` of the drawing's masses alone: its damping, friction loss,
+Torques and the wrist's wrench are MuJoCo's ``mj_inverse`` of the nominal masses alone: its damping, friction loss,
 springs, armature, contacts and limits are off, because it counts them in, and friction loss only softly. What an arm
 has of friction is added by hand (``load_runs``).
 """
@@ -18,6 +18,8 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics
 from lab.simulation.model import at_zero, body_pose, compiled
 from lab.simulation.serial_model import SerialModel, last_frame
+
+__all__ = ["CarryingArm", "RigidLoad", "drawn_mounting", "own_dynamics", "peak_torques"]
 
 _LEAST_KG = 1e-6  # of all moving bodies: with less there is no dynamics
 _UPPER = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # the inertia's elements in their order in phi
@@ -59,7 +61,7 @@ class RigidLoad:
 
 
 class CarryingArm:
-    """The drawn arm with a load (or none) under some gravity: its exact inverse dynamics. By one thread."""
+    """The nominal arm with a load (or none) under some gravity: its exact inverse dynamics. By one thread."""
 
     def __init__(self, robot: SerialModel, gravity: Array, load: RigidLoad | None = None) -> None:
         """Gravity ``(3,)`` m/s^2 in frame 0.
@@ -124,7 +126,7 @@ def peak_torques(robot: SerialModel) -> Array:
 
 
 def drawn_mounting(robot: SerialModel) -> Mounting:
-    """The arm as drawn, with a sensor that reads what the hand does to the load."""
+    """The nominal arm, with a sensor that reads what the hand does to the load."""
     return Mounting(robot.T_world_frame0[:3, :3].T @ robot.model.opt.gravity)
 
 

@@ -18,8 +18,10 @@ from lab.core.se3 import Array
 from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
 from lab.simulation.serial_model import SerialModel
 
+__all__ = ["LoadBench", "RunErrors"]
+
 Path = Callable[[Array], tuple[Array, Array, Array]]
-"""Times ``(n,)`` s to readings, speeds and accelerations ``(n, J)``; also a little before and after the run."""
+"""Times ``(n,)`` s to joint positions, speeds and accelerations ``(n, J)``; also a little before and after the run."""
 
 _EACH_JOINT = ("encoder_rad", "coulomb_nm", "viscous_nm_s", "servo_rad_per_nm")
 _SPARE = 8  # samples around a run on which the spline of its shift stands
@@ -30,7 +32,7 @@ class RunErrors:
     """What is not perfect; all zero is. Where ``(J,)`` is said, one number serves for all joints.
 
     Attributes:
-        encoder_rad: standard deviation of a reading, rad (m), ``(J,)``.
+        encoder_rad: standard deviation of a joint encoder, rad (m), ``(J,)``.
         torque_noise: the same of a torque, as a share of the joint's peak torque.
         coulomb_nm: Coulomb friction, Nm (N), ``(J,)``.
         viscous_nm_s: viscous friction, Nm s/rad (N s/m), ``(J,)``.
@@ -72,7 +74,7 @@ class RunErrors:
 
 
 class LoadBench:
-    """An arm that measures with a load and without it. The same generator state gives the same records."""
+    """An arm that measures with a load and without it; one generator state gives one set of records."""
 
     def __init__(self, robot: SerialModel, load: RigidLoad, mounting: Mounting, errors: RunErrors) -> None:
         """The mounting is what is known of the set-up; the errors come on top.
@@ -161,7 +163,7 @@ class LoadBench:
         return difference
 
     def _shifted(self, path: Path, times: Array) -> Path:
-        """The path as the load shifts it: a smooth function of time, so that speeds and accelerations fit readings.
+        """The path as the load shifts it: a smooth function of time, so that speeds and accelerations fit positions.
 
         The shift is that of the load's torque on the path that was asked for (first order), a spline of degree 5.
         """

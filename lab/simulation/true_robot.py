@@ -22,6 +22,20 @@ from lab.simulation.elastic import FlexibleArm
 from lab.simulation.model import RobotModel, coordinates, joint_axes
 from lab.simulation.serial_model import SerialModel
 
+__all__ = [
+    "GeometryErrors",
+    "Perturbation",
+    "TrueRobot",
+    "TrueSerialRobot",
+    "perturbed_bodies",
+    "random_perturbation",
+    "random_table",
+    "random_tracker",
+    "stand_before_tracker",
+    "true_robot",
+    "true_robot_from_table",
+]
+
 
 @dataclass(frozen=True)
 class GeometryErrors:
@@ -46,9 +60,9 @@ class Perturbation:
 
     Attributes:
         bodies: which ones.
-        position_m: ``(b, 3)``, added to the body's place in its parent's frame.
+        position_m: ``(b, 3)``, added to the body's position in its parent's frame.
         rotation_rad: ``(b, 3)``, a rotation vector in the body's own frame.
-        joint_offset: ``(n,)`` rad or m: the joint stands at its reading plus this.
+        joint_offset: ``(n,)`` rad or m: the joint stands at its measured position plus this.
     """
 
     bodies: tuple[str, ...]
@@ -95,7 +109,8 @@ class TrueRobot(ABC):
 
     Attributes:
         model: with the bodies and the tracker where they really are.
-        T_world_tracker: pose ``(4, 4)`` of the tracker's frame.
+        T_world_tracker: pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model: ``points`` are
+            measured in the tracker's frame, ``T_world_tracker @ p`` are the sites' places in the world.
         effects: what adds to the geometry.
     """
 
@@ -105,7 +120,7 @@ class TrueRobot(ABC):
     effects: Effects
 
     def with_effects(self, effects: Effects) -> Self:
-        """The same arm and tracker with these effects alone.
+        """This arm and tracker with these effects alone.
 
         Raises:
             LabError: they are of an arm with other joints.
@@ -120,7 +135,7 @@ class TrueRobot(ABC):
         conditions: Mapping[str, Array] = NOTHING_SET,
         scatter: Array | float = 0.0,
     ) -> Array:
-        """Exact positions ``(m, k, 3)`` m of the targets in the tracker's frame, at readings ``(m, n)``.
+        """Exact positions ``(m, k, 3)`` m of the targets in the tracker's frame, at joint positions ``(m, n)``.
 
         All effects that are the same at every visit are in it: motors, then loads, growth, and the tracker's drift.
 

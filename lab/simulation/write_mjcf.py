@@ -13,6 +13,8 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.model import FLANGE, TRACKER
 from lab.simulation.serial_model import SerialModel
 
+__all__ = ["MJCF", "calibrated_mjcf", "set_vectors", "write_in_full"]
+
 
 def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
     """The identified arm as an MJCF whose sites, in the tracker's frame, are the identified ones to rounding.

@@ -241,7 +241,7 @@ def test_the_files_that_are_spoilt_are_sound(tmp_path: Path) -> None:
     for text in (TWO_LEGS, CRANK):
         (tmp_path / "robot.toml").write_text(text)
         mechanism = read_mechanism(tmp_path / "robot.toml").mechanism
-        assert mechanism.assembled(mechanism.home[None], mechanism.drawn).fits.all()
+        assert mechanism.assembled(mechanism.home[None], mechanism.nominal_values).fits.all()
 
 
 def same_structure(a: Tree, b: Tree) -> bool:
@@ -260,12 +260,12 @@ def test_written_and_read_it_is_the_same_to_the_bit(name: str, tmp_path: Path) -
     (tmp_path / "crank.toml").write_text(CRANK)
     file = read_mechanism(tmp_path / "crank.toml" if name == "crank" else MODELS / f"{name}.toml")
     drawn, rng = file.mechanism, np.random.default_rng(3)
-    values = drawn.drawn + 1e-4 * rng.standard_normal(len(drawn.drawn))
+    values = drawn.nominal_values + 1e-4 * rng.standard_normal(len(drawn.nominal_values))
     tool = {"p1": rng.standard_normal(3), "the second": rng.standard_normal(3)}
     (tmp_path / "again.toml").write_text(write_mechanism(drawn, values, tool), encoding="utf-8")
     again = read_mechanism(tmp_path / "again.toml")
     assert again.base is not None and np.array_equal(again.base, values[:6])
-    assert np.array_equal(again.mechanism.drawn[6:], values[6:]) and again.mechanism.names == drawn.names
+    assert np.array_equal(again.mechanism.nominal_values[6:], values[6:]) and again.mechanism.names == drawn.names
     assert {name: place.tolist() for name, place in again.tool.items()} == {n: p.tolist() for n, p in tool.items()}
     assert same_structure(again.mechanism.tree, drawn.tree)
     assert joints_of(again.mechanism) == joints_of(drawn)

@@ -159,7 +159,7 @@ def test_a_joint_that_counts_backwards_slides_the_other_way() -> None:
 
 
 def test_a_model_with_shapes_keeps_them() -> None:
-    assert not IRB120.model.drawn and not IRB120.model.weighed and IRB120.model.assumed == ""
+    assert not IRB120.model.shapes_assumed and not IRB120.model.masses_assumed and IRB120.model.assumed == ""
 
 
 @pytest.mark.parametrize("name", ["scara", "rx130.urdf"])

@@ -44,7 +44,7 @@ class Case:
         return closed_spec(self.mechanism, self.full, self.tool, self.height_m)
 
     def drawn(self, joints: Array) -> Array:
-        return self.mechanism.assembled(joints, self.mechanism.drawn).posture.passive
+        return self.mechanism.assembled(joints, self.mechanism.nominal_values).configuration.passive
 
     def home(self, count: int) -> Array:
         return np.repeat(self.drawn(self.mechanism.home[None]), count, axis=1)
@@ -85,9 +85,9 @@ def described(name: str) -> Case:
 
 
 def off(mechanism: Mechanism, tool: dict[str, Array], milli: float, seed: int = 0) -> Case:
-    draws = np.random.default_rng(seed).standard_normal(len(mechanism.drawn))
+    draws = np.random.default_rng(seed).standard_normal(len(mechanism.nominal_values))
     draws[:6] = 0.0
-    return Case(mechanism, tool, mechanism.drawn + 1e-3 * milli * draws)
+    return Case(mechanism, tool, mechanism.nominal_values + 1e-3 * milli * draws)
 
 
 def mechanism_of(name: str, limits: dict[str, tuple[float, float]], slides: bool, tree: Tree) -> Mechanism:
@@ -134,7 +134,7 @@ def two_legs() -> tuple[Case, Case]:
     by_pin = Tree((*anchors, *legs), (), (Pin("P", (4, 5), (0, 1)),), 4)
     limits, tool = {"rho1": (0.4, 0.75), "rho2": (0.45, 0.8)}, {"p1": np.zeros(3)}
     rods_, pin = (mechanism_of("2-RPR", limits, True, tree) for tree in (by_rods, by_pin))
-    return Case(rods_, tool, rods_.drawn), Case(pin, tool, pin.drawn)
+    return Case(rods_, tool, rods_.nominal_values), Case(pin, tool, pin.nominal_values)
 
 
 def test_legs_that_turn_and_slide_stand_where_rods_do():
@@ -158,7 +158,7 @@ def four_bar(turn: str = "rz") -> Case:
     )
     tree = Tree(bars, (), (Pin("ab", (2, 4), (0, 1) if turn == "rz" else (0, 2)),), 1)
     mechanism = mechanism_of("four-bar", {"turn": (-np.pi, np.pi)}, False, tree)
-    return Case(mechanism, {"p1": np.array([0.3, 0.0, 0.0])}, mechanism.drawn, None)
+    return Case(mechanism, {"p1": np.array([0.3, 0.0, 0.0])}, mechanism.nominal_values, None)
 
 
 @pytest.mark.parametrize("turn", ["rz", "ry"])
@@ -202,7 +202,7 @@ def test_a_tree_without_loops_is_a_serial_arm():
         links.append(Frame(f"link{i + 1}", i - 1, steps))
     limits = dict.fromkeys(RX130.joint_names, (-2.6, 2.6))
     mechanism = replace(mechanism_of("6R", limits, False, Tree(tuple(links), (), (), 5)), sign=np.ones(6))
-    case = Case(mechanism, {"p1": values[-3:]}, mechanism.drawn)
+    case = Case(mechanism, {"p1": values[-3:]}, mechanism.nominal_values)
     joints = RX130.random_joints(200, np.random.default_rng(4))
     points, jumped = case.settled(joints, np.empty((0, 200)))
     assert not jumped.any()
@@ -219,9 +219,9 @@ def test_a_delta_is_settled_from_its_drawn_position():
 
 def test_a_delta_never_changes_sides():
     """The modes of a Delta are the sides of the plane through its elbows, moved in by the wrists' radius."""
-    case = replace(described("delta/mechanism"), values=described("delta/mechanism").mechanism.drawn)
+    case = replace(described("delta/mechanism"), values=described("delta/mechanism").mechanism.nominal_values)
     joints, rng = case.joints(400), np.random.default_rng(5)
-    frames = case.mechanism.assembled(joints, case.values).posture.frames
+    frames = case.mechanism.assembled(joints, case.values).configuration.frames
     names = [frame.name for frame in case.mechanism.tree.frames]
     origin = [
         frames[names.index(name)][1][:3].T
@@ -306,7 +306,7 @@ def test_a_file_has_legs_at_home(name: str):
     "case", [*two_legs(), four_bar(), described("delta/six_rods")], ids=lambda case: case.mechanism.name
 )
 def test_a_drawing_rests_closed_within_its_limits_and_touches_nothing(case: Case):
-    drawn = replace(case, values=case.mechanism.drawn)
+    drawn = replace(case, values=case.mechanism.nominal_values)
     model = drawn.spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

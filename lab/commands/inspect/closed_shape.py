@@ -68,9 +68,9 @@ class ClosedShape:
 def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
     """The shape of a mechanism as drawn."""
     taken = JointSpec.random_joints(mechanism, TAKES, rng_for(0, "structure"))
-    closed = mechanism.assembled(taken, mechanism.drawn)
-    joints, passive = taken[closed.fits], closed.posture.passive.T[closed.fits]
-    home = mechanism.assembled(mechanism.home[None], mechanism.drawn).posture
+    closed = mechanism.assembled(taken, mechanism.nominal_values)
+    joints, passive = taken[closed.fits], closed.configuration.passive.T[closed.fits]
+    home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
     course, places = classical_model_of(mechanism), _places(mechanism, joints, passive)
     extents = np.stack([places.min(axis=0), places.max(axis=0)], axis=1)
     search = None if course is None else _Search(mechanism, course, joints, passive)
@@ -92,19 +92,19 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
 
 def _places(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
     """Of the platform's origin in the base ``(n, 3)`` m."""
-    posture = Configuration.of(mechanism.tree, mechanism.dimensions(mechanism.drawn), joints, passive.T)
-    return np.broadcast_to(posture.frames[mechanism.tree.platform][1][:3], (3, len(joints))).T
+    configuration = Configuration.of(mechanism.tree, mechanism.dimensions(mechanism.nominal_values), joints, passive.T)
+    return np.broadcast_to(configuration.frames[mechanism.tree.platform][1][:3], (3, len(joints))).T
 
 
-def _rank(posture: Configuration) -> int:
-    """Of the closures' derivatives by all that moves, in a posture of one pose."""
-    tree, directions = posture.tree, posture.closures()[1]
-    rows = np.zeros((tree.equations, len(tree.passive) + len(posture.readings)))
+def _rank(configuration: Configuration) -> int:
+    """Of the closures' derivatives by all that moves, in a configuration of one pose."""
+    tree, directions = configuration.tree, configuration.closures()[1]
+    rows = np.zeros((tree.equations, len(tree.passive) + len(configuration.joint_values)))
     for i, opening in enumerate(tree.openings):
         for step, end, sign in opening:
             described = tree.step(*step)
             if described.passive or described.joint is not None:
-                slope = posture.slope(step, posture.frames[end][1], directions[i])
+                slope = configuration.slope(step, configuration.frames[end][1], directions[i])
                 moved = tree.passive.index(step) if described.joint is None else len(tree.passive) + described.joint
                 rows[i, moved] += sign * float(np.ravel(slope)[0])
     for i, rod in enumerate(tree.rods):

@@ -1,4 +1,4 @@
-"""A mechanism with loops behind the same seam as a serial arm: readings and parameters in, points and derivatives out.
+"""A mechanism with loops behind the seam of a serial arm: joint positions, parameters in; points, derivatives out.
 
 The targets are h(q, z, p) with the passive values z that close the loops, c(q, z, p) = 0; by implicit
 differentiation dh/dp = h_p - h_z c_z^-1 c_p. Closures hang on few parameters each, so that the product is made
@@ -21,7 +21,9 @@ from lab.kinematics.parameter import Parameter, names_of, tool_parameters
 from lab.kinematics.serial.arm import chunks, padded, target_positions
 from lab.kinematics.skeleton import Skeleton
 
-STEP = 1e-5  # rad or m, of differences
+__all__ = ["ClosedArm"]
+
+_STEP = 1e-5  # rad or m, of differences
 Place = tuple[int, int]  # a frame, and a step of its path
 
 
@@ -31,7 +33,7 @@ class ClosedArm:
 
     The parameters, in the order of ``names``: ``base.x y z rx ry rz`` (m; rotation vector, rad), the mechanism's own
     (``Mechanism.names``), ``tool.<target>.x y z`` (m, in the platform's frame). Where the loops cannot be closed in the
-    drawn mode, or are singular, points and derivatives are NaN: no jump to another mode is taken for an answer.
+    nominal mode, or are singular, points and derivatives are NaN: no jump to another mode is taken for an answer.
     """
 
     chain: Mechanism
@@ -53,11 +55,11 @@ class ClosedArm:
         return names_of(self.parameters)
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
-        """The drawing's parameters, as of ``SerialArm.nominal``."""
+        """The nominal parameters: base at the tracker's origin, targets of ``tool`` (m), else of the default tool."""
         points = np.array(list(target_positions(self.targets, tool).values()))
-        return np.concatenate([self.chain.drawn, np.ravel(points)])
+        return np.concatenate([self.chain.nominal_values, np.ravel(points)])
 
-    def places(self, values: Array) -> dict[str, Array]:
+    def tool_positions(self, values: Array) -> dict[str, Array]:
         """Where the targets are on the platform ``(3,)`` m, by name."""
         return dict(zip(self.targets, values[len(self.chain.names) :].reshape(-1, 3), strict=True))
 
@@ -66,10 +68,10 @@ class ClosedArm:
         return pose(exp(values[3:6]), values[:3])
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at readings ``(n, joints)``; NaN where refused."""
+        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at ``joints`` ``(n, joints)``, or NaN."""
         out = np.empty((3, len(self.targets), len(joints)))
         for part, closed in self._closed(joints, values):
-            out[..., part] = self._targets(closed.posture, values)[:3]
+            out[..., part] = self._targets(closed.configuration, values)[:3]
             out[..., part][..., ~closed.fits] = np.nan
         return out.transpose(2, 1, 0)
 
@@ -78,7 +80,7 @@ class ClosedArm:
         out = np.empty((3, len(self.targets), len(joints)))
         jacobian = np.zeros((len(self.names), 3, len(self.targets), len(joints)))
         for part, closed in self._closed(joints, values):
-            points = self._targets(closed.posture, values)
+            points = self._targets(closed.configuration, values)
             out[..., part] = points[:3]
             self._fill(jacobian[..., part], closed, points)
             out[..., part][..., ~closed.fits] = np.nan
@@ -86,7 +88,7 @@ class ClosedArm:
         return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
     def joint_derivatives(self, jacobian: Array) -> Array:
-        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
+        """Of derivatives ``(..., parameters)`` those with respect to the joint positions, ``(..., joints)``."""
         offsets = [self.names.index(self.chain.offset_of(joint)) for joint in range(self.chain.size)]
         moved: Array = jacobian[..., offsets] * self.chain.sign
         return moved
@@ -94,13 +96,14 @@ class ClosedArm:
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
         """Poses ``(n, 4, 4)`` of a target, turned as the platform, and its geometric Jacobian ``(n, 6, joints)``.
 
-        As of ``SerialArm.tool``; NaN where refused, or not closed quickly (``Mechanism.assembled``).
+        The Jacobian is velocity of the target (m), then angular velocity (rad), in the tracker's frame, by the joint
+        positions. NaN where refused, or not closed quickly (``Mechanism.assembled``).
         """
         Ts, jacobian = np.zeros((len(joints), 4, 4)), np.zeros((len(joints), 6, self.chain.size))
         Ts[:, 3, 3] = 1.0
         for part, closed in self._closed(joints, values, quickly=True):
-            point = self._targets(closed.posture, values)[:, target]
-            for column, vector in enumerate((*closed.posture.frames[self.chain.tree.platform][0], point)):
+            point = self._targets(closed.configuration, values)[:, target]
+            for column, vector in enumerate((*closed.configuration.frames[self.chain.tree.platform][0], point)):
                 Ts[part, :3, column] = vector[:3].T
             jacobian[part] = self._twists(closed, point)
             for out in (Ts, jacobian):
@@ -109,43 +112,43 @@ class ClosedArm:
 
     def platforms(self, joints: Array, values: Array) -> Array:
         """Poses ``(n, 4, 4)`` of the platform in the tracker's frame; NaN where the loops are not closed."""
-        (x, y, z), origin = self.chain.assembled(joints, values).posture.frames[self.chain.tree.platform]
+        (x, y, z), origin = self.chain.assembled(joints, values).configuration.frames[self.chain.tree.platform]
         columns = [np.broadcast_to(vector[:3], (3, len(joints))).T for vector in (x, y, z)]
         return pose(np.stack(columns, axis=2), np.broadcast_to(origin[:3], (3, len(joints))).T)
 
     def legs(self, joints: Array, values: Array) -> list[Array]:
         """The frames' origins along each closure ``(n, c, 3)`` m, from the end that is less loose to the other."""
-        posture = self.chain.assembled(joints, values).posture
+        configuration = self.chain.assembled(joints, values).configuration
         ends = [rod.ends for rod in self.chain.tree.rods] + [pin.ends for pin in self.chain.tree.pins]
-        return [self._along(posture, sorted(pair, key=lambda end: self.chain.tree.loose[end])) for pair in ends]
+        return [self._along(configuration, sorted(pair, key=lambda end: self.chain.tree.loose[end])) for pair in ends]
 
     def rods(self, joints: Array, values: Array) -> Array:
         """The two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the fixed one first."""
-        posture, loose = self.chain.assembled(joints, values).posture, self.chain.tree.loose
+        configuration, loose = self.chain.assembled(joints, values).configuration, self.chain.tree.loose
         out = np.empty((len(joints), len(self.chain.tree.rods), 2, 3))
         for i, rod in enumerate(self.chain.tree.rods):
             for side, end in enumerate(sorted(rod.ends, key=lambda end: loose[end])):
-                out[:, i, side] = posture.frames[end][1][:3].T
+                out[:, i, side] = configuration.frames[end][1][:3].T
         return out
 
-    def _along(self, posture: Configuration, ends: list[int]) -> Array:
+    def _along(self, configuration: Configuration, ends: list[int]) -> Array:
         tree = self.chain.tree
         near, far = (list(dict.fromkeys(frame for frame, _ in tree.ancestry(end))) or [end] for end in ends)
-        count = posture.passive.shape[1]
-        places = [np.broadcast_to(posture.frames[frame][1][:3], (3, count)) for frame in (*near, *far[::-1])]
+        count = configuration.passive.shape[1]
+        places = [np.broadcast_to(configuration.frames[frame][1][:3], (3, count)) for frame in (*near, *far[::-1])]
         return np.stack(places).transpose(2, 0, 1)
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
-        """As of ``RigidArm``, of the nearer of a serial and a parallel singularity; zero where the loops do not close.
+        """From the nearer of a serial and a parallel singularity, to first order; zero where the loops do not close.
 
         There the target's Jacobian, and here the closures' derivatives by the passive values, lose a singular value:
-        the product of all, over the length of its gradient by the readings (differences), is the way to there.
+        the product of all, over the length of its gradient by the joint positions (differences), is the way to there.
         """
         if not len(joints):
             return np.empty(0), np.empty(0, dtype=np.int_)
-        moves = STEP * np.eye(self.chain.size)
+        moves = _STEP * np.eye(self.chain.size)
         sizes = [np.stack([self._sizes(joints + sign * move, values, target) for move in moves]) for sign in (1, -1)]
-        slope = (sizes[0] - sizes[1]) / (2 * STEP)  # (joints, 2, n), of logarithms
+        slope = (sizes[0] - sizes[1]) / (2 * _STEP)  # (joints, 2, n), of logarithms
         steepest = np.nan_to_num(np.linalg.norm(slope, axis=0), nan=np.inf)
         which = steepest.argmax(axis=0)
         rows = np.arange(len(joints))
@@ -186,12 +189,12 @@ class ClosedArm:
         return tuple(range(len(self.names)))
 
     def rank_point(self, values: Array) -> Array:
-        """``values`` with the mechanism as drawn: what a symmetry of the drawing hides, an imperfect copy may show."""
-        nominal = self.chain.drawn
+        """``values`` with nominal dimensions: what a symmetry of them hides, an imperfect copy may show."""
+        nominal = self.chain.nominal_values
         return np.concatenate([values[:6], nominal[6:], values[len(nominal) :]])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Readings at which identifiability is decided: random within the limits, where the loops close."""
+        """Joint positions at which identifiability is decided: random within the limits, where the loops close."""
         return self.chain.random_joints(count, rng)
 
     def _closed(self, joints: Array, values: Array, *, quickly: bool = False) -> Iterator[tuple[slice, Closed]]:
@@ -202,36 +205,36 @@ class ClosedArm:
         for part in chunks(len(joints), len(self.targets)):
             yield part, self.chain.assembled(joints[part], values, quickly=quickly)
 
-    def _targets(self, posture: Configuration, values: Array) -> Array:
+    def _targets(self, configuration: Configuration, values: Array) -> Array:
         """Target positions ``(5, k, n)`` from the platform."""
-        (x, y, z), origin = posture.frames[self.chain.tree.platform]
+        (x, y, z), origin = configuration.frames[self.chain.tree.platform]
         tool = values[len(self.chain.names) :].reshape(-1, 3)
-        shape = (5, posture.passive.shape[1])
+        shape = (5, configuration.passive.shape[1])
         return np.stack([np.broadcast_to(origin + px * x + py * y + pz * z, shape) for px, py, pz in tool], axis=1)
 
     def _fill(self, jacobian: Array, closed: Closed, points: Array) -> None:
         """Write derivatives ``(parameters, 3, k, n)``, which are zero."""
-        posture, tree = closed.posture, self.chain.tree
-        base = posture.dimensions.base
+        configuration, tree = closed.configuration, self.chain.tree
+        base = configuration.dimensions.base
         jacobian[:3] = np.eye(3)[:, :, None, None]
         lever = points - padded(base[:3])[:, None]
         for i, axis in enumerate(left_jacobian(base[3:]).T, start=3):
             jacobian[i] = crossed(padded(axis)[:, None], lever)
         steps = {step: i for i, step in enumerate(tree.constants, start=6)}
         rods = {rod: i for i, rod in enumerate(tree.lengths, start=6 + len(steps))}
-        self._add(jacobian, closed, lambda step: posture.motion(step, points), steps, rods)
-        for axis, vector in enumerate(posture.frames[tree.platform][0]):
+        self._add(jacobian, closed, lambda step: configuration.motion(step, points), steps, rods)
+        for axis, vector in enumerate(configuration.frames[tree.platform][0]):
             for k in range(len(self.targets)):
                 jacobian[len(self.chain.names) + 3 * k + axis, :, k] = vector[:3]
 
     def _twists(self, closed: Closed, point: Array) -> Array:
-        """How the readings move a point ``(5, n)`` of the platform, and turn it, ``(n, 6, joints)``."""
-        posture, tree = closed.posture, self.chain.tree
-        count = posture.passive.shape[1]
+        """How the joint positions move a point ``(5, n)`` of the platform, and turn it, ``(n, 6, joints)``."""
+        configuration, tree = closed.configuration, self.chain.tree
+        count = configuration.passive.shape[1]
 
         def twist(step: Place) -> Array:
-            axis = posture.steps[step[0]][step[1]][0][:3]
-            moved = posture.motion(step, point[:, None])[:, 0]
+            axis = configuration.steps[step[0]][step[1]][0][:3]
+            moved = configuration.motion(step, point[:, None])[:, 0]
             turned = axis if tree.step(*step).is_turn else np.zeros((3, 1))
             return np.concatenate([np.broadcast_to(part, (3, count)) for part in (moved, turned)])
 
@@ -255,7 +258,7 @@ class ClosedArm:
             motion: h by a step that carries the platform, ``(..., n)``.
             steps, rods: the row of each step's constant and each rod's length that are asked for.
         """
-        posture, tree = closed.posture, self.chain.tree
+        configuration, tree = closed.configuration, self.chain.tree
         carried = tree.ancestry(tree.platform)
         by_passive = np.zeros((len(tree.passive), *out.shape[1:]))
         for i, step in enumerate(tree.passive):
@@ -268,7 +271,7 @@ class ClosedArm:
         for i, opening in enumerate(tree.openings):
             for step, end, sign in opening:
                 if step in steps:
-                    slope = posture.slope(step, posture.frames[end][1], closed.directions[i])
+                    slope = configuration.slope(step, configuration.frames[end][1], closed.directions[i])
                     out[steps[step]] -= answer[i] * (sign * slope)
         for rod, row in rods.items():
             out[row] += answer[rod]

@@ -207,22 +207,22 @@ def classical_model_of(mechanism: Mechanism) -> ClassicalModel | None:
     """The closed form of a mechanism, wherever it is placed; None where it is none of the three."""
     tree = mechanism.tree
     zeros = np.zeros((1, mechanism.size)), np.zeros((len(tree.passive), 1))
-    posture = Configuration.of(tree, mechanism.dimensions(mechanism.drawn), *zeros)
-    legs = [_leg(tree, posture, rod.ends) for rod in tree.rods]
+    configuration = Configuration.of(tree, mechanism.dimensions(mechanism.nominal_values), *zeros)
+    legs = [_leg(tree, configuration, rod.ends) for rod in tree.rods]
     found = [leg for leg in legs if leg is not None]
     if tree.pins or not found or len(found) < len(legs):
         return None
     slides = tuple(tree.step(*step).is_turn for step in tree.passive)
-    directions = np.stack([posture.steps[f][s][0][:3, 0] for f, s in tree.passive])
+    directions = np.stack([configuration.steps[f][s][0][:3, 0] for f, s in tree.passive])
     if not np.allclose(directions[:3] @ directions[:3].T, np.eye(min(len(slides), 3)), atol=_ALIKE):
         return None
     try:
         if slides == (False, False) and len(found) == 2:
             return _two_legs(mechanism, found, directions)
         if slides == (False, False, True) and len(found) == 3:
-            return _three_legs(mechanism, found, directions, _origin(posture, tree.passive[2]))
+            return _three_legs(mechanism, found, directions, _origin(configuration, tree.passive[2]))
         if slides == (False, False, False) and len(found) == 3:
-            return _delta(mechanism, posture, found, directions)
+            return _delta(mechanism, configuration, found, directions)
     except LabError:  # dimensions that the model refuses
         return None
     return None
@@ -237,13 +237,13 @@ class _Leg:
     far: Array
 
 
-def _leg(tree: Tree, posture: Configuration, ends: tuple[int, int]) -> _Leg | None:
+def _leg(tree: Tree, configuration: Configuration, ends: tuple[int, int]) -> _Leg | None:
     """A rod between what passive values do not move and what all of them move, and no joint."""
     near, far = sorted(ends, key=lambda end: tree.loose[end])
     on_the_platform = [step for step in tree.ancestry(far) if _moves(tree, step)]
     if tree.loose[near] or on_the_platform != list(tree.passive):
         return None
-    places = [posture.frames[end][1][:3, 0] for end in (near, far)]
+    places = [configuration.frames[end][1][:3, 0] for end in (near, far)]
     return _Leg(places[0], tuple(step for step in tree.ancestry(near) if _moves(tree, step)), places[1])
 
 
@@ -252,9 +252,9 @@ def _moves(tree: Tree, step: _Motion) -> bool:
     return described.passive or described.joint is not None
 
 
-def _origin(posture: Configuration, step: _Motion) -> Array:
+def _origin(configuration: Configuration, step: _Motion) -> Array:
     """Where a turn's axis passes ``(3,)``."""
-    origin = posture.steps[step[0]][step[1]][1]
+    origin = configuration.steps[step[0]][step[1]][1]
     assert origin is not None
     return np.asarray(origin[:3, 0])
 
@@ -294,14 +294,16 @@ def _three_legs(mechanism: Mechanism, legs: list[_Leg], directions: Array, pivot
     return ClassicalRpr3(*measured, np.diag([1.0, 1.0, turn]), np.zeros(3), *_ranges(mechanism), model)
 
 
-def _delta(mechanism: Mechanism, posture: Configuration, legs: list[_Leg], directions: Array) -> ClassicalModel | None:
+def _delta(
+    mechanism: Mechanism, configuration: Configuration, legs: list[_Leg], directions: Array
+) -> ClassicalModel | None:
     """Hips on a level circle about its centre, rods' ends on another, arms that turn about tangents of the first."""
     tree, lengths = mechanism.tree, [rod.length_m for rod in mechanism.tree.rods]
     movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1 and tree.step(*leg.moves[0]).is_turn]
     if len(movers) < 3 or np.ptp(lengths) > _ALIKE:
         return None
-    axes = np.stack([posture.steps[f][s][0][:3, 0] for f, s in movers])
-    levers = np.stack([leg.near - _origin(posture, mover) for leg, mover in zip(legs, movers, strict=True)])
+    axes = np.stack([configuration.steps[f][s][0][:3, 0] for f, s in movers])
+    levers = np.stack([leg.near - _origin(configuration, mover) for leg, mover in zip(legs, movers, strict=True)])
     arms = levers - (levers * axes).sum(axis=1, keepdims=True) * axes
     hips, ends = np.stack([leg.near for leg in legs]) - arms, np.stack([leg.far for leg in legs])
     sizes = np.linalg.norm(arms, axis=1)
@@ -343,6 +345,6 @@ def _circle(points: Array, outward: Array) -> tuple[Array, float]:
 
 
 def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Readings and passive values about which angles are given."""
+    """Joint positions and passive values about which angles are given."""
     drawn = np.array([mechanism.tree.step(*step).value for step in mechanism.tree.passive])
     return (mechanism.lower + mechanism.upper) / 2, drawn

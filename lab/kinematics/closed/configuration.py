@@ -1,7 +1,7 @@
 """Where the frames of a mechanism stand, how far its closures are from closed, and how each step moves both.
 
 Vectors are rows x y z x y of n poses each, ``(5, n)``, or ``(5, 1)`` where they are the same in all poses: what no
-reading and no passive value moves is computed once, and a cross product is three calls on views (``serial``).
+joint position and no passive value moves is computed once, and a cross product is three calls on views (``serial``).
 """
 
 from collections.abc import Sequence
@@ -13,18 +13,20 @@ from lab.core.se3 import Array, exp
 from lab.kinematics.closed.structure import BASE, Rod, Tree
 from lab.kinematics.serial.arm import padded, turned
 
+__all__ = ["Configuration", "Dimensions", "crossed"]
+
 Axes = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True)
 class Dimensions:
-    """The numbers of a mechanism, by which it may differ from its drawing.
+    """The numbers of a mechanism, by which it may differ from its nominal model.
 
     Attributes:
         base: ``(6,)`` place and rotation vector of the base in the tracker's frame.
         steps: of each frame's path, the constants (m, rad).
         lengths: of the rods (m).
-        scale: what the joints' readings count, their sign.
+        scale: the sign with which each joint's position counts.
     """
 
     base: Array
@@ -38,7 +40,7 @@ class Configuration:
     """A mechanism at n poses.
 
     Attributes:
-        readings: ``(joints, n)`` with their sign.
+        joint_values: ``(joints, n)`` joint positions (rad, m) times their sign.
         passive: ``(z, n)``.
         frames: axes and origin of each frame.
         steps: axis, and origin (None of a slide), of each frame's steps.
@@ -46,7 +48,7 @@ class Configuration:
 
     tree: Tree
     dimensions: Dimensions
-    readings: Array
+    joint_values: Array
     passive: Array
     base: tuple[Axes, Array]
     frames: list[tuple[Axes, Array]]
@@ -54,12 +56,14 @@ class Configuration:
 
     @staticmethod
     def of(tree: Tree, dimensions: Dimensions, joints: Array, passive: Array) -> "Configuration":
-        """At readings ``(n, joints)`` and passive values ``(z, n)``."""
+        """At joint positions ``(n, joints)`` and passive values ``(z, n)``."""
         x, y, z = (padded(column) for column in exp(dimensions.base[3:]).T)
         count = len(tree.frames)
         empty: tuple[Axes, Array] = ((x, y, z), padded(dimensions.base[:3]))
-        readings = dimensions.scale[:, None] * joints.T
-        found = Configuration(tree, dimensions, readings, passive, empty, [empty] * count, [[] for _ in range(count)])
+        joint_values = dimensions.scale[:, None] * joints.T
+        found = Configuration(
+            tree, dimensions, joint_values, passive, empty, [empty] * count, [[] for _ in range(count)]
+        )
         for frame in range(count):
             found._walk(frame)
         return found
@@ -78,7 +82,7 @@ class Configuration:
         for s, step in enumerate(described.path):
             value = self.dimensions.steps[frame][s]
             if step.joint is not None:
-                value = value + self.readings[step.joint]
+                value = value + self.joint_values[step.joint]
             elif step.passive:
                 value = self.passive[self.tree.column[frame, s]]
             axis = (x, y, z)[step.axis]
@@ -98,7 +102,7 @@ class Configuration:
     def lengths(self) -> list[Array]:
         """Of the rods, ``(n,)`` or one number each (m)."""
         return [
-            self.dimensions.lengths[i] + (0.0 if rod.joint is None else self.readings[rod.joint])
+            self.dimensions.lengths[i] + (0.0 if rod.joint is None else self.joint_values[rod.joint])
             for i, rod in enumerate(self.tree.rods)
         ]
 
@@ -130,8 +134,8 @@ class Configuration:
         """How a step moves a point ``(5, n)`` that it carries, along a direction ``(5, n)``."""
         axis, origin = self.steps[step[0]][step[1]]
         if origin is None:
-            return dot(axis, direction)
-        return dot(axis, crossed(point - origin, direction))
+            return _dot(axis, direction)
+        return _dot(axis, crossed(point - origin, direction))
 
     def motion(self, step: tuple[int, int], points: Array) -> Array:
         """How a step moves points ``(5, k, n)`` that it carries, ``(3, k, n)``."""
@@ -149,7 +153,7 @@ class Configuration:
         return out.transpose(2, 0, 1)
 
 
-def dot(u: Array, v: Array) -> Array:
+def _dot(u: Array, v: Array) -> Array:
     """Of vectors ``(3 or 5, n)``, ``(n,)``."""
     product: Array = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
     return product

@@ -18,9 +18,22 @@ from lab.core.se3 import Array
 from lab.kinematics.closed.configuration import Configuration, Dimensions
 from lab.kinematics.closed.structure import Tree
 
+__all__ = [
+    "CLOSED_M",
+    "CONTRACTED",
+    "FIRST_STEP",
+    "LEAST_STEP",
+    "MOST_CORRECTIONS",
+    "ROUNDING_M",
+    "SINGULAR",
+    "Assembly",
+    "Closed",
+    "SolvedPoses",
+]
+
 SINGULAR = 1e3  # condition of the closures by the passive values from which on a pose is refused
 CONTRACTED = 0.25  # of the correction before, the next at most
-LARGEST_TURN = 0.5  # rad, of a first correction
+_LARGEST_TURN = 0.5  # rad, of a first correction
 CLOSED_M = 1e-9  # a closure open by less closes to rounding with one more correction
 ROUNDING_M = 1e-11  # corrections below this say nothing
 MOST_CORRECTIONS = 8
@@ -32,7 +45,7 @@ class SolvedPoses:
     """Poses whose passive values are known, all of one mode.
 
     Attributes:
-        joints: readings ``(m, joints)``.
+        joints: joint positions ``(m, joints)``.
         passive: ``(z, m)``.
         sense: the sign of the determinant of the closures' derivatives by the passive values.
     """
@@ -52,41 +65,41 @@ class Assembly:
 
     Attributes:
         lever_m: ``(z,)`` one for a slide; for a turn the length at which its corrections compare with a slide's.
-        turns: ``(z,)`` which passive values are turns.
+        rotational: ``(z,)`` which passive values are turns.
     """
 
     tree: Tree
     dimensions: Dimensions
     lever_m: Array
-    turns: NDArray[np.bool_]
+    rotational: NDArray[np.bool_]
 
     def from_known(self, joints: Array, known: SolvedPoses, least_step: float = LEAST_STEP) -> "Closed":
-        """At readings ``(n, joints)``, each from a known place of its own.
+        """At joint positions ``(n, joints)``, each from a known place of its own.
 
         Args:
             least_step: of the way there, below which it is taken to end.
         """
         with np.errstate(all="ignore"):  # on a way to nowhere numbers may grow
-            posture, smooth = self._corrected(joints, known.passive, 0.0)
+            configuration, smooth = self._corrected(joints, known.passive, 0.0)
             if not smooth.all():
                 rows = np.flatnonzero(~smooth)
-                passive = posture.passive.copy()
+                passive = configuration.passive.copy()
                 passive[:, rows] = self._followed(joints[rows], known.take(rows), least_step)
-                posture.move(passive)
-            return self.closed(posture, known.sense)
+                configuration.move(passive)
+            return self.closed(configuration, known.sense)
 
     def nearest(self, joints: Array, passive: Array) -> tuple[Array, Array]:
         """Of one pose ``(joints,)``: the passive values ``(z,)`` near these that open the closures least, and by what.
 
         Of use where they cannot be closed, or to close them for the first time; the gaps ``(closures,)`` are in m.
         """
-        posture = Configuration.of(self.tree, self.dimensions, joints[None], passive[:, None])
+        configuration = Configuration.of(self.tree, self.dimensions, joints[None], passive[:, None])
         if not len(passive):
             return passive, np.empty(0)
 
         def gaps(values: Array) -> Array:
-            posture.move(values[:, None] / self.lever_m[:, None])
-            return np.concatenate([np.atleast_1d(gap) for gap in posture.closures()[0]])
+            configuration.move(values[:, None] / self.lever_m[:, None])
+            return np.concatenate([np.atleast_1d(gap) for gap in configuration.closures()[0]])
 
         found = scipy.optimize.least_squares(gaps, passive * self.lever_m, xtol=1e-15, ftol=1e-15, gtol=1e-15)
         return np.asarray(found.x / self.lever_m), gaps(found.x)
@@ -102,20 +115,20 @@ class Assembly:
         Args:
             open_by: gaps ``(closures, n)`` m that are to be left.
         """
-        posture = Configuration.of(self.tree, self.dimensions, joints, start)
+        configuration = Configuration.of(self.tree, self.dimensions, joints, start)
         smooth, before = np.ones(len(joints), dtype=bool), np.full(len(joints), np.inf)
         for _ in range(MOST_CORRECTIONS):
-            gaps, directions = posture.closures()
+            gaps, directions = configuration.closures()
             opened = np.array([*gaps]).reshape(len(gaps), len(joints)) - open_by
-            moved = _solved(posture.by_passive(directions), opened.T).T
-            posture.move(posture.passive - moved)
+            moved = _solved(configuration.by_passive(directions), opened.T).T
+            configuration.move(configuration.passive - moved)
             size = np.sqrt(((moved * self.lever_m[:, None]) ** 2).sum(axis=0))
             smooth &= size <= np.maximum(CONTRACTED * before, ROUNDING_M)
-            smooth &= (np.abs(moved[self.turns]) < LARGEST_TURN).all(axis=0)
+            smooth &= (np.abs(moved[self.rotational]) < _LARGEST_TURN).all(axis=0)
             shut, before = np.abs(opened).max(axis=0, initial=0.0) < CLOSED_M, size
             if (shut | ~smooth).all():
-                return posture, smooth
-        return posture, smooth & shut
+                return configuration, smooth
+        return configuration, smooth & shut
 
     def _followed(self, joints: Array, known: SolvedPoses, least_step: float) -> Array:
         """Passive values ``(z, n)`` along straight ways from known places; NaN where a way ends.
@@ -128,24 +141,24 @@ class Assembly:
         while (rows := np.flatnonzero((reached < 1) & (step >= least_step))).size:
             to = np.minimum(reached[rows] + step[rows], 1.0)
             at = known.joints[rows] + to[:, None] * (joints[rows] - known.joints[rows])
-            posture, smooth = self._corrected(at, passive[:, rows], (1 - to) * gaps[:, rows])
+            configuration, smooth = self._corrected(at, passive[:, rows], (1 - to) * gaps[:, rows])
             there = rows[smooth]
-            passive[:, there], reached[there] = posture.passive[:, smooth], to[smooth]
+            passive[:, there], reached[there] = configuration.passive[:, smooth], to[smooth]
             step[rows[~smooth]] /= 2
         passive[:, reached < 1] = np.nan
         return passive
 
-    def closed(self, posture: Configuration, sense: float) -> "Closed":
-        """What a posture is, if its passive values are those of closed loops in the mode of such a sense."""
+    def closed(self, configuration: Configuration, sense: float) -> "Closed":
+        """What a configuration is, if its passive values are those of closed loops in the mode of such a sense."""
         with np.errstate(all="ignore"):  # of what is not closed
-            directions = posture.closures()[1]
-            matrix = posture.by_passive(directions)
+            directions = configuration.closures()[1]
+            matrix = configuration.by_passive(directions)
             inverse = _solved(matrix, np.broadcast_to(np.eye(len(self.lever_m)), matrix.shape))
             alike = matrix / self.lever_m, inverse * self.lever_m[:, None]
             sizes = [np.sqrt((part**2).sum(axis=(1, 2))) for part in alike]
             condition = sizes[0] * sizes[1] / max(len(self.lever_m), 1)
             same = np.sign(np.linalg.det(matrix)) == sense
-        return Closed(posture, directions, inverse, np.where(same & np.isfinite(condition), condition, np.inf))
+        return Closed(configuration, directions, inverse, np.where(same & np.isfinite(condition), condition, np.inf))
 
 
 @dataclass(frozen=True)
@@ -153,13 +166,13 @@ class Closed:
     """n poses whose loops are closed, where they can be.
 
     Attributes:
-        posture: there; NaN where they cannot be in the mode of what was known.
+        configuration: there; NaN where they cannot be in the mode of what was known.
         directions: of the closures (``Configuration.closures``).
         inverse: ``(n, z, closures)`` of the closures' derivatives by the passive values.
         condition: ``(n,)`` of these, one at best, lengths beside levers; inf where the loops are open.
     """
 
-    posture: Configuration
+    configuration: Configuration
     directions: list[Array]
     inverse: Array
     condition: Array

@@ -1,4 +1,4 @@
-"""A mechanism with loops, as drawn: its structure, its joints, its parameters, and the poses it can take."""
+"""A mechanism with loops, nominal: its structure, its joints, its parameters, and the poses it can take."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,15 +18,17 @@ from lab.kinematics.closed.validation import refuse_unsound
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import BASE_PARAMETERS, Parameter, link_parameter, names_of
 
-SAMPLED = 1.5  # times the closures' condition in the drawn position, up to which poses are drawn at random
-STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
-COPIES, OFF = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
-WITH_COPIES = 2.0  # times the condition that the drawing is to have
-QUICK_STEP = 0.25  # of a way that is not to cost much
-UNLIKE = 0.05  # m or rad: dimensions this far from the drawing's are no copy's, and not worth a way
-STATIONS = 512  # readings at which the drawing's passive values are sought beforehand
+__all__ = ["Mechanism"]
+
+_SAMPLED = 1.5  # times the closures' condition in the nominal position, up to which poses are drawn at random
+_STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
+_COPIES, _OFF = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
+_WITH_COPIES = 2.0  # times the condition that the nominal model is to have
+_QUICK_STEP = 0.25  # of a way that is not to cost much
+_UNLIKE = 0.05  # m or rad: dimensions this far from the nominal model's are no copy's, and not worth a way
+_STATIONS = 512  # joint positions at which the nominal model's passive values are sought beforehand
 _LEAST_LEVER_M = 1e-3
-_BLOCK, _MOST_BLOCKS = 256, 200  # of random readings
+_BLOCK, _MOST_BLOCKS = 256, 200  # of random joint positions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +62,8 @@ class Mechanism(JointSpec):
         return names_of(self.parameters)
 
     @cached_property
-    def drawn(self) -> Array:
-        """The parameters ``(p,)`` as drawn, with the base at the tracker's origin."""
+    def nominal_values(self) -> Array:
+        """The nominal parameters ``(p,)``, with the base at the tracker's origin."""
         tree = self.tree
         steps = [tree.step(f, s).value for f, s in tree.constants]
         return np.array([*np.zeros(6), *steps, *(tree.rods[i].length_m for i in tree.lengths)])
@@ -83,72 +85,73 @@ class Mechanism(JointSpec):
         return tuple(f"{rod.name}.length" for rod in self.tree.rods if rod.joint is not None)
 
     def offset_of(self, joint: int) -> str:
-        """The name of the constant that a joint's reading adds to."""
+        """The name of the constant that a joint's position adds to."""
         for f, s in self.tree.constants:
             if self.tree.step(f, s).joint == joint:
                 return self.tree.name_of(f, s)
         return next(f"{rod.name}.length" for rod in self.tree.rods if rod.joint == joint)
 
     def assembled(self, joints: Array, values: Array, *, quickly: bool = False) -> Closed:
-        """The loops closed at readings ``(n, joints)``, in the mode of the drawn position where a way leads there.
+        """The loops closed at ``joints`` ``(n, joints)``, in the mode of the nominal position where a way leads there.
 
-        From a station, with these parameters; where that way ends, with the drawing's, and on to these at the readings.
+        From a station, with these parameters; where that way ends, with the nominal ones, and on to these at the joint
+        positions.
 
         Args:
             quickly: take few steps on the way, and leave open what takes more, nearly singular or none of this mode.
         """
         nearest, assembly = self._nearest(joints), self._assembly(values)
         own = slice(len(BASE_PARAMETERS), len(self.names))
-        quickly |= bool(np.abs(values[own] - self.drawn[own]).max(initial=0.0) > UNLIKE)
-        found = assembly.from_known(joints, nearest, QUICK_STEP if quickly else LEAST_STEP)
-        lost = np.flatnonzero(~np.isfinite(found.posture.passive).all(axis=0))
-        if quickly or not lost.size or values is self.drawn:
+        quickly |= bool(np.abs(values[own] - self.nominal_values[own]).max(initial=0.0) > _UNLIKE)
+        found = assembly.from_known(joints, nearest, _QUICK_STEP if quickly else LEAST_STEP)
+        lost = np.flatnonzero(~np.isfinite(found.configuration.passive).all(axis=0))
+        if quickly or not lost.size or values is self.nominal_values:
             return found
-        drawn = self._assembly(self.drawn).from_known(joints[lost], nearest.take(lost))
-        again = assembly.from_known(joints[lost], SolvedPoses(joints[lost], drawn.posture.passive, nearest.sense))
-        passive = found.posture.passive.copy()
-        passive[:, lost] = again.posture.passive
-        found.posture.move(passive)
-        return assembly.closed(found.posture, nearest.sense)
+        drawn = self._assembly(self.nominal_values).from_known(joints[lost], nearest.take(lost))
+        again = assembly.from_known(joints[lost], SolvedPoses(joints[lost], drawn.configuration.passive, nearest.sense))
+        passive = found.configuration.passive.copy()
+        passive[:, lost] = again.configuration.passive
+        found.configuration.move(passive)
+        return assembly.closed(found.configuration, nearest.sense)
 
     def _nearest(self, joints: Array) -> SolvedPoses:
-        """The station nearest to each of the readings ``(n, joints)``."""
+        """The station nearest to each of the joint positions ``(n, joints)``."""
         known, tree = self._stations
         return known.take(tree.query(joints / self._ranges)[1])
 
     def _assembly(self, values: Array) -> Assembly:
-        return Assembly(self.tree, self.dimensions(values), self.levers, self._turns)
+        return Assembly(self.tree, self.dimensions(values), self.levers, self._rotational)
 
     def refuse_open(self) -> None:
-        """A LabError where the loops do not close in the drawn position."""
+        """A LabError where the loops do not close in the nominal position."""
         assert self._stations
 
     def is_assemblable(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
-        """As of any joints: whether the drawing's loops close, in the mode of the drawn position."""
+        """``(m,)`` whether the nominal model's loops close, in the mode of the nominal position."""
         if not well:
-            return np.asarray(self.assembled(joints, self.drawn).condition < SINGULAR)
-        most = SAMPLED * max(self._home_condition, 1.0)
-        fits = self.assembled(joints, self.drawn).condition < most
+            return np.asarray(self.assembled(joints, self.nominal_values).condition < SINGULAR)
+        most = _SAMPLED * max(self._home_condition, 1.0)
+        fits = self.assembled(joints, self.nominal_values).condition < most
         for values in self._copies:
-            fits[fits] = self.assembled(joints[fits], values, quickly=True).condition < WITH_COPIES * most
+            fits[fits] = self.assembled(joints[fits], values, quickly=True).condition < _WITH_COPIES * most
         return np.asarray(fits)
 
     @cached_property
     def _home_condition(self) -> float:
-        """Of the closures in the drawn position."""
-        return float(self.assembled(self.home[None], self.drawn).condition[0])
+        """Of the closures in the nominal position."""
+        return float(self.assembled(self.home[None], self.nominal_values).condition[0])
 
     @cached_property
     def _copies(self) -> list[Array]:
         """Parameters ``(p,)`` of imperfect copies, off by more than a real one should be."""
         rng = rng_for(0, "arm")
-        return [self.drawn + OFF * rng.standard_normal(len(self.drawn)) for _ in range(COPIES)]
+        return [self.nominal_values + _OFF * rng.standard_normal(len(self.nominal_values)) for _ in range(_COPIES)]
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Readings ``(count, joints)`` uniform within the limits where the drawing assembles, well from singularities.
+        """``(count, joints)`` uniform within the limits where the nominal model assembles, well from singularities.
 
         Raises:
-            LabError: hardly any such readings are found.
+            LabError: hardly any such joint positions are found.
         """
         found: list[Array] = []
         have = 0
@@ -163,12 +166,12 @@ class Mechanism(JointSpec):
         )
 
     def infeasibility_reason(self, joints: Array) -> str:
-        """Why the drawing's loops do not close at readings ``(joints,)``, in words; empty if they do."""
-        found = self.assembled(joints[None], self.drawn)
+        """Why the nominal model's loops do not close at joint positions ``(joints,)``, in words; empty if they do."""
+        found = self.assembled(joints[None], self.nominal_values)
         if found.fits[0]:
             return ""
         start = self._nearest(joints[None]).passive[:, 0]
-        gaps = self._assembly(self.drawn).nearest(joints, start)[1]
+        gaps = self._assembly(self.nominal_values).nearest(joints, start)[1]
         if np.abs(gaps).max() > CLOSED_M:
             return self._said_open(joints, gaps)
         if np.isfinite(found.condition[0]):
@@ -176,9 +179,11 @@ class Mechanism(JointSpec):
         return "beyond a parallel singularity: its loops close there only in another assembly mode"
 
     def _said_open(self, joints: Array, gaps: Array) -> str:
-        """Which closures stay open at readings ``(joints,)``, and by how much, if these are their gaps."""
-        posture = Configuration.of(self.tree, self.dimensions(self.drawn), joints[None], self._drawn_passive[:, None])
-        long = np.array([float(np.ravel(length)[0]) for length in posture.lengths()])
+        """Which closures stay open at joint positions ``(joints,)``, and by how much, if these are their gaps."""
+        configuration = Configuration.of(
+            self.tree, self.dimensions(self.nominal_values), joints[None], self._nominal_passive[:, None]
+        )
+        long = np.array([float(np.ravel(length)[0]) for length in configuration.lengths()])
         rods, opened = len(long), np.abs(gaps)
         opened[:rods] = np.abs(np.sqrt(np.maximum(long**2 + 2 * long * gaps[:rods], 0.0)) - long)
         names = [rod.name for rod in self.tree.rods] + [pin.name for pin in self.tree.pins for _ in pin.axes]
@@ -187,28 +192,28 @@ class Mechanism(JointSpec):
 
     @cached_property
     def levers(self) -> Array:
-        """``(z,)`` one for a passive slide; for a turn, how far it moves the closures in the drawn position, m."""
-        posture = self._at_home(self._drawn_passive)
-        slopes = np.abs(posture.by_passive(posture.closures()[1])[0]).max(axis=0, initial=_LEAST_LEVER_M)
-        return np.where(self._turns, slopes, 1.0)
+        """``(z,)`` one for a passive slide; for a turn, how far it moves the closures in the nominal position, m."""
+        configuration = self._at_home(self._nominal_passive)
+        slopes = np.abs(configuration.by_passive(configuration.closures()[1])[0]).max(axis=0, initial=_LEAST_LEVER_M)
+        return np.where(self._rotational, slopes, 1.0)
 
     @cached_property
-    def _turns(self) -> NDArray[np.bool_]:
+    def _rotational(self) -> NDArray[np.bool_]:
         """``(z,)`` which passive values are turns."""
         return np.array([self.tree.step(f, s).is_turn for f, s in self.tree.passive], dtype=bool)
 
     @property
     def home(self) -> Array:
-        """Those of the drawn position: zero, or the middle of the limits where zero is beyond them."""
+        """Those of the nominal position: zero, or the middle of the limits where zero is beyond them."""
         within = (self.lower <= 0) & (self.upper >= 0)
         return np.where(within, 0.0, (self.lower + self.upper) / 2)
 
     @property
-    def _drawn_passive(self) -> Array:
+    def _nominal_passive(self) -> Array:
         return np.array([self.tree.step(f, s).value for f, s in self.tree.passive])
 
     def _at_home(self, passive: Array) -> Configuration:
-        return Configuration.of(self.tree, self.dimensions(self.drawn), self.home[None], passive[:, None])
+        return Configuration.of(self.tree, self.dimensions(self.nominal_values), self.home[None], passive[:, None])
 
     @property
     def _ranges(self) -> Array:
@@ -216,37 +221,37 @@ class Mechanism(JointSpec):
 
     @cached_property
     def _stations(self) -> tuple[SolvedPoses, Any]:
-        """Where the drawing's passive values are known: home, and what can be reached from there, place by place.
+        """Where the nominal model's passive values are known: home, and what can be reached from there, place by place.
 
         Raises:
             LabError: the loops do not close at home, or are singular there.
         """
-        assembly = self._assembly(self.drawn)
-        passive, gaps = assembly.nearest(self.home, self._drawn_passive)
+        assembly = self._assembly(self.nominal_values)
+        passive, gaps = assembly.nearest(self.home, self._nominal_passive)
         if np.abs(gaps).max(initial=0.0) > CLOSED_M:
             at = ", ".join(f"{name} {self.shown(i, self.home[i])}" for i, name in enumerate(self.joint_names))
             raise LabError(
                 f"robot '{self.name}': in the drawn position ({at}) {self._said_open(self.home, gaps)}; mend lengths, "
                 "places of their ends, or limits: it is drawn at zero readings, or amid limits that zero is beyond"
             )
-        posture = self._at_home(passive)
-        sense = float(np.sign(np.linalg.det(posture.by_passive(posture.closures()[1])[0])))
-        if not assembly.closed(posture, sense).fits[0]:
+        configuration = self._at_home(passive)
+        sense = float(np.sign(np.linalg.det(configuration.by_passive(configuration.closures()[1])[0])))
+        if not assembly.closed(configuration, sense).fits[0]:
             raise LabError(
                 f"robot '{self.name}': the drawn position is singular, the closures do not hold the platform there; "
                 "place rods that are alike or in line otherwise, or draw another position"
             )
         known = SolvedPoses(self.home[None], passive[:, None], sense)
         sobol = scipy.stats.qmc.Sobol(self.size, scramble=True, rng=rng_for(0, "structure"))
-        left = scipy.stats.qmc.scale(sobol.random(STATIONS), self.lower, self.upper)
+        left = scipy.stats.qmc.scale(sobol.random(_STATIONS), self.lower, self.upper)
         grown = True
         while grown and len(left):
             nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
             found = assembly.from_known(left, known.take(nearest))
-            good = found.condition < STATION  # an imperfect copy may lack what is nearly singular
+            good = found.condition < _STATION  # an imperfect copy may lack what is nearly singular
             known = SolvedPoses(
                 np.concatenate([known.joints, left[good]]),
-                np.concatenate([known.passive, found.posture.passive[:, good]], axis=1),
+                np.concatenate([known.passive, found.configuration.passive[:, good]], axis=1),
                 known.sense,
             )
             left, grown = left[~good], bool(good.any())

@@ -1,13 +1,15 @@
 """The structure of a mechanism with loops: a tree of elementary slides and hinges, closed by rods and pins.
 
-Every value in the tree is a constant plus, where a joint moves it, the joint's reading; or it is passive:
+Every value in the tree is a constant plus, where a joint moves it, the joint's position; or it is passive:
 what the closures make it. A parameter is a joint that stands still during the campaign, so that constants,
-readings and passive values have the same kind of derivative, an axis or an axis x lever.
+joint positions and passive values have the same kind of derivative, an axis or an axis x lever.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
+
+__all__ = ["BASE", "Frame", "Kind", "Pin", "Rod", "Step", "Tree"]
 
 Kind = Literal["x", "y", "z", "rx", "ry", "rz"]
 BASE = -1  # the frame that the tree stands on
@@ -18,9 +20,9 @@ class Step:
     """One elementary motion: a slide along, or a turn about, an axis of the frame as the steps before have left it.
 
     Attributes:
-        value: its constant (m, rad); of a passive step, where it stands in the drawn position.
+        value: its constant (m, rad); of a passive step, where it stands in the nominal position.
         exact: whether the constant is taken for granted, and no parameter.
-        joint: the one (from 0) whose reading, times its sign, adds to the constant, its offset.
+        joint: the one (from 0) whose position, times its sign, adds to the constant, its offset.
     """
 
     kind: Kind
@@ -54,7 +56,7 @@ class Rod:
     """A distance between the origins of two frames: a rod with ball ends, or a leg whose length a joint sets.
 
     Attributes:
-        length_m: its constant; the offset of its reading, where a joint sets the length.
+        length_m: its constant; the offset of a joint's position, where a joint sets the length.
     """
 
     name: str

@@ -6,6 +6,8 @@ from lab.core.errors import LabError
 from lab.kinematics.closed.structure import Rod, Tree
 from lab.kinematics.joints import JointSpec
 
+__all__ = ["refuse_unsound"]
+
 
 def refuse_unsound(joints: JointSpec, tree: Tree) -> None:
     """A LabError where joints, passive values and closures do not go together."""

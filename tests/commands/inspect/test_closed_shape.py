@@ -57,18 +57,18 @@ def test_a_nearest_pose_is_as_near_as_any_at_random(name: str, shapes: Shapes) -
     course = shape.course
     assert course is not None
     joints = JointSpec.random_joints(mechanism, 5000, np.random.default_rng(7))
-    closed = mechanism.assembled(joints, mechanism.drawn)
-    at_random = course.distances(joints[closed.fits], closed.posture.passive.T[closed.fits])
+    closed = mechanism.assembled(joints, mechanism.nominal_values)
+    at_random = course.distances(joints[closed.fits], closed.configuration.passive.T[closed.fits])
     for each in shape.singularities:
         assert not mechanism.beyond_limits(each.joints[None], 0.0).any()
         assert each.distance < SINGULAR or each.distance <= getattr(at_random, each.kind).min()
-        there = mechanism.assembled(each.joints[None], mechanism.drawn)
+        there = mechanism.assembled(each.joints[None], mechanism.nominal_values)
         if not there.fits.all():  # on the brink
             assert each.kind == "parallel" and each.distance < SINGULAR
             continue
-        place = there.posture.frames[mechanism.tree.platform][1][:3, 0]
+        place = there.configuration.frames[mechanism.tree.platform][1][:3, 0]
         np.testing.assert_allclose(place, each.place, atol=1e-9)
-        distances = course.distances(each.joints[None], there.posture.passive.T)
+        distances = course.distances(each.joints[None], there.configuration.passive.T)
         assert getattr(distances, each.kind)[0] == pytest.approx(each.distance, abs=1e-9)
 
 
@@ -84,7 +84,9 @@ def test_two_legs_are_nearest_to_one_line_where_one_is_long_and_one_short(shapes
 def test_extents_hold_the_places_of_other_poses(shapes: Shapes) -> None:
     for mechanism, shape in shapes.values():
         joints = mechanism.random_joints(500, np.random.default_rng(8))
-        places = mechanism.assembled(joints, mechanism.drawn).posture.frames[mechanism.tree.platform][1][:3].T
+        places = (
+            mechanism.assembled(joints, mechanism.nominal_values).configuration.frames[mechanism.tree.platform][1][:3].T
+        )
         slack = 0.05 * np.ptp(shape.extents, axis=1)
         assert (places >= shape.extents[:, 0] - slack).all() and (places <= shape.extents[:, 1] + slack).all()
         assert 0 < shape.share <= 1 and 1 <= shape.conditions[0] <= shape.conditions[1] <= shape.conditions[2] < 1e3

@@ -32,7 +32,7 @@ def known(mechanism: Mechanism) -> ClassicalModel:
 def missed(mechanism: Mechanism, poses: int) -> tuple[float, float]:
     """By how much the closed form misses random poses: passive values by its nearest mode, readings likewise."""
     course, joints = known(mechanism), mechanism.random_joints(poses, np.random.default_rng(1))
-    passive = mechanism.assembled(joints, mechanism.drawn).posture.passive.T
+    passive = mechanism.assembled(joints, mechanism.nominal_values).configuration.passive.T
     direct = np.nanmin(np.abs(course.modes(joints) - passive[:, None]).max(axis=2), axis=1)
     inverse = np.nanmin(np.abs(course.inverse_solutions(passive) - joints[:, None]), axis=1)
     return float(direct.max()), float(inverse.max())
@@ -147,7 +147,7 @@ def test_a_delta_s_numbers_are_the_published_ones() -> None:
 def moved(mechanism: Mechanism, name: str, by: float) -> Mechanism:
     """One parameter is off."""
     index = mechanism.names.index(name)
-    values = mechanism.drawn + by * (np.arange(len(mechanism.drawn)) == index)
+    values = mechanism.nominal_values + by * (np.arange(len(mechanism.nominal_values)) == index)
     dimensions, tree = mechanism.dimensions(values), mechanism.tree
     frames = tuple(
         replace(frame, path=tuple(replace(s, value=float(v)) for s, v in zip(frame.path, constants, strict=True)))

@@ -251,15 +251,15 @@ def test_no_mode_is_swapped_all_the_way_round() -> None:
     """The side of the coupler on which the tip lies, of two circles: of a crank that turns fully it never changes."""
     mechanism = four_bar()
     joints = np.linspace(-np.pi, np.pi, 2001)[:, None]
-    found = mechanism.assembled(joints, mechanism.drawn)
+    found = mechanism.assembled(joints, mechanism.nominal_values)
     assert found.fits.all()
     crank = 0.1 * np.stack([np.cos(joints[:, 0]), np.sin(joints[:, 0])])
-    tip, pivot = found.posture.frames[1][1][:2], np.array([[0.25], [0.0]])
+    tip, pivot = found.configuration.frames[1][1][:2], np.array([[0.25], [0.0]])
     along, across = pivot - crank, tip - crank
     side = along[0] * across[1] - along[1] * across[0]
     assert (side > 0).all() or (side < 0).all()
     np.testing.assert_allclose(np.linalg.norm(tip - pivot, axis=0), 0.2, rtol=0, atol=1e-13)
-    assert np.abs(found.posture.passive).max() < 2 * np.pi
+    assert np.abs(found.configuration.passive).max() < 2 * np.pi
 
 
 def test_closures_that_do_not_count_up_are_refused_with_the_mobility() -> None:

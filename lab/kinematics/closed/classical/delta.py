@@ -14,14 +14,16 @@ from lab.core.se3 import Array
 from lab.kinematics.closed.classical.plane import real_root, wrapped
 from lab.kinematics.closed.classical.singularity import Distances, independence
 
+__all__ = ["AZIMUTHS_RAD", "Delta"]
+
 AZIMUTHS_RAD = np.radians([-90.0, 30.0, 150.0])  # Williams' order
-UP = np.array([0.0, 0.0, 1.0])
-FLAT = 1e-12  # of the squared rod: sphere centres that span less lie on a line
+_UP = np.array([0.0, 0.0, 1.0])
+_FLAT = 1e-12  # of the squared rod: sphere centres that span less lie on a line
 
 
 @dataclass(frozen=True)
 class Delta:
-    """A reading of 0 has an arm level and outward; it counts downward.
+    """A joint position of 0 has an arm level and outward; it counts downward.
 
     Attributes:
         base_radius_m: of the hips about the base's centre.
@@ -61,10 +63,10 @@ class Delta:
     @property
     def hip_axes(self) -> Array:
         """Directions ``(3, 3)`` that the arms turn about to go down: z x e_i."""
-        return np.cross(UP, self.outward)
+        return np.cross(_UP, self.outward)
 
     def inverse(self, points: Array) -> Array:
-        """Readings ``(n, 2, 3)`` rad at P ``(n, 3)`` m, both ways of each leg: that of an elbow outward first.
+        """Joint positions ``(n, 2, 3)`` rad at P ``(n, 3)`` m, both ways of each leg: that of an elbow outward first.
 
         With d from the hip to the rod's end, d . (cos t e - sin t z) = K = (d^2 + L^2 - l^2) / 2L. First is the
         way of the elbow that is further out, as long as the platform is below; a leg that does not reach is NaN twice.
@@ -78,7 +80,7 @@ class Delta:
         return wrapped(np.stack([toward - bend, toward + bend], axis=1))
 
     def direct(self, joints: Array) -> Array:
-        """P ``(n, 2, 3)`` m of readings ``(n, 3)`` rad, the lower first: where three spheres of radius l meet.
+        """P ``(n, 2, 3)`` m of joint positions ``(n, 3)`` rad, the lower first: where three spheres of radius l meet.
 
         With u and v from their first centre to the others and n = u x v, the circle through all three has its centre at
         C1 + (u^2 v - v^2 u) x n / 2 n^2. The same twice where both merge, NaN where the spheres do not meet.
@@ -87,7 +89,7 @@ class Delta:
         u, v = C[:, 1] - C[:, 0], C[:, 2] - C[:, 0]
         n = np.cross(u, v)
         square = (n**2).sum(axis=1, keepdims=True)
-        square = np.where(square > (FLAT * self.rod_m**2) ** 2, square, np.nan)
+        square = np.where(square > (_FLAT * self.rod_m**2) ** 2, square, np.nan)
         rise = (u**2).sum(axis=1, keepdims=True) * v - (v**2).sum(axis=1, keepdims=True) * u
         from_first = np.cross(rise, n) / (2 * square)
         radius = (from_first**2).sum(axis=1, keepdims=True)
@@ -104,7 +106,7 @@ class Delta:
         return rods, self.arm_m * (rods * self._tangents(joints)).sum(axis=2)[:, :, None] * np.eye(3)
 
     def distances(self, points: Array, joints: Array) -> Distances:
-        """How far P ``(n, 3)`` reached with readings ``(n, 3)`` is from singular.
+        """How far P ``(n, 3)`` reached with joint positions ``(n, 3)`` is from singular.
 
         Parallel: all rods are along one plane. Serial: the cosine between a rod and the way its elbow moves is zero
         where the arm is in line with the rod as seen along the hip's axis. Constraint: the parallelogram of leg i holds
@@ -115,7 +117,7 @@ class Delta:
         return Distances(independence(s), serial, independence(np.cross(s, self.hip_axes)))
 
     def reachable(self, points: Array, lower: Array | float, upper: Array | float) -> NDArray[np.bool_]:
-        """Which P ``(n, 3)`` all legs reach, elbows outward, with readings within limits (rad): ``(n,)``."""
+        """Which P ``(n, 3)`` all legs reach, elbows outward, with joint positions within limits (rad): ``(n,)``."""
         joints = self.inverse(points)[:, 0]
         return np.asarray(((joints >= lower) & (joints <= upper)).all(axis=1))
 
@@ -124,13 +126,13 @@ class Delta:
         q = np.asarray(joints)[..., None]
         centres: Array = (
             self.base_radius_m - self.platform_radius_m + self.arm_m * np.cos(q)
-        ) * self.outward - self.arm_m * np.sin(q) * UP
+        ) * self.outward - self.arm_m * np.sin(q) * _UP
         return centres
 
     def _tangents(self, joints: Array) -> Array:
         """Unit directions ``(n, 3, 3)`` in which the elbows move, dC_i/dq_i / L."""
         q = np.asarray(joints)[..., None]
-        return np.asarray(-np.sin(q) * self.outward - np.cos(q) * UP)
+        return np.asarray(-np.sin(q) * self.outward - np.cos(q) * _UP)
 
     def _rods(self, points: Array, joints: Array) -> Array:
         return np.asarray(np.asarray(points)[:, None] - self._centres(joints))

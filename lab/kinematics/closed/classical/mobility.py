@@ -4,6 +4,8 @@ from collections.abc import Sequence
 
 from lab.core.errors import LabError
 
+__all__ = ["mobility"]
+
 
 def mobility(bodies: int, joints_freedoms: Sequence[int], planar: bool = False) -> int:
     """Gruebler's count m (bodies - 1 - joints) + sum of freedoms, m = 3 in the plane and 6 in space.

@@ -4,7 +4,9 @@ import numpy as np
 
 from lab.core.se3 import Array
 
-ROUNDING = 1e-12  # of a square's scale: circles that miss each other by less touch
+__all__ = ["as_sorted", "circles_meet", "cross", "left", "real_root", "turned", "usable", "wrapped"]
+
+_ROUNDING = 1e-12  # of a square's scale: circles that miss each other by less touch
 
 
 def real_root(square: Array, scale: Array | float) -> Array:
@@ -13,7 +15,7 @@ def real_root(square: Array, scale: Array | float) -> Array:
     Args:
         scale: of the terms that the square is the difference of, in its unit.
     """
-    root: Array = np.sqrt(np.where(square >= 0, square, np.where(square >= -ROUNDING * scale, 0.0, np.nan)))
+    root: Array = np.sqrt(np.where(square >= 0, square, np.where(square >= -_ROUNDING * scale, 0.0, np.nan)))
     return root
 
 
@@ -34,7 +36,7 @@ def turned(angle: Array, vectors: Array) -> Array:
 
 
 def wrapped(angle: Array) -> Array:
-    """The same angle (rad) between -pi and pi."""
+    """An angle (rad) less whole turns, between -pi and pi."""
     return np.asarray(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
 
 

@@ -10,6 +10,8 @@ from lab.core.se3 import Array
 from lab.kinematics.closed.classical.plane import circles_meet, usable
 from lab.kinematics.closed.classical.singularity import Distances, independence, unit
 
+__all__ = ["TwoLegs"]
+
 
 @dataclass(frozen=True)
 class TwoLegs:

@@ -11,6 +11,8 @@ from lab.kinematics.closed.classical.plane import as_sorted, cross, turned, usab
 from lab.kinematics.closed.classical.sextic import Sextic
 from lab.kinematics.closed.classical.singularity import Distances, independence, unit
 
+__all__ = ["ThreeLegs"]
+
 
 @dataclass(frozen=True)
 class ThreeLegs:

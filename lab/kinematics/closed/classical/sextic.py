@@ -13,14 +13,16 @@ from lab.core.newton import newton
 from lab.core.se3 import Array
 from lab.kinematics.closed.classical.plane import as_sorted, cross, left, turned, wrapped
 
-MODES = 6  # at most
-SAMPLES = 8  # of a closure with harmonics up to the third
-NO_DEGREE = 1e-11  # of the largest coefficient: a leading one below it is none
-NEAR = 1e-3  # of | log |z| |, and of squared lengths: what misses by more is no mode
-CLOSED = 1e-14  # what a mode's squared lengths may miss
-SAME = 1e-6  # modes nearer to each other, also in rad, are one
-STEPS = 5  # of Newton; each leaves DAMPING / (smallest singular value)^2 of what was missing
-DAMPING = 1e-13
+__all__ = ["Sextic"]
+
+_MODES = 6  # at most
+_SAMPLES = 8  # of a closure with harmonics up to the third
+_NO_DEGREE = 1e-11  # of the largest coefficient: a leading one below it is none
+_NEAR = 1e-3  # of | log |z| |, and of squared lengths: what misses by more is no mode
+_CLOSED = 1e-14  # what a mode's squared lengths may miss
+_SAME = 1e-6  # modes nearer to each other, also in rad, are one
+_STEPS = 5  # of Newton; each leaves _DAMPING / (smallest singular value)^2 of what was missing
+_DAMPING = 1e-13
 
 
 class Sextic(NamedTuple):
@@ -43,33 +45,33 @@ class Sextic(NamedTuple):
     def modes(self) -> Array:
         """All q and phi ``(n, 6, 3)`` with these lengths, by rising phi between -pi and pi, then NaN."""
         angles = self.roots()
-        both = np.empty((len(angles), MODES, 2, 3))
+        both = np.empty((len(angles), _MODES, 2, 3))
         both[..., :2], both[..., 2] = self.points(angles), angles[..., None]
-        starts = both.reshape(len(angles), 2 * MODES, 3)
+        starts = both.reshape(len(angles), 2 * _MODES, 3)
         found = np.full_like(starts, np.nan)
         row, place = np.nonzero(np.isfinite(starts).all(axis=2))
         found[row, place] = Sextic(*(each[row] for each in self)).polished(starts[row, place])
-        return as_sorted(_without_repeats(as_sorted(found)))[:, :MODES]
+        return as_sorted(_without_repeats(as_sorted(found)))[:, :_MODES]
 
     def roots(self) -> Array:
         """Angles ``(n, 6)`` at which the legs close, or nearly; else NaN."""
-        v, c = self.lines(np.broadcast_to(np.arange(SAMPLES) * 2 * np.pi / SAMPLES, (len(self.lengths), SAMPLES)))
+        v, c = self.lines(np.broadcast_to(np.arange(_SAMPLES) * 2 * np.pi / _SAMPLES, (len(self.lengths), _SAMPLES)))
         N = c[..., :1] * v[..., 1, :] - c[..., 1:] * v[..., 0, :]
         D = cross(v[..., 0, :], v[..., 1, :])
-        upper = np.fft.rfft((N**2).sum(axis=-1) - self.lengths[:, :1] ** 2 * D**2)[:, : MODES // 2 + 1]
+        upper = np.fft.rfft((N**2).sum(axis=-1) - self.lengths[:, :1] ** 2 * D**2)[:, : _MODES // 2 + 1]
         coefficients = np.concatenate([upper[:, :0:-1].conj(), upper], axis=1)  # (n, 7) of z^0 to z^6
         size = np.abs(upper)
-        present = np.isfinite(size) & (size > NO_DEGREE * size.max(axis=1, keepdims=True))
+        present = np.isfinite(size) & (size > _NO_DEGREE * size.max(axis=1, keepdims=True))
         degree = np.where(present, np.arange(4), 0).max(axis=1)
-        found = np.full((len(upper), MODES), np.nan)
-        for half in range(1, MODES // 2 + 1):
+        found = np.full((len(upper), _MODES), np.nan)
+        for half in range(1, _MODES // 2 + 1):
             rows = np.flatnonzero(degree == half)
-            p = coefficients[rows, MODES // 2 - half : MODES // 2 + half + 1]
+            p = coefficients[rows, _MODES // 2 - half : _MODES // 2 + half + 1]
             companion = np.zeros((len(rows), 2 * half, 2 * half), dtype=np.complex128)
             companion[:, 1:, :-1] = np.eye(2 * half - 1)
             companion[:, :, -1] = -p[:, :-1] / p[:, -1:]
             z = np.linalg.eigvals(companion)
-            found[rows, : 2 * half] = np.where(np.abs(np.abs(z) - 1) < NEAR, np.angle(z), np.nan)
+            found[rows, : 2 * half] = np.where(np.abs(np.abs(z) - 1) < _NEAR, np.angle(z), np.nan)
         return found
 
     def lines(self, angles: Array) -> tuple[Array, Array]:
@@ -102,12 +104,12 @@ class Sextic(NamedTuple):
             arms, legs, missing = legs_at(found)
             slopes = np.concatenate([legs, cross(arms, legs)[..., None]], axis=2)
             across = slopes.swapaxes(1, 2)
-            change = np.linalg.solve(across @ slopes + DAMPING * np.eye(3), across @ missing[..., None])[..., 0]
+            change = np.linalg.solve(across @ slopes + _DAMPING * np.eye(3), across @ missing[..., None])[..., 0]
             return -np.clip(change, -1.0, 1.0), np.zeros_like(rows)
 
-        near = (np.abs(legs_at(starts)[2]) < NEAR).all(axis=1, keepdims=True)
-        found = newton(step, starts, STEPS).values
-        met = near & (np.abs(legs_at(found)[2]) < CLOSED).all(axis=1, keepdims=True)
+        near = (np.abs(legs_at(starts)[2]) < _NEAR).all(axis=1, keepdims=True)
+        found = newton(step, starts, _STEPS).values
+        met = near & (np.abs(legs_at(found)[2]) < _CLOSED).all(axis=1, keepdims=True)
         found[:, 2] = wrapped(found[:, 2])
         return np.where(met, found, np.nan)
 
@@ -116,5 +118,5 @@ def _without_repeats(modes: Array) -> Array:
     """Modes ``(n, m, 3)``, NaN where one nearly is an earlier one."""
     apart = np.abs(modes[:, :, None] - modes[:, None])  # (n, m, m, 3)
     apart[..., 2] = np.abs(wrapped(apart[..., 2]))
-    repeated = np.tril(np.all(apart < SAME, axis=-1), -1).any(axis=2, keepdims=True)
+    repeated = np.tril(np.all(apart < _SAME, axis=-1), -1).any(axis=2, keepdims=True)
     return np.where(repeated, np.nan, modes)

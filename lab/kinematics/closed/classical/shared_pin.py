@@ -10,6 +10,8 @@ from lab.kinematics.closed.classical.plane import as_sorted, circles_meet, cross
 from lab.kinematics.closed.classical.rpr3 import ThreeLegs
 from lab.kinematics.closed.classical.singularity import unit
 
+__all__ = ["SharedPin"]
+
 
 @dataclass(frozen=True)
 class SharedPin:
@@ -30,7 +32,7 @@ class SharedPin:
 
     @property
     def legs(self) -> ThreeLegs:
-        """The same robot as a 3-RPR like others."""
+        """This robot as a 3-RPR like others."""
         return ThreeLegs(self.base, np.array([[0.0, 0.0], [self.bar_m, 0.0], [0.0, 0.0]]))
 
     def direct(self, lengths: Array) -> Array:

@@ -11,6 +11,8 @@ import numpy as np
 
 from lab.core.se3 import Array
 
+__all__ = ["Distances", "independence", "unit"]
+
 
 class Distances(NamedTuple):
     """From what is singular, each ``(n,)``, 0 to 1; NaN out of reach.
