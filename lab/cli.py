@@ -68,12 +68,15 @@ def _help() -> str:
 
 def _run_command(command: Command, arguments: list[str]) -> int:
     """Run, write and print; the exit code is the result's."""
+    from threadpoolctl import threadpool_limits
+
     from lab.commands.command_line import parsed
     from lab.commands.run_folder import free_name, input_files, run_folder
     from lab.commands.unconverted import exit_code, tell, values, warnings, write
 
     asked, place = parsed(command, arguments), None
     with contextlib.ExitStack() as stack:
+        stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
         if command.folder:
             place = asked.out or free_name(Path("runs"), command.folder_name(asked.options))
             folder = stack.enter_context(run_folder(place, input_files(asked.options)))

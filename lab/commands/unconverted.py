@@ -44,8 +44,6 @@ def values(name: str, result: Any) -> Any:
 
     if isinstance(result, Result):
         return result.to_dict()
-    if name == "inspect":
-        return result.values
     if name == "study":
         return result.summary
     made: dict[str, Any] = {
@@ -70,12 +68,6 @@ def _tell_design(plan: Any, place: Path) -> None:
     from lab.commands.design.console import print_plan
 
     print_plan(plan, place)
-
-
-def _tell_inspect(found: Any, place: None) -> None:
-    from lab.commands.inspect.run import print_inspection
-
-    print_inspection(found)
 
 
 def _tell_study(done: Any, place: None) -> None:

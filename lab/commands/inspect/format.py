@@ -1,4 +1,4 @@
-"""How numbers of a drawing are told: as plain values and in print."""
+"""How numbers of a nominal model are told: as plain values and in print."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ def tidy(value: float) -> float:
 
 
 def printed(value: float) -> str:
-    """As facts of a drawing are printed: whole numbers without a point, a true minus sign."""
+    """As numbers of a nominal model are printed: whole numbers without a point, a true minus sign."""
     return f"{value:.6g}".replace("-", "−")
 
 
@@ -39,7 +39,7 @@ def joint_kind(joints: JointSpec, i: int) -> dict[str, Any]:
 
 
 def joint_limits(joints: JointSpec, i: int) -> dict[str, Any]:
-    """Its limits and largest speed, mm or degrees."""
+    """A joint's limits and largest speed, mm or degrees."""
     unit, scale = ("mm", 1e3) if joints.prismatic[i] else ("deg", 180 / np.pi)
     return {
         f"lower_{unit}": tidy(joints.lower[i] * scale),
@@ -49,14 +49,14 @@ def joint_limits(joints: JointSpec, i: int) -> dict[str, Any]:
 
 
 def limits_and_speed(joint: dict[str, Any]) -> tuple[str, str]:
-    """The same, printed."""
+    """A joint's limits and largest speed, printed."""
     unit = "mm" if joint["type"] == "prismatic" else "deg"
     speed = joint[f"speed_{unit}_per_s"]
     limits = f"{printed(joint[f'lower_{unit}'])} … {printed(joint[f'upper_{unit}'])}"
     return limits, "–" if speed is None else printed(speed)
 
 
-def with_reading(joint: str, sign: int, offset: float) -> str:
-    """A value that a joint's reading, by its sign, adds to an offset."""
-    reading = joint if sign > 0 else f"−{joint}"
-    return reading if offset == 0 else f"{reading} {'−' if offset < 0 else '+'} {printed(abs(offset))}"
+def with_joint(joint: str, sign: int, offset: float) -> str:
+    """A value to which a joint's position adds, by its sign: the joint and the offset."""
+    position = joint if sign > 0 else f"−{joint}"
+    return position if offset == 0 else f"{position} {'−' if offset < 0 else '+'} {printed(abs(offset))}"

@@ -1,11 +1,9 @@
-"""What a robot is, and what of it can be identified: as plain values, and in words."""
+"""What a robot is, and what of it can be identified."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from lab.calibration.identifiability import (
     WEAK_CONDITION,
@@ -18,10 +16,10 @@ from lab.calibration.identifiability import (
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.findings import direction_to_dict
-from lab.commands.inspect.closed import drawn_closed, print_closed, shape_closed
-from lab.commands.inspect.format import coefficient, per_person
+from lab.commands.inspect.closed import closed_nominal, closed_shape
 from lab.commands.inspect.options import InspectOptions
-from lab.commands.inspect.serial import drawn_serial, print_serial, shape_serial
+from lab.commands.inspect.result import Inspection
+from lab.commands.inspect.serial import serial_nominal, serial_shape
 from lab.commands.keywords import options_of, takes
 from lab.commands.values import number
 from lab.core.errors import LabError
@@ -31,25 +29,9 @@ from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named
 
+__all__ = ["inspect"]
+
 POSES = 200
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """What a robot is, and what of it can be identified.
-
-    Attributes:
-        values: what ``--json`` prints: mm and degrees, aliases in SI.
-    """
-
-    options: InspectOptions
-    robot: Robot
-    values: dict[str, Any]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What a reader should be told."""
-        return self.robot.warnings
 
 
 @takes(InspectOptions)
@@ -90,16 +72,12 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     condition, usual = scaled_condition(jacobian), not (options.fix or options.free)
     asked = named(arm.names, "--fix", options.fix)
     held = [arm.names[i] for i in structure.held]
-    if isinstance(robot.chain, Mechanism):
-        drawn, shape = (
-            drawn_closed(robot.chain),
-            {**shape_closed(robot.chain), "not_fixed": len(arm.names) - len(asked)},
-        )
-    else:
-        drawn, shape = drawn_serial(robot.serial_model.chain), shape_serial(robot.serial_model.chain)
+    nominal_model, shape = _described(robot)
+    if "mobility" in shape:  # how many parameters --fix leaves is said of a mechanism
+        shape["not_fixed"] = len(arm.names) - len(asked)
     values = {
         "robot": robot.name,
-        **drawn,
+        **nominal_model,
         "targets": list(options.targets),
         "parameters": len(arm.names),
         "rank": len(structure.kept),
@@ -119,7 +97,8 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         "poses_needed": poses_needed(arm, nominal, structure),
         **shape,
     }
-    return Inspection(options, robot, values)
+    unit = jacobian / np.linalg.norm(jacobian, axis=0)
+    return Inspection(options, robot, values, arm.parameters, np.linalg.svd(unit, compute_uv=False))
 
 
 def _nominal(options: InspectOptions, robot: Robot) -> Array:
@@ -134,44 +113,9 @@ def _nominal(options: InspectOptions, robot: Robot) -> Array:
     return robot.arm_with(options.targets, options.groups).nominal(tool)
 
 
-def print_inspection(found: Inspection) -> None:
-    """The same for a person."""
-    console, seen = Console(markup=False), found.values
-    closed = isinstance(found.robot.chain, Mechanism)
-    arm = found.robot.arm_with(found.options.targets, found.options.groups)
-    named_parameters = {parameter.name: parameter for parameter in arm.parameters}
-    (print_closed if closed else print_serial)(console, seen)
-    left = f" ({seen['rank']} of the {seen['not_fixed']} that --fix leaves)" if closed and found.options.fix else ""
-    console.print(
-        f"{seen['rank']} of {seen['parameters']} parameters{left} can be identified from positions of "
-        f"{', '.join(seen['targets'])}, from {seen['poses_needed']} poses or more:"
-    )
-    for group in dict.fromkeys(sorted((name.rsplit(".", 1)[0] for name in seen["identifiable"]), key=_group_order)):
-        members = [name.rsplit(".", 1)[1] for name in seen["identifiable"] if name.rsplit(".", 1)[0] == group]
-        console.print(f"  {group}: {' '.join(members)}")
-    if seen["held"]:
-        console.print(f"held at nominal by --fix, though they show: {', '.join(seen['held'])}", soft_wrap=True)
-    if seen["told_apart"]:
-        others = ", ".join(seen["told_apart"])
-        console.print(
-            f"told apart only because others are held; --free would identify any one of them: {others}", soft_wrap=True
-        )
-    console.print("fixed at nominal, because an error of it looks like errors of others:")
-    for name, into in seen["aliases"].items():
-        parts = [coefficient(named_parameters[name], named_parameters[other], value) for other, value in into.items()]
-        console.print(f"  {name} is hidden in {', '.join(parts) or 'nothing: it moves no target'}", soft_wrap=True)
-    console.print(f"condition over random poses, with unit columns: {seen['condition']:.1f}")
-    for direction in seen["weak_directions"]:
-        parts = [f"{name} {per_person(named_parameters[name], value)}" for name, value in direction["parts"].items()]
-        console.print(
-            f"nearly unidentifiable, 1/{1 / direction['singular_value']:.0f} of the largest singular value: "
-            f"{', '.join(parts)} move the targets by {1e3 * direction['moved_mm']:.2g} µm",
-            soft_wrap=True,
-        )
-    for words, condition in seen["changes"].items():
-        console.print(f"  with {words} the condition would be {condition:.1f}")
-
-
-def _group_order(group: str) -> tuple[bool, str]:
-    """As they come, but joints in their order."""
-    return (True, group) if group.startswith("joint") else (False, "")
+def _described(robot: Robot) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The nominal model and the shape of a robot, as plain values."""
+    if isinstance(robot.chain, Mechanism):
+        return closed_nominal(robot.chain), closed_shape(robot.chain)
+    chain = robot.serial_model.chain
+    return serial_nominal(chain), serial_shape(chain)

@@ -47,10 +47,10 @@ def test_at_each_example_a_combination_of_joints_moves_nothing(name: str) -> Non
 
 def test_inspect_prints_it(capsys) -> None:
     assert main(["inspect", "rx130"]) == 0
-    said = capsys.readouterr().out
-    assert "reach 1360 mm from axis 1 to the last frame; 8 ways to a pose" in said
+    said = " ".join(capsys.readouterr().out.split())
+    assert "reach 1360 mm from axis 1 to the last frame; 8 inverse-kinematics solutions of a pose" in said
     assert "det J = −0.625 · 0.625 sin q3 sin q5 (0.625 sin q2 + 0.625 sin(q2+q3))" in said
-    assert "wrist, sin q5 = 0: e.g. at (" in said and "+1 q4 −1 q6 moves nothing" in said
+    assert "wrist, sin q5 = 0: e.g. at (" in said and "with the self-motion +1 q4 −1 q6" in said
     assert main(["inspect", "course2r", "--json"]) == 0
     seen = json.loads(capsys.readouterr().out)
     assert seen["determinant"] is None and seen["ways"] is None and seen["singularities"] == []

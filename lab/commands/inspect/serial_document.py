@@ -1,0 +1,57 @@
+"""What a person reads of a serial arm's nominal model and shape."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lab.commands.inspect.format import limits_and_speed, printed, with_joint
+from lab.render.document import Block, Bullets, Paragraph, Table
+
+__all__ = ["serial_blocks"]
+
+_ORDERS = {"distal": "Rz(θ) Tz(d) Tx(a) Rx(α)", "craig": "Rx(α) Tx(a) Rz(θ) Tz(d)"}
+
+
+def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
+    """The Denavit-Hartenberg table with limits, the reach, and the singularities."""
+    convention = values["convention"]
+    solutions = "" if values["ways"] is None else f"; {values['ways']} inverse-kinematics solutions of a pose"
+    return (
+        Paragraph(f"{values['robot']}: Denavit-Hartenberg, {convention}, {_ORDERS[convention]}; mm and °"),
+        Table(("i", "θ", "d", "a", "α", "limits", "speed per s"), _rows(values["joints"])),
+        Paragraph(f"reach {printed(values['reach_mm'])} mm from axis 1 to the last frame{solutions}"),
+        *_singularities(values),
+    )
+
+
+def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
+    rows = []
+    for i, joint in enumerate(joints):
+        slides = joint["type"] == "prismatic"
+        theta, d = printed(joint["theta_deg"]), printed(joint["d_mm"])
+        moved = with_joint(joint["name"], joint["sign"], joint["d_mm" if slides else "theta_deg"])
+        theta, d = (theta, moved) if slides else (moved, d)
+        lengths = printed(joint["a_mm"]), printed(joint["alpha_deg"])
+        rows.append((str(i + 1), theta, d, *lengths, *limits_and_speed(joint)))
+    return tuple(rows)
+
+
+def _singularities(values: Mapping[str, Any]) -> tuple[Block, ...]:
+    """The Jacobian's determinant, and an example of each singularity with its self-motion."""
+    if values["determinant"] is None:
+        return ()
+    text = values["determinant"].replace("-", "−").replace("*", "·")
+    lines = []
+    for each in values["singularities"]:
+        where = f"{each['name']}, {each['where']} = 0"
+        if each["example"] is None:
+            lines.append(f"{where}: not within the limits")
+            continue
+        parts = " or ".join(" ".join(f"{part:+.3g} {name}" for name, part in one.items()) for one in each["free"])
+        at = ", ".join(f"{value:.1f}" for value in np.round(each["example"], 1) + 0.0)
+        lines.append(f"{where}: e.g. at ({at}), with the self-motion {parts}")
+    return (
+        Paragraph(f"det J = {text} (m), singular where a factor is zero:"),
+        Bullets(tuple(line.replace("-", "−").replace("self−motion", "self-motion") for line in lines)),
+    )
