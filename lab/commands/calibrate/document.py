@@ -119,7 +119,7 @@ def _validated_on(result: CalibrationResult) -> str:
 def _verdict(verdict: Verdict, adequate: bool | None) -> Paragraph:
     doubt = "lack of fit (see below)" if adequate is False else ""
     why = "; ".join(part for part in (verdict.reason, doubt) if part)
-    return Paragraph(("Verdict: ", _VERDICTS[verdict.word], f": {why}" if why else ""))
+    return Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" – {why}" if why else ""))
 
 
 def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
