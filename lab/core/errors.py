@@ -1,4 +1,4 @@
-"""The one error a user of the lab sees."""
+"""The one error a user of the lab sees, and what the lab itself distinguishes of it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,6 +6,10 @@ from contextlib import contextmanager
 
 class LabError(ValueError):
     """Input that cannot be used: one line that says what, where and how to mend it."""
+
+
+class IncompleteColumnError(LabError):
+    """A column of a file has gaps where every row is needed."""
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import IncompleteColumnError, LabError
 from lab.core.se3 import Array
 
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
@@ -115,7 +115,8 @@ def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable
         where: what an error calls a row.
 
     Raises:
-        LabError: another condition is missing, or empty in a row.
+        LabError: another condition is missing.
+        IncompleteColumnError: it is empty in a row.
     """
     column = conditions.get(name)
     if column is None:
@@ -124,7 +125,7 @@ def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable
         return np.zeros(rows)
     if (empty := np.isnan(column)).any():
         row = where(int(np.argmax(empty)))
-        raise LabError(f"{row}, column {name}: empty, but the model needs it in every row; fill it in")
+        raise IncompleteColumnError(f"{row}, column {name}: empty, but the model needs it in every row; fill it in")
     return column
 
 

@@ -351,7 +351,7 @@ def test_bad_readings_are_named_and_left_out(tmp_path, capsys) -> None:
     bad = ("--bad-share", "0.06", "--bad-mm", "0.1,20", "--poses", "60")
     code, plain = run(capsys, "calibrate", *bad, "--out", tmp_path / "plain")
     assert code in (0, 1) and plain["outliers"] and not plain["outliers_left_out"] and plain["after_mm"]["mean"] > 0.05
-    assert any("--robust would leave them out" in warning for warning in plain["warnings"])
+    assert any("--robust would exclude them" in warning for warning in plain["warnings"])
     code, robust = run(capsys, "calibrate", *bad, "--robust", "--out", tmp_path / "robust")
     assert code == 0 and robust["after_mm"]["mean"] < 0.006 and robust["outliers_left_out"]
     assert robust["poses"] == 60 - len(robust["outliers"]) and robust["adequate"] is True

@@ -52,13 +52,13 @@ class SelectionTask:
         held_too = replace(request, fix=(*request.fix, *held))
         return identify(model, self.data, self.nominal_of(model), self.noise, held_too)
 
-    def refusal(self, group: str) -> str:
-        """Why a group cannot be tried; empty if it can."""
+    def refusal(self, group: str) -> LabError | None:
+        """Why a group cannot be tried; None if it can."""
         try:
             self.data.inputs(observation_of(self.model_with([group])).model.conditions)
         except LabError as error:
-            return str(error)
-        return ""
+            return error
+        return None
 
     def refuse_unknown_wishes(self, groups: Sequence[str]) -> None:
         """A LabError for patterns that mean no parameter of geometry or of any of the groups that can be built."""

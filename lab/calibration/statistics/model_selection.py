@@ -16,6 +16,7 @@ from lab.calibration.statistics.candidate_models import FullModel, ModelWith, No
 from lab.calibration.statistics.nested_models import NestedModels, Score
 from lab.calibration.validation import ROWS_PER_PARAMETER
 from lab.calibration.weights import Noise
+from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements
 from lab.core.significance import MODEL_GROUPS
 from lab.kinematics.effects.registry import CANDIDATES
@@ -39,6 +40,7 @@ class GroupTrial:
         bic: of that model; NaN if not tried.
         chosen: whether it is in the final model; the others are tried beside that.
         infeasibility_reason: why it is not; empty where it is.
+        incomplete_data: whether that is because a column that it needs has gaps.
         held: its parameters that are not fitted, as these poses do not show them, or not to any use.
     """
 
@@ -50,6 +52,7 @@ class GroupTrial:
     chosen: bool
     infeasibility_reason: str = ""
     held: tuple[str, ...] = ()
+    incomplete_data: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,11 @@ def select(
     task = SelectionTask(model_with, nominal, data, noise or Noise(), request or IdentifyOptions())
     task.refuse_unknown_wishes(candidates)
     alone = task.identified(())
-    refused = {name: _refused(name, why) for name in candidates if (why := task.refusal(name))}
+    refused = {
+        name: replace(_refused(name, str(why)), incomplete_data=isinstance(why, IncompleteColumnError))
+        for name in candidates
+        if (why := task.refusal(name)) is not None
+    }
     large = FullModel.of(task, [name for name in candidates if name not in refused], alone, seed)
     taken, found, rows = _grown(task, large, alone)
     rows |= refused

@@ -1,4 +1,4 @@
-"""What to change to see parameters that measurements barely tell apart, tried out on the model."""
+"""What to change to observe parameters that measurements hardly distinguish, tried out on the model."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second
 
 @dataclass(frozen=True)
 class SetupSuggestion:
-    """A change of what is measured, and the condition that the same poses would then have."""
+    """A change of what is measured, and the condition number that the same poses would then have."""
 
     words: str
     condition: float
@@ -26,8 +26,8 @@ def changes(
     """The changes that anyone can make, the best first.
 
     Args:
-        values: ``(p,)`` of the arm with these targets and groups, seen by points.
-        settings: where it is measured, ``(n, joints + conditions)``.
+        values: ``(p,)`` of the arm with these targets and groups, measured by points.
+        inputs: where it is measured, ``(n, joints + conditions)``.
     """
     arm = robot.arm_with(targets, groups)
     known = dict(zip(arm.names, values, strict=True))
@@ -38,7 +38,7 @@ def changes(
     second = dict(zip("xyz", np.array(first) + np.array([OFFSET_M, OFFSET_M, 0.0]), strict=True))
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
     posed = Poses(arm, targets[0])
-    turned = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(inputs), 4))
+    orientations = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(inputs), 4))
     found = [
         SetupSuggestion(
             f"the target {1e3 * OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, inputs)
@@ -46,7 +46,7 @@ def changes(
         SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
         SetupSuggestion(
             "orientations measured too",
-            condition_of(posed, posed.nominal(values), np.concatenate([inputs, turned], axis=1)),
+            condition_of(posed, posed.nominal(values), np.concatenate([inputs, orientations], axis=1)),
         ),
     ]
     return tuple(sorted(found, key=lambda change: change.condition))

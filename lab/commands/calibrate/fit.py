@@ -22,10 +22,10 @@ from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
 from lab.commands.calibrate.warnings import (
-    of_drawing,
     of_export,
     of_groups,
     of_joints,
+    of_nominal,
     of_outliers,
     of_prior,
     of_weakness,
@@ -142,14 +142,16 @@ class Fitter:
         if not warnings and only_positions(observation):
             trusted, warnings = self._trusted(found, seen, known)
         if count := sum(pose.held_out for pose in off):
-            warnings.append(f"{count} poses held out are off: the error is {'without' if robust else 'with'} them")
+            warnings.append(
+                f"{count} poses of the hold-out set are outliers: the error is {'without' if robust else 'with'} them"
+            )
         warnings += of_groups(groups, selection, self.data)
         if self.options.model == "auto":
             lacking = {name: self.unanswerable(name) for name in CANDIDATES}
             warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in lacking.items() if why]
         if self.options.prior:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
-        warnings += of_drawing(found, self.nominal(found.model))
+        warnings += of_nominal(found, self.nominal(found.model))
         if only_positions(observation):
             warnings += of_weakness(self.robot, self.targets, groups, found, seen.inputs)
         warnings += of_joints(found, seen, clean, self._moves(clean))

@@ -202,7 +202,7 @@ def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options
         and "payload_kg" in fit.rows.conditions
         and "payload_kg" not in other.conditions
     ):
-        said = f"{options.validate}: no column payload_kg: nothing is taken to hang at the flange in any pose"
+        said = f"{options.validate}: no column payload_kg: the flange is assumed to carry nothing in any pose"
         return replace(validation, warnings=(*validation.warnings, said))
     return validation
 

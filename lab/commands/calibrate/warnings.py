@@ -1,4 +1,4 @@
-"""What a person should be told of a fit: what is off, what is barely seen, what was left out or taken for granted."""
+"""What a person should be told of a fit: outliers, weakly observable parameters, what was assumed or left out."""
 
 import numpy as np
 
@@ -18,35 +18,37 @@ from lab.core.se3 import Array
 from lab.kinematics.parameter import targets_of
 
 WORTH = 0.8  # of the condition: a change that leaves more brings nothing
-STRANGE = 0.05  # m or rad from the drawing
+STRANGE = 0.05  # m or rad from the nominal value
 SURPRISING = 5.0  # standard deviations of the prior
 RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
 def of_outliers(found: Identification, seen: Observations, outliers: Outliers) -> list[str]:
-    """That poses are off which were fitted all the same, and what it would change to leave them out."""
+    """That outliers are kept in the fit, and what it would change to exclude them."""
     if not len(outliers.rows):
         return []
     moved = would_matter(found.model, seen, found.values, outliers.fit.values)
-    count = f"{len(outliers.rows)} poses are" if len(outliers.rows) > 1 else "1 pose is"
+    several = len(outliers.rows) > 1
+    count = f"{len(outliers.rows)} poses are outliers" if several else "1 pose is an outlier"
     return [
-        f"{count} off by more than noise explains, {1e3 * outliers.sizes_m[0]:.3g} mm "
-        f"the worst: --robust would leave them out, and move what is predicted by {1e3 * moved:.2g} mm"
+        f"{count}, with a residual of {'up to ' if several else ''}{1e3 * outliers.sizes_m[0]:.3g} mm, kept in the "
+        f"fit: --robust would exclude {'them' if several else 'it'}, and move the predicted points by "
+        f"{1e3 * moved:.2g} mm"
     ]
 
 
 def of_weakness(
     robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], found: Identification, inputs: Array
 ) -> list[str]:
-    """What would show what points barely show."""
+    """That parameters are weakly observable, and what would change that."""
     if found.fit.condition <= WEAK_CONDITION or found.unobservable or "sessions" in groups:
         return []
     wanted = changes(robot, targets, groups, found.values, inputs)[0]
     if wanted.condition > WORTH * found.fit.condition:
         return []
     return [
-        f"some parameters are nearly unidentifiable (weak_directions in result.json): with {wanted.words} the "
-        f"same poses would have a condition of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"
+        f"some parameters are weakly observable (weak_directions in result.json): with {wanted.words} the "
+        f"same poses would have a condition number of {wanted.condition:.0f} instead of {found.fit.condition:.0f}"
     ]
 
 
@@ -58,13 +60,13 @@ def of_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> lis
         return []
     name = found.model.names[prior.of[int(off.argmax())]]
     return [
-        f"{name} is {off.max():.0f} tolerances from the drawing: --prior holds it back; give larger "
+        f"{name} is {off.max():.0f} tolerances from its nominal value: --prior holds it back; give larger "
         "--tolerance-mm and --tolerance-mrad, or leave it out"
     ]
 
 
-def of_drawing(found: Identification, nominal: Array) -> list[str]:
-    """That the robot came out far from its drawing, and surely so: it may be another one's."""
+def of_nominal(found: Identification, nominal: Array) -> list[str]:
+    """That the estimate is far from the nominal value, and surely so: the model may be another robot's."""
     parameters, free = found.model.parameters, list(found.fit.free)
     off = np.abs(found.values - nominal)[free]
     sure = np.array([parameters[i].is_link for i in free]) & (off > STRANGE) & (off > SURPRISING * found.std)
@@ -73,11 +75,11 @@ def of_drawing(found: Identification, nominal: Array) -> list[str]:
     worst = parameters[free[int(np.argmax(np.where(sure, off, 0.0)))]]
     size = float(np.max(off[sure]))
     far = f"{np.rad2deg(size):.3g}°" if worst.is_angle else f"{1e3 * size:.3g} mm"
-    return [f"{worst.name} came out {far} from the drawing: is the drawing that of this robot?"]
+    return [f"{worst.name} is estimated {far} from its nominal value: is the nominal model that of this robot?"]
 
 
 def of_joints(found: Identification, seen: Observations, rows: Measurements, moves: Array) -> list[str]:
-    """Readings that are rounded, or that do not follow the arm.
+    """Joint positions that are rounded, or that do not follow the arm.
 
     Args:
         moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
@@ -85,8 +87,8 @@ def of_joints(found: Identification, seen: Observations, rows: Measurements, mov
     model, said = found.model, []
     if (coarse := rounding(model, rows, found.values, observation_of(model).positions or None)) is not None:
         said.append(
-            f"joint readings are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes "
-            f"{1e3 * coarse.rms_m:.3g} mm (root mean square) of what is observed"
+            f"joint positions are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes errors of "
+            f"{1e3 * coarse.rms_m:.3g} mm (RMS)"
         )
     derivative = by_joint_positions(model, seen.inputs, found.values, moves.shape[1])
     for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions):
@@ -101,24 +103,24 @@ def of_joints(found: Identification, seen: Observations, rows: Measurements, mov
             if sure
         )
         where = f"session {lag.session}: " if lag.session else ""
-        which = "the readings lag behind the arm" if behind else "the arm lags behind its readings"
+        which = "they lag behind it" if behind else "it lags behind them"
         said.append(
-            f"{where}the joint values do not follow the arm: {which} by shares of the last move of {shares} "
-            f"(F test, p = {lag.p:.1g}); read the joints when the arm has settled"
+            f"{where}the recorded joint positions do not follow the arm: {which} by shares of the last move "
+            f"of {shares} (F test, p = {lag.p:.1g}); read the joints when the arm has settled"
         )
     return said
 
 
 def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measurements) -> list[str]:
-    """What was taken for granted of conditions, and which groups were not tried because of a defect of the file."""
+    """What was assumed of the payload, and which groups were not tried because a column of the file has gaps."""
     said = []
     if {"compliance", "payload"} & set(groups) and "payload_kg" not in data.conditions:
-        said.append("no column payload_kg: nothing is taken to hang at the flange in any pose")
+        said.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
     if selection is not None:
         said += [
             f"{group.name} is not tried: {group.infeasibility_reason}"
             for group in selection.groups
-            if "empty" in group.infeasibility_reason
+            if group.incomplete_data
         ]
     return said
 

@@ -145,5 +145,5 @@ def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, 
     if unused := [name for name in targets.conditions if name not in run.arm.conditions]:
         said.append(f"{source}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
     if "payload_kg" in run.arm.conditions and "payload_kg" not in given:
-        said.append(f"{source}: no column payload_kg: nothing is taken to hang at the flange at any target")
+        said.append(f"{source}: no column payload_kg: the flange is assumed to carry nothing at any target")
     return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said

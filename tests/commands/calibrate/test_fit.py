@@ -121,5 +121,5 @@ def test_a_prior_that_holds_back_is_told() -> None:
     joints[:, 3] += np.deg2rad(2.0)  # an offset of 23 tolerances
     late = replace(data, joints=joints)
     said = fitter(late, prior=True)(late).warnings
-    assert any("link4.theta is 2" in warning and "tolerances from the drawing" in warning for warning in said)
-    assert not any("tolerances from the drawing" in w for w in fitter(data, prior=True)(data).warnings)
+    assert any("link4.theta is 2" in warning and "tolerances from its nominal value" in warning for warning in said)
+    assert not any("tolerances from its nominal value" in w for w in fitter(data, prior=True)(data).warnings)

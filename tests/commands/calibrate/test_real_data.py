@@ -99,7 +99,7 @@ def test_irb120_with_a_wire() -> None:
     assert 0.27 < rms <= 0.36 < 1e3 * float(np.sqrt(np.nanmean(errors.before**2))) + 0.01
     said = "\n".join(outcome.warnings)
     assert "before rows 140, 506: 3 anchors" in said and "row 950" in said
-    assert "rounded to 0.1°, which alone makes 0.27" in said
+    assert "rounded to 0.1°, which alone makes errors of 0.27" in said
     assert outcome.verdict.word == "good"
 
 
