@@ -53,6 +53,11 @@ class JointSpec:
         return np.clip(np.zeros(self.size), self.lower, self.upper)
 
     @property
+    def has_loops(self) -> bool:
+        """Whether it is a mechanism with loops, not a chain."""
+        return False
+
+    @property
     def offset_lengths(self) -> tuple[str, ...]:
         """The parameters that are lengths of a mechanism's legs and add to joint positions; a chain has none."""
         return ()

@@ -12,10 +12,7 @@ from lab.commands.calibrate.result import CalibrationResult
 from lab.core import se3
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
-from lab.kinematics.closed.arm import ClosedArm
-from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.model import RigidArm
-from lab.kinematics.serial.arm import SerialArm
 from lab.render.scene import (
     LARGEST_FACTOR,
     MagnifiedEllipsoids,
@@ -136,7 +133,8 @@ def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[Ou
     """The outliers that the test names; none where the file's points are not all that is observed."""
     model, data = outcome.identification.model, outcome.measurements
     named = outcome.fit.outliers[:MOST_OUTLIERS]
-    if not named or not isinstance(model, SerialArm | ClosedArm | ArmWithEffects):
+    observation = observation_of(model)
+    if not named or observation.positions < len(observation.units):
         return ()
     part = data.take([data.ids.index(pose.id) for pose in named])
     expected = model.points(part.inputs(model.conditions), outcome.identification.values)

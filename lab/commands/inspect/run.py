@@ -1,5 +1,6 @@
 """What a robot is, and what of it can be identified."""
 
+from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.serial.chain import Chain
 
 __all__ = ["inspect"]
 
@@ -72,8 +75,8 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     condition, usual = scaled_condition(jacobian), not (options.fix or options.free)
     asked = named(arm.names, "--fix", options.fix)
     held = [arm.names[i] for i in structure.held]
-    nominal_model, shape = _described(robot)
-    if "mobility" in shape:  # how many parameters --fix leaves is said of a mechanism
+    nominal_model, shape = _described(robot.chain)
+    if robot.chain.has_loops:  # how many parameters --fix leaves is said of a mechanism
         shape["not_fixed"] = len(arm.names) - len(asked)
     values = {
         "robot": robot.name,
@@ -113,9 +116,17 @@ def _nominal(options: InspectOptions, robot: Robot) -> Array:
     return robot.arm_with(options.targets, options.groups).nominal(tool)
 
 
-def _described(robot: Robot) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The nominal model and the shape of a robot, as plain values."""
-    if isinstance(robot.chain, Mechanism):
-        return closed_nominal(robot.chain), closed_shape(robot.chain)
-    chain = robot.serial_model.chain
+@singledispatch
+def _described(joints: JointSpec) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The nominal model and the shape of a kind of robot, as plain values: each kind registers its own."""
+    raise NotImplementedError(type(joints))
+
+
+@_described.register
+def _(chain: Chain) -> tuple[dict[str, Any], dict[str, Any]]:
     return serial_nominal(chain), serial_shape(chain)
+
+
+@_described.register
+def _(mechanism: Mechanism) -> tuple[dict[str, Any], dict[str, Any]]:
+    return closed_nominal(mechanism), closed_shape(mechanism)

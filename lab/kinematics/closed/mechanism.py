@@ -80,6 +80,11 @@ class Mechanism(JointSpec):
         return Dimensions(values[:6], tuple(steps), lengths, self.sign)
 
     @property
+    def has_loops(self) -> bool:
+        """It has."""
+        return True
+
+    @property
     def offset_lengths(self) -> tuple[str, ...]:
         """The lengths of the legs that joints measure."""
         return tuple(f"{rod.name}.length" for rod in self.tree.rods if rod.joint is not None)

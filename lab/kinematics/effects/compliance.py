@@ -23,7 +23,6 @@ from lab.kinematics.effects.effect import (
 )
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter, joint_parameter
-from lab.kinematics.serial.chain import Chain
 
 __all__ = ["Compliance", "JointSprings", "compliance", "compliances"]
 
@@ -66,7 +65,7 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:
-    if not isinstance(arm.chain, Chain):
+    if arm.chain.has_loops:
         raise LabError(f"--model {name}: robot {arm.chain.name} has loops, and nothing bends such a robot here")
     if arm.loads is None:
         raise LabError(f"--model {name}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF")
