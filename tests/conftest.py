@@ -16,22 +16,21 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
 
 _WRITES = {
-    "lab.commands.calibrate.recording": ("record", ""),
-    "lab.commands.design.recording": ("record_plan", ""),
-    "lab.commands.design.report": ("write_plan_report", "report.html"),
-}  # by module: what it is asked for, and which file that writes into a folder
+    "lab.commands.calibrate.recording": "record",
+    "lab.commands.design.recording": "record_plan",
+}  # by module: the function that writes a file
 
 
 @pytest.fixture(scope="module")
 def nothing_drawn() -> Iterator[None]:
-    """Recordings and a plan's report are empty files, and pages have no pictures."""
+    """Recordings are empty files, and pages and plans have no pictures."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, (function, file) in _WRITES.items():
+        for name, function in _WRITES.items():
             module = types.ModuleType(name)
-            setattr(module, function, lambda path, *_, file=file: Path(path, file).write_bytes(b""))
+            setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
             patch.setitem(sys.modules, name, module)
         patch.setattr("lab.render.svg.inline_svg", lambda picture: Markup())
-        patch.setattr("lab.commands.design.figures.plot_plan", lambda folder, plan: None)
+        patch.setattr("lab.commands.design.figures.write_figures", lambda folder, plan: None)
         yield
 
 

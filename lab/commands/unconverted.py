@@ -40,34 +40,11 @@ def warnings(name: str, result: Any) -> Any:
 
 def values(name: str, result: Any) -> Any:
     """What ``--json`` prints."""
-    from lab.commands.design.result import plan_summary
-
     if isinstance(result, Result):
         return result.to_dict()
     if name == "study":
         return result.summary
-    made: dict[str, Any] = {
-        "design": plan_summary,
-    }
-    return made[name](result)
-
-
-def _write_design(folder: Path, plan: Any) -> None:
-    from lab.commands.design.figures import plot_plan
-    from lab.commands.design.recording import record_plan
-    from lab.commands.design.report import write_plan_report
-    from lab.commands.design.result import write_plan
-
-    write_plan(folder, plan)
-    plot_plan(folder, plan)
-    write_plan_report(folder, plan)
-    record_plan(folder / "recording.rrd", plan)
-
-
-def _tell_design(plan: Any, place: Path) -> None:
-    from lab.commands.design.console import print_plan
-
-    print_plan(plan, place)
+    raise AssertionError(name)
 
 
 def _tell_study(done: Any, place: None) -> None:

@@ -9,10 +9,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from lab.campaign.option_groups import Flag
-from lab.commands.design.figures import save
 from lab.experiments.figures import instruments_figure
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document, Table
+from lab.render.svg import save_figure
 from lab.studies.analysis import Mean, means
 from lab.studies.grid import Study
 from lab.studies.progress import study_runner
@@ -56,7 +56,7 @@ def answer(options: Options) -> Answer:
         campaigns, _ = run(study, options.out / "study")
     curves = {metric: by_instrument(study, means(campaigns, metric)) for metric in METRICS}
     title = f"Which instrument, how many poses? {robots * draws:,} campaigns with {robots} arms at each point"
-    save(options.out, "instruments", instruments_figure({METRICS[m]: curves[m] for m in METRICS}, title))
+    save_figure(options.out, "instruments", instruments_figure({METRICS[m]: curves[m] for m in METRICS}, title))
     said = words(curves["fresh_p95_mm"])
     tables = (table(lines, METRICS[metric]) for metric, lines in curves.items())
     blocks = (*tables, *paragraphs([*said, f"picture: {options.out / 'instruments.png'}"]))

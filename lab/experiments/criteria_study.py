@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lab.campaign.option_groups import Flag
-from lab.commands.design.figures import save
 from lab.experiments.figures import criteria_figure
 from lab.experiments.other_searches import other_searches
 from lab.experiments.script import Answer
@@ -27,6 +26,7 @@ from lab.experiments.which_criterion import (
     criterion_study,
 )
 from lab.render.document import Document, Paragraph, Section
+from lab.render.svg import save_figure
 from lab.studies.progress import study_runner
 
 __all__ = ["Options", "answer"]
@@ -74,7 +74,7 @@ def answer(options: Options) -> Answer:
         others = other_searches(study, seeds, options.out, run, REFERENCE)
     comparison = answered(campaigns, others)
     title = f"Which criterion should choose the poses? {study.robots * study.draws:,} paired campaigns each"
-    save(options.out, "which_criterion", criteria_figure(comparison, list(SHOWN), list(SHOWN.values()), title))
+    save_figure(options.out, "which_criterion", criteria_figure(comparison, list(SHOWN), list(SHOWN.values()), title))
     seconds = time.perf_counter() - began
     end = f"{done.computed:,} campaigns, all in {seconds:.0f} s; {options.out / 'which_criterion.png'}"
     blocks = (

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from lab.campaign.option_groups import ArmEffects, Flag
-from lab.commands.design.figures import save
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
@@ -19,6 +18,7 @@ from lab.experiments.figures import Cost, costs_figure
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document, Table
 from lab.render.format import fixed
+from lab.render.svg import save_figure
 from lab.studies.analysis import compared, means
 from lab.studies.bootstrap import holm
 from lab.studies.grid import NONE, Cell, Study
@@ -81,7 +81,7 @@ def answer(options: Options) -> Answer:
     base, costs = sorted_costs(campaigns, ["", *cases])
     words = f"30 designed poses, ±8 µm, {1e3 * base:.2f} µm"
     title = f"Which error source costs most? {robots * draws:,} paired campaigns each"
-    save(options.out, "what_matters", costs_figure(costs, words, title))
+    save_figure(options.out, "what_matters", costs_figure(costs, words, title))
     said = summary(base, costs)
     blocks = (table(costs), *paragraphs([said, f"picture: {options.out / 'what_matters.png'}"]))
     return Answer({"base_mm": base, "costs": [asdict(cost) for cost in costs], "words": said}, Document(title, blocks))

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lab.commands.design.figures import STYLE
 from lab.experiments.which_criterion import REFERENCE, CriterionComparison
+from lab.render.style import FIGURE_STYLE
 from lab.studies.analysis import Mean, Pair
 from lab.studies.grid import ANY
 
@@ -39,7 +39,7 @@ _LINES = (
     ("#ea580c", "D", ":"),
     ("#d4a106", "v", (0, (5, 1, 1, 1))),
 )
-_STYLE: Any = {**STYLE, "axes.spines.right": False}
+_STYLE: Any = {**FIGURE_STYLE, "axes.spines.right": False}
 
 
 def criteria_figure(answer: CriterionComparison, metrics: Sequence[str], titles: Sequence[str], title: str) -> Figure:

@@ -7,7 +7,6 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.commands.design.figures import save
 from lab.core.se3 import Array
 from lab.experiments.global_or_sequential import (
     CURVE_RAD,
@@ -25,6 +24,7 @@ from lab.experiments.global_or_sequential import (
 )
 from lab.experiments.script import Answer, paragraphs, write_rows
 from lab.render.document import Document
+from lab.render.svg import save_figure
 
 __all__ = ["answer", "picture", "report"]
 
@@ -106,7 +106,7 @@ def answer(options: Options) -> Answer:
     size = f"{options.robots} RX 130 arms, {options.poses} poses each, position noise {1e3 * SIGMA_M:g} mm"
     title = f"Global or sequential? {size}"
     options.out.mkdir(parents=True, exist_ok=True)
-    save(options.out, "global_or_sequential", picture(rows, curve, alone_mm, title))
+    save_figure(options.out, "global_or_sequential", picture(rows, curve, alone_mm, title))
     table = options.out / "global_or_sequential.csv"
     write_rows(table, rows)
     seconds = time.perf_counter() - began

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import quantile_test
 
-from lab.commands.design.figures import STYLE, save
 from lab.core.errors import LabError
 from lab.experiments.parallel_robots import (
     CASES,
@@ -28,6 +27,8 @@ from lab.experiments.parallel_robots import (
 from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.closed.arm import ClosedArm
 from lab.render.document import Document
+from lab.render.style import FIGURE_STYLE
+from lab.render.svg import save_figure
 from lab.studies import executors
 
 __all__ = ["answer", "picture", "report"]
@@ -52,7 +53,7 @@ def picture() -> Figure:
         ("3-RPR at φ = −45°", "rpr3", (-500, 500), (-480, 560), (0, 0), lambda x, y: [x, y, 0 * x - np.pi / 4]),
         ("Delta, section y = 0", "delta", (-1150, 1150), (-1800, 100), (300, -1200), lambda x, y: [x, 0 * x, y]),
     )
-    with matplotlib.rc_context({**STYLE, "axes.grid": False}):
+    with matplotlib.rc_context({**FIGURE_STYLE, "axes.grid": False}):
         figure = Figure(figsize=(11, 10), layout="constrained")
         for axes, (title, robot, across, up, stands, place) in zip(figure.subplots(2, 2).flat, panels, strict=True):
             chain, course = course_of(robot)
@@ -148,7 +149,7 @@ def answer(options: Options) -> Answer:
             "exact_m": {name: max(each.result()["worst_um"] for each in f) / 1e6 for name, f in exact.items()},
         }
     options.out.mkdir(parents=True, exist_ok=True)
-    save(options.out, "singularities", picture())
+    save_figure(options.out, "singularities", picture())
     found["seconds"] = time.perf_counter() - began
     (options.out / "parallel_robots.json").write_text(json.dumps(found), encoding="utf-8")
     lines = [*report(found), f"{found['seconds']:.0f} s; figures and picture: {options.out}"]

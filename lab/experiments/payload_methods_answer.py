@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.commands.design.figures import save
 from lab.experiments.payload_methods import (
     DIFFERENCE,
     METHODS,
@@ -31,6 +30,7 @@ from lab.experiments.payload_methods import (
 from lab.experiments.script import Answer, paragraphs, write_rows
 from lab.payload_identification.excitation import predicted
 from lab.render.document import Document
+from lab.render.svg import save_figure
 
 __all__ = ["answer", "picture", "report"]
 
@@ -94,7 +94,7 @@ def answer(options: Options) -> Answer:
     found = {way: measured(plan, NOISE, way, ("",), options.runs, options.seed, 0)[0] for way in METHODS}
     rows, biases = precision(found, foreseen(plan)), biased(plan, NOISE, options.runs, options.seed)
     options.out.mkdir(parents=True, exist_ok=True)
-    save(options.out, "payload", picture(found, rows, biases))
+    save_figure(options.out, "payload", picture(found, rows, biases))
     write_motion(options.out, plan)
     for name, table in (("payload", rows), ("payload_biases", biases)):
         write_rows(options.out / f"{name}.csv", table)

@@ -11,11 +11,11 @@ import tyro
 
 from lab.campaign.option_groups import Flag
 from lab.campaign.options import DesignOptions
-from lab.commands.design.figures import curve_figure, save
-from lab.commands.design.result import plan_summary
+from lab.commands.design.figures import curve_figure
 from lab.commands.design.run import design
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document, Table
+from lab.render.svg import save_figure
 
 __all__ = ["Options", "answer"]
 
@@ -36,12 +36,12 @@ class Options:
 def answer(options: Options) -> Answer:
     """Plan once, and draw the curve up to twice as many poses."""
     plan = design(options.options)
-    summary = plan_summary(plan)
+    summary = plan.to_dict()
     curve, last = summary["curve"], summary["curve"][-1]
     plateau = next(step for step in curve if step["o1"] >= PLATEAU * last["o1"])
     options.out.mkdir(parents=True, exist_ok=True)
     title = f"{summary['robot']}, {summary['instrument']}: how many poses are enough?"
-    save(options.out, "how_many_poses", curve_figure(plan.curve, title, plan.problem.scaling.describe()))
+    save_figure(options.out, "how_many_poses", curve_figure(plan.curve, title, plan.problem.scaling.describe()))
     rows = tuple(
         (
             str(step["poses"]),

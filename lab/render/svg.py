@@ -6,6 +6,7 @@ matplotlib is slow to import, so it is imported where something is drawn, and no
 import io
 import re
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -19,12 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["axes_picture", "cube", "inline_svg", "log_ticks", "view"]
+__all__ = ["axes_picture", "cube", "inline_svg", "log_ticks", "save_figure", "view"]
 
 _PROLOGUE = re.compile(r"^.*?(?=<svg\b)|<metadata>.*?</metadata>", re.DOTALL)
 _NAMESPACES = re.compile(r' (xmlns(:xlink)?|version|width|height)="[^"]*"')
 _NAMES = re.compile(r'(\bid="|url\(#|href="#)')
 _POINTS_PER_INCH, _PX_PER_INCH = 72, 96
+_DOTS_PER_INCH = 130  # of a PNG
 _HALF_PX = 480  # a picture no wider than this has room for another beside it
 
 
@@ -75,6 +77,15 @@ def inline_svg(picture: Picture) -> Markup:
     kind = "half" if pixels <= _HALF_PX else "wide"
     markup = Markup(_NAMESPACES.sub("", opening)), Markup(rest)  # matplotlib escapes what it is given
     return form.format(markup[0], kind, picture.label, pixels, picture.label, markup[1])
+
+
+def save_figure(folder: Path, name: str, figure: "Figure") -> None:
+    """Write a figure as PNG and SVG, the same bytes for the same figure."""
+    import matplotlib
+
+    with matplotlib.rc_context(FIGURE_STYLE):
+        figure.savefig(folder / f"{name}.png", dpi=_DOTS_PER_INCH)
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
 
 
 def log_ticks(axes: "Axes", which: Literal["x", "y"], low: float, high: float) -> None:

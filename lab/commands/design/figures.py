@@ -1,88 +1,100 @@
-"""Still pictures of a plan, as PNG and SVG: accuracy against the number of poses, and where the poses are.
+"""Still pictures of a plan: predicted error against the number of poses, and where the poses are.
 
-matplotlib is slow to import: import this module where a picture is asked for.
+matplotlib is slow to import, so it is imported where something is drawn, and not before.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from lab.commands.design.run import DesignStep, Plan
-from lab.commands.design.scene import PlanScene, plan_scene
+from lab.commands.design.result import DesignResult, DesignStep
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
+from lab.render.document import Picture
+from lab.render.style import (
+    ARM,
+    AXIS,
+    BOUND,
+    FIGURE_STYLE,
+    GRID,
+    INDEX,
+    INSTRUMENT,
+    ORDER_MAP,
+    REFERENCE,
+    RMS,
+    TICK,
+    WORST,
+)
+from lab.render.svg import save_figure
 
-PROMISE, WORST, RMS, O1 = "#0b5fa5", "#c2410c", "#3f8f4f", "#7c3aed"
-_TRACKER, _ARM, _VIA = "#c2185b", "#6b7280", "#9ca3af"
-_ORDER = "viridis"  # first to last pose of the tour
-STYLE: Any = {
-    "font.size": 10,
-    "axes.grid": True,
-    "grid.color": "#e5e7eb",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "svg.hashsalt": "lab",  # the same picture, the same bytes
-    "svg.fonttype": "none",
-}
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from lab.commands.design.scene import PlanScene
+
+__all__ = ["curve_figure", "curve_picture", "poses_picture", "write_figures"]
 
 
-def plot_plan(folder: Path, plan: Plan) -> None:
+def write_figures(folder: Path, plan: DesignResult) -> None:
     """Write ``curve`` and ``poses`` into the folder, each as PNG and SVG."""
-    total, extended = len(plan.joints), len(plan.problem.already)
-    with matplotlib.rc_context(STYLE):
-        added = f" added to {extended} measured already" if extended else ""
-        title = f"{plan.problem.robot.name}, {plan.options.instrument}: accuracy against poses{added}"
-        save(
-            folder,
-            "curve",
-            curve_figure(plan.curve, title, plan.problem.scaling.describe(), (total, plan.prediction.coverage_radius)),
-        )
-        save(folder, "poses", _poses_figure(plan, plan_scene(plan)))
+    for picture in (curve_picture(plan), poses_picture(plan)):
+        save_figure(folder, picture.name, picture.draw())
 
 
-def save(folder: Path, name: str, figure: Figure) -> None:
-    """Write a figure as PNG and SVG, the same bytes for the same figure."""
-    with matplotlib.rc_context(STYLE):
-        figure.savefig(folder / f"{name}.png", dpi=130)
-        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+def curve_picture(plan: DesignResult) -> Picture:
+    """Predicted errors and O1 against the number of poses, with the plan's."""
+    extended = len(plan.problem.already)
+    added = f" added to {extended} measured already" if extended else ""
+    title = f"{plan.problem.robot.name}, {plan.options.instrument}: predicted error against poses{added}"
+    chosen = (len(plan.joints), plan.prediction.coverage_radius)
+    scaling = plan.problem.scaling.describe()
+    return Picture("curve", "Predicted error and O1 against the number of poses",
+                   lambda: curve_figure(plan.curve, title, scaling, chosen))  # fmt: skip
+
+
+def poses_picture(plan: DesignResult) -> Picture:
+    """The targets from above and from the side, and the joint positions in their ranges."""
+    label = "The targets from above and from the side, and the joint positions in their ranges"
+    return Picture("poses", label, lambda: _poses_figure(plan))
 
 
 def curve_figure(
     curve: Sequence[DesignStep], title: str, scaling: str, chosen: tuple[int, float] | None = None
-) -> Figure:
-    """Predicted errors on fresh poses (µm, left) and O1 (right) against the number of poses.
+) -> "Figure":
+    """Predicted errors on validation poses (µm, left) and O1 (right) against the number of poses.
 
     Args:
         scaling: of O1, in words.
-        chosen: the plan's number of poses, and the error (m) that it promises.
+        chosen: the plan's number of poses, and its tolerance bound (m).
     """
-    with matplotlib.rc_context(STYLE):
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(FIGURE_STYLE):
         figure = Figure(figsize=(9, 6), layout="constrained")
         axes = figure.add_subplot()
         poses = [step.poses for step in curve]
         for label, values, colour, style in (
-            ("95 % of fresh poses, in 95 % of campaigns", [s.prediction.coverage_radius for s in curve], PROMISE, "o-"),
-            ("worst pose, RMS over campaigns", [s.prediction.rms.max() for s in curve], WORST, "^:"),
-            ("all poses, RMS over campaigns", [_rms(s.prediction.rms) for s in curve], RMS, "s:"),
+            ("95 %/95 % tolerance bound", [s.prediction.coverage_radius for s in curve], BOUND, "o-"),
+            ("worst pose, RMS over simulated calibrations", [s.prediction.rms.max() for s in curve], WORST, "^:"),
+            ("all poses, RMS over simulated calibrations", [_rms(s.prediction.rms) for s in curve], RMS, "s:"),
         ):
             axes.plot(poses, 1e6 * np.array(values), style, color=colour, label=label, markersize=5)
         _log_scale(axes)
         second = axes.twinx()
-        second.plot(poses, [step.o1 for step in curve], "D--", color=O1, label="O1 (right)", markersize=4)
+        second.plot(poses, [step.o1 for step in curve], "D--", color=INDEX, label="O1 (right)", markersize=4)
         second.set_ylim(0, 1.1 * max(step.o1 for step in curve))
-        second.set_ylabel(f"O1, information per pose\n({scaling})", color=O1)
-        second.tick_params(axis="y", colors=O1)
+        second.set_ylabel(f"O1, information per pose\n({scaling})", color=INDEX)
+        second.tick_params(axis="y", colors=INDEX)
         second.grid(visible=False)
         if chosen is not None:
-            axes.axvline(chosen[0], color="#111827", linewidth=1)
-            axes.plot([chosen[0]], [1e6 * chosen[1]], "*", color="#111827", markersize=14,
+            axes.axvline(chosen[0], color=REFERENCE, linewidth=1)
+            axes.plot([chosen[0]], [1e6 * chosen[1]], "*", color=REFERENCE, markersize=14,
                       label=f"this plan: {chosen[0]} poses, {1e6 * chosen[1]:.3g} µm")  # fmt: skip
-        axes.set(xlabel="poses", ylabel="predicted position error on fresh poses, µm", title=title)
+        axes.set(xlabel="poses", ylabel="predicted position error on validation poses, µm", title=title)
         lines = [*axes.get_legend_handles_labels()[0], *second.get_legend_handles_labels()[0]]
         labels = [str(line.get_label()) for line in lines]
         figure.legend(lines, labels, loc="outside lower center", ncols=3, fontsize=9)
@@ -93,7 +105,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _log_scale(axes: Axes) -> None:
+def _log_scale(axes: "Axes") -> None:
     """A logarithmic left axis with plain numbers."""
     axes.set_yscale("log")
     low, high = axes.get_ylim()
@@ -102,14 +114,24 @@ def _log_scale(axes: Axes) -> None:
     axes.set_yticks([], minor=True)
 
 
-def _poses_figure(plan: Plan, shown: PlanScene) -> Figure:
+def _poses_figure(plan: DesignResult) -> "Figure":
     """From above, from the side, and each joint's share of its range."""
-    figure = Figure(figsize=(12, 9), layout="constrained")
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(FIGURE_STYLE):
+        figure = Figure(figsize=(12, 9), layout="constrained")
+        _draw_poses(figure, plan)
+    return figure
+
+
+def _draw_poses(figure: "Figure", plan: DesignResult) -> None:
+    shown = plan.scene
     grid = figure.add_gridspec(2, 2, height_ratios=[1.7, 1])
     above, aside = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     _view(above, shown, (0, 1), "from above")
     _view(aside, shown, (0, 2), "from the side")
-    aside.axhline(0.0, color="#374151", linewidth=1)
+    aside.axhline(0.0, color=TICK, linewidth=1)
     _joints(figure.add_subplot(grid[1, :]), plan.problem.robot.chain, plan.joints)
     handles, labels = above.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
@@ -118,23 +140,29 @@ def _poses_figure(plan: Plan, shown: PlanScene) -> Figure:
         f"{robot}: {n} poses in {plan.tour.seconds:.1f} s of moves at full joint speed and acceleration, "
         "numbered from first (dark) to last (light)"
     )
-    return figure
 
 
-def _view(axes: Axes, shown: PlanScene, plane: tuple[int, int], name: str) -> None:
+def _view(axes: "Axes", shown: "PlanScene", plane: tuple[int, int], name: str) -> None:
     """Target positions in mm on a plane of the world, with the way between them, the arm at home and the tracker."""
     i, j = plane
     mm = 1e3
     axes.plot(
-        mm * shown.path[:, i], mm * shown.path[:, j], color=_VIA, linewidth=0.6, alpha=0.8, label="way of the target"
+        mm * shown.path[:, i], mm * shown.path[:, j], color=AXIS, linewidth=0.6, alpha=0.8, label="way of the target"
     )
     for k, line in enumerate(mm * each for each in shown.home):
         label = "" if k else "robot at home"
-        axes.plot(line[:, i], line[:, j], "o-", color=_ARM, linewidth=5, alpha=0.45, markersize=6, label=label)
+        axes.plot(line[:, i], line[:, j], "o-", color=ARM, linewidth=5, alpha=0.45, markersize=6, label=label)
     points = mm * shown.points[shown.measured, 0]
     colour = np.arange(len(points))
     axes.scatter(
-        points[:, i], points[:, j], c=colour, cmap=_ORDER, s=120, edgecolors="white", zorder=3, label="target at a pose"
+        points[:, i],
+        points[:, j],
+        c=colour,
+        cmap=ORDER_MAP,
+        s=120,
+        edgecolors="white",
+        zorder=3,
+        label="target at a pose",
     )
     for k, (x, y) in enumerate(points[:, plane]):
         ink = "white" if k < 0.6 * len(points) else "black"
@@ -143,24 +171,24 @@ def _view(axes: Axes, shown: PlanScene, plane: tuple[int, int], name: str) -> No
     via[[0, -1]] = False
     if via.any():
         passed = mm * shown.points[via, 0]
-        axes.plot(passed[:, i], passed[:, j], "x", color="#111827", label="passed only", zorder=3)
+        axes.plot(passed[:, i], passed[:, j], "x", color=REFERENCE, label="passed only", zorder=3)
     head = mm * shown.head
-    axes.plot([head[i]], [head[j]], "P", color=_TRACKER, markersize=13, label="tracker")
+    axes.plot([head[i]], [head[j]], "P", color=INSTRUMENT, markersize=13, label="tracker")
     axes.set_aspect("equal", adjustable="box")
     axes.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm", title=name)
 
 
-def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
-    """Every reading on its joint's range, the limits written at its ends."""
+def _joints(axes: "Axes", chain: JointSpec, joints: Array) -> None:
+    """Every joint position in its joint's range, the limits written at its ends."""
     share = (joints - chain.lower) / (chain.upper - chain.lower)
     rows = np.arange(chain.size)[::-1]
-    axes.hlines(rows, 0, 1, color="#e5e7eb", linewidth=9, zorder=1)
+    axes.hlines(rows, 0, 1, color=GRID, linewidth=9, zorder=1)
     for k, row in enumerate(rows):
         axes.scatter(
             share[:, k],
             np.full(len(share), row),
             c=np.arange(len(share)),
-            cmap=_ORDER,
+            cmap=ORDER_MAP,
             s=45,
             edgecolors="white",
             zorder=2,
@@ -170,7 +198,7 @@ def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
             axes.text(x, row, f"{scale * value:.0f} {unit}".replace("-", "−"), ha=side, va="center", fontsize=9)
     axes.set_yticks(rows, chain.joint_names)
     axes.tick_params(axis="y", length=0)
-    axes.set(xlim=(-0.09, 1.09), ylim=(-0.6, chain.size - 0.4), xticks=[], title="joint readings, between the limits")
+    axes.set(xlim=(-0.09, 1.09), ylim=(-0.6, chain.size - 0.4), xticks=[], title="joint positions, between the limits")
     axes.grid(visible=False)
     for spine in axes.spines.values():
         spine.set_visible(False)

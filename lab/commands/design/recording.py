@@ -5,6 +5,7 @@ is only passed, and home again; and on ``time``, where the arm moves from one to
 """
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.commands.design import console as said
-from lab.commands.design.result import plan_summary
-from lab.commands.design.run import Plan
-from lab.commands.design.scene import PlanScene, plan_scene
+from lab.commands.design.result import DesignResult
+from lab.commands.design.scene import PlanScene
 from lab.core.se3 import Array
-from lab.render.format import format_magnification
-from lab.render.markdown import to_inline
+from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table
+from lab.render.format import fixed, format_magnification
+from lab.render.markdown import to_markdown
 from lab.render.recording_layout import SUMMARY, bars, close_view, eye, layout, main_view
 from lab.render.rerun_primitives import (
     Times,
@@ -36,16 +36,18 @@ from lab.render.rerun_primitives import (
 from lab.render.scene import legs_legend
 from lab.render.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_MUTED, RGB_PATH, RGB_UNCERTAINTY
 
+__all__ = ["record_plan"]
+
 TIMELINE, POSES = "stop", "poses"
-PROMISE, O1 = "curve/promise_um", "curve/o1"
+BOUND, O1 = "curve/bound_um", "curve/o1"
 _WAY, _HERE, _PASSED = RGB_PATH, RGB_CURRENT, RGB_MUTED
 _TALLEST = 8.0  # bars of the curve, in times the last one
 _FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the targets, by the order of the tour
 
 
-def record_plan(path: Path, plan: Plan) -> None:
+def record_plan(path: Path, plan: DesignResult) -> None:
     """Write a plan's recording, with the blueprint that shows it, to ``path``."""
-    shown = plan_scene(plan)
+    shown = plan.scene
     at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
     with recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
         recording.send_blueprint(_blueprint(shown))
@@ -62,15 +64,15 @@ def record_plan(path: Path, plan: Plan) -> None:
         draw_ellipsoid(recording, "mapping", at, shown.mapping, RGB_MAPPING)
         draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
         _curve(recording, plan)
-        recording.log(SUMMARY, markdown(_summary(plan, shown)), static=True)
-        recording.log(POSES, markdown(_pose_table(plan, shown)), static=True)
+        recording.log(SUMMARY, markdown(to_markdown(_document(plan, shown))), static=True)
+        recording.log(POSES, markdown(to_markdown(_pose_table(plan, shown))), static=True)
 
 
 def _seconds(times: Array) -> rr.TimeColumn:
     return rr.TimeColumn("time", duration=times)
 
 
-def _identity(plan: Plan) -> str:
+def _identity(plan: DesignResult) -> str:
     """The same for the same content, so that the same plan gives the same recording."""
     digest = hashlib.sha256(plan.problem.robot.sha256.encode())
     digest.update(repr(plan.options).encode())
@@ -112,59 +114,53 @@ def _passed(shown: PlanScene) -> NDArray[np.bool_]:
     return passed
 
 
-def _curve(recording: rr.RecordingStream, plan: Plan) -> None:
-    """What any number of poses promises (µm), and O1, which says little about it."""
+def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
+    """The tolerance bound of any number of poses (µm), and O1, which says little about it."""
     poses = np.array([step.poses for step in plan.curve])
-    promise = np.array([1e6 * step.prediction.coverage_radius for step in plan.curve])
-    near = promise <= _TALLEST * promise[-1]  # a set that just shows the parameters would hide all others
-    recording.log(PROMISE, rr.BarChart(promise[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
+    bound = np.array([1e6 * step.prediction.coverage_radius for step in plan.curve])
+    near = bound <= _TALLEST * bound[-1]  # the first set that identifies the parameters would hide all others
+    recording.log(BOUND, rr.BarChart(bound[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
     recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True)
 
 
-def _summary(plan: Plan, shown: PlanScene) -> str:
-    """What was chosen, how good it is, and what the picture magnifies, in markdown."""
-    seen = plan_summary(plan)
-    legend = [
-        "## What is shown",
-        "- **numbered points**: targets at the poses, blue first to yellow last; **grey**: the way between them",
-        "- **white**: the target at this stop; **red**: the tracker's beam, where the stop is measured",
-        "- **timeline `time`**: the day as it goes, the arm at full speed, waiting where it is measured",
-        "- **blue**, mapping ellipsoid: onto what J maps the unit ball of scaled parameters, "
-        f"{format_magnification(shown.mapping.factor)}",
-        f"- **violet**, uncertainty ellipsoid: predicted 1σ of the position after calibration, "
-        f"{format_magnification(shown.uncertainty.factor)}",
-        *(["- " + to_inline(legs_legend(shown.legs))] if shown.legs.measured else []),
-    ]
-    lines = (said.promise, said.certificate, said.tour_line, said.candidates_line, said.indices_line)
-    parts = [f"# {seen['robot']}: {len(plan.joints)} poses, {seen['promise_mm']:.3g} mm promised"]
-    parts.append(f"{said.headline(seen)}.")
-    parts.append("\n".join(f"- {line(seen)}" for line in lines))
-    table = ["| poses | RMS, mm | worst pose, mm | 95 % in 95 %, mm | O1 |", "|--:|--:|--:|--:|--:|"]
-    for step in seen["curve"]:
-        cells = [f"{step[key]:.4f}" for key in ("rms_mm", "worst_mm", "promise_mm")]
-        table.append(f"| {step['poses']} | {' | '.join(cells)} | {step['o1']:.4g} |")
-    return "\n\n".join([*parts, "\n".join(legend), "## Accuracy by number of poses", "\n".join(table)]) + "\n"
+def _document(plan: DesignResult, shown: PlanScene) -> Document:
+    """The plan's document, and what the scene shows and magnifies."""
+    document = plan.document()
+    legend = Bullets(
+        (
+            (Strong("numbered points"), ": targets at the poses, blue first to yellow last; ", Strong("grey"),
+             ": the path between them"),
+            (Strong("white"), ": the target at this stop; ", Strong("red"),
+             ": the tracker's beam, where the stop is measured"),
+            ("timeline ", Strong("time"), ": the day as it goes, the arm at full speed, waiting where it is measured"),
+            (Strong("blue"), ", sensitivity ellipsoid: how the scaled parameters move the position, "
+             f"{format_magnification(shown.mapping.factor)}"),
+            (Strong("violet"), ", uncertainty ellipsoid: predicted 1σ of the position after calibration, "
+             f"{format_magnification(shown.uncertainty.factor)}"),
+            legs_legend(shown.legs),
+        )
+    )  # fmt: skip
+    return replace(document, blocks=(*document.blocks, Section("What is shown", (legend,), shown_in=RECORDING)))
 
 
-def _pose_table(plan: Plan, shown: PlanScene) -> str:
-    """The readings of every pose, in markdown."""
+def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
+    """The joint positions at every stop."""
     chain = plan.problem.robot.chain
     units = ["mm" if slides else "°" for slides in chain.prismatic]
     scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
-    heads = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
-    lines = ["| stop | id | " + " | ".join(heads) + " |", "|" + "--:|" * (2 + len(heads))]
-    ids = iter(shown.ids)
-    for stop, (reading, is_pose) in enumerate(zip(plan.tour.stops, shown.measured, strict=True)):
-        name = next(ids) if is_pose else "home" if stop in (0, len(shown.measured) - 1) else "passed"
-        lines.append(f"| {stop} | {name} | " + " | ".join(f"{value:.2f}" for value in scale * reading) + " |")
-    return "\n".join(lines) + "\n"
+    ids, last, rows = iter(shown.ids), len(shown.measured) - 1, []
+    for stop, (joints, is_pose) in enumerate(zip(plan.tour.stops, shown.measured, strict=True)):
+        name = next(ids) if is_pose else "home" if stop in (0, last) else "passed"
+        rows.append((str(stop), name, *(fixed(value, 2) for value in scale * joints)))
+    headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
+    return Document("Joint positions", (Table(("stop", "id", *headings), tuple(rows)),))
 
 
 def _blueprint(shown: PlanScene) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand."""
     controls = eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
     close = rrb.Horizontal(
-        close_view("mapping", "Mapping ellipsoid", shown.reach_m),
+        close_view("mapping", "Sensitivity ellipsoid", shown.reach_m),
         close_view("uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
     )
     texts = rrb.Tabs(
@@ -172,6 +168,6 @@ def _blueprint(shown: PlanScene) -> rrb.Blueprint:
         rrb.TextDocumentView(origin=POSES, name="Poses"),
         active_tab=0,
     )
-    charts = rrb.Horizontal(bars(PROMISE, "95 % in 95 %, µm, by poses"), bars(O1, "O1, by poses"))
+    charts = rrb.Horizontal(bars(BOUND, "95 %/95 % tolerance bound, µm, by poses"), bars(O1, "O1, by poses"))
     left = rrb.Vertical(main_view("Tour", controls))
     return layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), TIMELINE)

@@ -1,110 +1,220 @@
-"""A plan as the values and files that a person takes to the measuring day. NaN becomes null."""
+"""A plan of a measuring day: typed, as plain values, and as the files that a person takes there."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.design.run import DesignStep, Plan
-from lab.commands.run_folder import config, write_json
+from lab.campaign.design_problem import PoseProblem
+from lab.campaign.options import DesignOptions
+from lab.commands.result import Result
 from lab.commands.values import error_statistics, number
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
-from lab.formats.measurement_csv import write_measurements
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.registry import plan_files, plan_or_refusal
+from lab.pose_selection.certificate import Certificate
+from lab.pose_selection.criteria import Indices
+from lab.pose_selection.exchange import Design
+from lab.pose_selection.predicted_accuracy import PredictedAccuracy
+from lab.pose_selection.tour import Tour
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from lab.commands.design.scene import PlanScene
+    from lab.render.document import Document
+
+__all__ = ["DesignResult", "DesignStep"]
 
 _NUMBERED = ("o1", "o2", "o3", "o4", "o5", "condition", "a")
 _VARIANCE = "mm², of the position on test poses, whatever the units of the parameters"
 
 
-def plan_summary(plan: Plan) -> dict[str, Any]:
-    """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-    options, candidates, tour = plan.options, plan.problem.candidates, plan.tour
-    return {
-        "robot": plan.problem.robot.name,
-        "poses": len(plan.joints),
-        "measured_already": len(plan.problem.already),
-        "targets": list(options.targets),
-        "instrument": options.instrument,
-        "parameters": len(plan.problem.structure.kept),
-        "criterion": options.criterion,
-        "indices": _indices(plan),
-        "d_efficiency": plan.d_efficiency,
-        "bound_gap": plan.certificate.gap,
-        "pool": {"poses": plan.pool, "what": pool_in_words(plan)},
-        "predicted_mm": error_statistics(plan.prediction.rms).to_dict(),
-        "promise_mm": 1e3 * plan.prediction.coverage_radius,
-        "candidates": {
-            "drawn": candidates.drawn,
-            "feasible": len(candidates.joints),
-            "rejected": {reason: int(count) for reason, count in candidates.rejected.items()},
-        },
-        "tour_seconds": float(tour.seconds),
-        "moves": len(tour.stops) - 1,
-        "via": int((tour.measured[1:-1] < 0).sum()),
-        "curve": [_point(step) for step in plan.curve],
-        **plan_or_refusal(plan.problem.robot.chain),
-        "seconds": round(plan.seconds, 4),
-        "warnings": list(plan.warnings),
-    }
+@dataclass(frozen=True)
+class DesignStep:
+    """One point of the curve against the number of poses: predicted error and O1 of an exchanged design."""
+
+    poses: int
+    prediction: PredictedAccuracy
+    o1: float
+
+    def to_dict(self) -> dict[str, float | int]:
+        """The step with its lengths in mm."""
+        rms: Array = 1e3 * self.prediction.rms
+        return {
+            "poses": self.poses,
+            "rms_mm": float(np.sqrt(np.mean(rms**2))),
+            "worst_mm": float(rms.max()),
+            "promise_mm": 1e3 * self.prediction.coverage_radius,
+            "o1": self.o1,
+        }
 
 
-def pool_in_words(plan: Plan) -> str:
-    """What the certificate is for."""
-    candidates = len(plan.problem.candidates.joints)
-    moved = plan.pool - candidates
-    words = f"any {len(plan.joints)} of {candidates} feasible candidates"
-    if len(plan.problem.already):
-        words += f" added to the {len(plan.problem.already)} measured already"
-    return words + (f" and the {moved} poses that the ascent moved off them" if moved else "")
+@dataclass(frozen=True, repr=False, eq=False)
+class DesignResult(Result):
+    """Poses to measure, in the order of the tour.
 
-
-def pose_ids(plan: Plan) -> tuple[str, ...]:
-    """Numbers from 1 in the order of the tour; poses measured already were before."""
-    first = len(plan.problem.already) + 1
-    return tuple(str(first + i) for i in range(len(plan.joints)))
-
-
-def plan_table(plan: Plan) -> Measurements:
-    """The poses in the order of the tour, with nothing measured yet."""
-    names, n = plan.problem.robot.chain.joint_names, len(plan.joints)
-    points = np.full((n, len(plan.options.targets), 3), np.nan)
-    data = measured(names, plan.joints, plan.options.targets, points)
-    return Measurements(
-        names, data.joints, data.targets, data.points, pose_ids(plan), data.use, data.sessions, data.sigma_m
-    )
-
-
-def write_plan(folder: Path, plan: Plan) -> None:
-    """Everything of a plan but its pictures and its recording.
-
-    ``plan.csv`` is what ``lab calibrate --plan`` measures, and, once its empty points are filled
-    in, what ``lab identify`` reads.
+    Attributes:
+        options: what was asked.
+        problem: the robot, its feasible candidates, and what the poses are to identify.
+        joints: ``(n, joints)``, rad or m.
+        design: the chosen poses before ordering.
+        pool: how many poses the certificate is for: the candidates, and those that the ascent moved.
+        certificate: the best continuous D-optimal design over them.
+        d_efficiency: certified, of the chosen poses with those measured already.
+        indices: the observability indices, in the units of the scaling.
+        prediction: the predicted errors on validation poses.
+        curve: against the number of poses.
+        tour: the order of the poses, and the stops on the way.
+        seconds: that the search took.
     """
-    robot = plan.problem.robot
-    write_json(folder / "config.json", config("design", plan.options, robot.sha256))
-    write_measurements(folder / "plan.csv", plan_table(plan), robot.chain.prismatic)
-    tour = MeasuringTour(robot.name, plan.tour.stops, plan.tour.measured, pose_ids(plan))
-    for name, content in plan_files(robot.chain, tour).items():
-        (folder / name).write_bytes(content)
-    write_json(folder / "result.json", plan_summary(plan))
 
+    options: DesignOptions
+    problem: PoseProblem
+    joints: Array
+    design: Design
+    pool: int
+    certificate: Certificate
+    d_efficiency: float
+    indices: Indices
+    prediction: PredictedAccuracy
+    curve: tuple[DesignStep, ...]
+    tour: Tour
+    seconds: float
+    warnings: tuple[str, ...]
 
-def _indices(plan: Plan) -> dict[str, dict[str, Any]]:
-    """Each index with its scaling; G and I are the worst and the mean predicted variance."""
-    scaling, variance = plan.problem.scaling.describe(), (1e3 * plan.prediction.rms) ** 2
-    found = {name: (getattr(plan.indices, name), scaling) for name in _NUMBERED}
-    found |= {"g": (variance.max(), _VARIANCE), "i": (variance.mean(), _VARIANCE)}
-    return {name: {"value": number(float(value)), "scaling": what} for name, (value, what) in found.items()}
+    @property
+    def exit_code(self) -> int:
+        """Always 0: a plan that does not exist is an error."""
+        return 0
 
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The files that were read: the robot's, where it is a file, and the measurements that are added to."""
+        from lab.commands.run_folder import input_files
 
-def _point(step: DesignStep) -> dict[str, float | int]:
-    rms: Array = 1e3 * step.prediction.rms
-    return {
-        "poses": step.poses,
-        "rms_mm": float(np.sqrt(np.mean(rms**2))),
-        "worst_mm": float(rms.max()),
-        "promise_mm": 1e3 * step.prediction.coverage_radius,
-        "o1": step.o1,
-    }
+        return input_files(self.options)
+
+    @property
+    def pool_in_words(self) -> str:
+        """What the certificate is for."""
+        candidates = len(self.problem.candidates.joints)
+        moved = self.pool - candidates
+        words = f"any {len(self.joints)} of {candidates} feasible candidates"
+        if len(self.problem.already):
+            words += f" added to the {len(self.problem.already)} measured already"
+        return words + (f" and the {moved} poses that the ascent moved off them" if moved else "")
+
+    @property
+    def pose_ids(self) -> tuple[str, ...]:
+        """Numbers from 1 in the order of the tour, after those of the poses measured already."""
+        first = len(self.problem.already) + 1
+        return tuple(str(first + i) for i in range(len(self.joints)))
+
+    @property
+    def via(self) -> int:
+        """How many stops of the tour are passed and not measured, home left out."""
+        return int((self.tour.measured[1:-1] < 0).sum())
+
+    @property
+    def table(self) -> Measurements:
+        """The poses in the order of the tour, with nothing measured yet."""
+        names, n = self.problem.robot.chain.joint_names, len(self.joints)
+        points = np.full((n, len(self.options.targets), 3), np.nan)
+        data = measured(names, self.joints, self.options.targets, points)
+        return Measurements(
+            names, data.joints, data.targets, data.points, self.pose_ids, data.use, data.sessions, data.sigma_m
+        )
+
+    @property
+    def scaled_indices(self) -> dict[str, dict[str, Any]]:
+        """Each index with its scaling; G and I are the worst and the mean predicted variance."""
+        scaling, variance = self.problem.scaling.describe(), (1e3 * self.prediction.rms) ** 2
+        found = {name: (getattr(self.indices, name), scaling) for name in _NUMBERED}
+        found |= {"g": (variance.max(), _VARIANCE), "i": (variance.mean(), _VARIANCE)}
+        return {name: {"value": number(float(value)), "scaling": what} for name, (value, what) in found.items()}
+
+    @cached_property
+    def scene(self) -> "PlanScene":
+        """What pictures and the recording show."""
+        from lab.commands.design.scene import plan_scene
+
+        return plan_scene(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        options, candidates, tour = self.options, self.problem.candidates, self.tour
+        return {
+            "robot": self.problem.robot.name,
+            "poses": len(self.joints),
+            "measured_already": len(self.problem.already),
+            "targets": list(options.targets),
+            "instrument": options.instrument,
+            "parameters": len(self.problem.structure.kept),
+            "criterion": options.criterion,
+            "indices": self.scaled_indices,
+            "d_efficiency": self.d_efficiency,
+            "bound_gap": self.certificate.gap,
+            "pool": {"poses": self.pool, "what": self.pool_in_words},
+            "predicted_mm": error_statistics(self.prediction.rms).to_dict(),
+            "promise_mm": 1e3 * self.prediction.coverage_radius,
+            "candidates": {
+                "drawn": candidates.drawn,
+                "feasible": len(candidates.joints),
+                "rejected": {reason: int(count) for reason, count in candidates.rejected.items()},
+            },
+            "tour_seconds": float(tour.seconds),
+            "moves": len(tour.stops) - 1,
+            "via": self.via,
+            "curve": [step.to_dict() for step in self.curve],
+            **plan_or_refusal(self.problem.robot.chain),
+            "seconds": round(self.seconds, 4),
+            "warnings": list(self.warnings),
+        }
+
+    def document(self) -> "Document":
+        """What a person reads: predicted errors, the tour, and how good the choice is."""
+        from lab.commands.design.document import design_document
+
+        return design_document(self)
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """The poses in the order of the tour: ``id``, and each joint's position in ``_deg`` or ``_mm``."""
+        chain = self.problem.robot.chain
+        joints = {
+            f"{name}_{'mm' if slides else 'deg'}": (1e3 * values if slides else np.rad2deg(values)).tolist()
+            for name, slides, values in zip(chain.joint_names, chain.prismatic, self.joints.T, strict=True)
+        }
+        return {"id": list(self.pose_ids), **joints}
+
+    def plot(self) -> "Figure":
+        """Draw predicted errors and O1 against the number of poses."""
+        from lab.commands.design.figures import curve_picture
+
+        return curve_picture(self).draw()
+
+    def write(self, folder: Path) -> None:
+        """Write every file of the plan.
+
+        ``plan.csv`` is what ``lab calibrate --plan`` measures, and, once its empty points are filled in, what ``lab
+        identify`` reads.
+        """
+        from lab.commands.design.figures import write_figures
+        from lab.commands.design.recording import record_plan
+        from lab.commands.run_folder import config, write_json
+        from lab.formats.measurement_csv import write_measurements
+
+        robot = self.problem.robot
+        write_json(folder / "config.json", config("design", self.options, robot.sha256))
+        write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
+        tour = MeasuringTour(robot.name, self.tour.stops, self.tour.measured, self.pose_ids)
+        for name, content in plan_files(robot.chain, tour).items():
+            (folder / name).write_bytes(content)
+        write_json(folder / "result.json", self.to_dict())
+        write_figures(folder, self)
+        self.report(folder / "report.html")
+        record_plan(folder / "recording.rrd", self)

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,61 +12,26 @@ from lab.campaign.design_problem import PoseProblem, pose_problem
 from lab.campaign.design_search import Progress, best_design, exchanged
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
+from lab.commands.design.result import DesignResult, DesignStep
 from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.pose_selection.certificate import Certificate, certify
-from lab.pose_selection.criteria import Indices, indices
+from lab.pose_selection.certificate import certify
+from lab.pose_selection.criteria import indices
 from lab.pose_selection.exchange import Design, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
-from lab.pose_selection.tour import Tour, plan_tour, rated
+from lab.pose_selection.tour import plan_tour, rated
 from lab.render.progress import status
+
+__all__ = ["design"]
 
 POSES = 30  # where neither a number nor an accuracy is asked for
 MOST_POSES = 200  # where an accuracy is asked for
 
 
-@dataclass(frozen=True)
-class DesignStep:
-    """One point of the curve against the number of poses: promise and O1 of an exchanged design."""
-
-    poses: int
-    prediction: PredictedAccuracy
-    o1: float
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Poses to measure, in the order of the tour.
-
-    Attributes:
-        joints: ``(n, joints)``.
-        design: the chosen poses before ordering.
-        pool: how many poses the certificate is for: the candidates, and those that the ascent moved.
-        certificate: the best continuous D-optimal design over them.
-        d_efficiency: certified, of the chosen poses with those measured already.
-        indices: in the units of the scaling.
-        curve: against the number of poses.
-    """
-
-    options: DesignOptions
-    problem: PoseProblem
-    joints: Array
-    design: Design
-    pool: int
-    certificate: Certificate
-    d_efficiency: float
-    indices: Indices
-    prediction: PredictedAccuracy
-    curve: tuple[DesignStep, ...]
-    tour: Tour
-    seconds: float
-    warnings: tuple[str, ...]
-
-
 @takes(DesignOptions)
-def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any) -> Plan:
+def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any) -> DesignResult:
     """Choose the poses to measure among feasible candidates, improve them, certify them, and order them.
 
     Args:
@@ -96,7 +60,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         return _planned(asked, known, progress)
 
 
-def _planned(options: DesignOptions, robot: Robot, progress: Progress) -> Plan:
+def _planned(options: DesignOptions, robot: Robot, progress: Progress) -> DesignResult:
     started = time.perf_counter()
     options.check()
     progress("candidates")
@@ -124,7 +88,7 @@ def _planned(options: DesignOptions, robot: Robot, progress: Progress) -> Plan:
     tour = plan_tour(
         design.joints, chain.speed, chain.acceleration, problem.access.free, rng_for(options.seed, "tour"), home, safe
     )
-    return Plan(
+    return DesignResult(
         options=options,
         problem=problem,
         joints=design.joints[list(tour.order)],
@@ -166,27 +130,27 @@ def _of_any_size(options: DesignOptions, problem: PoseProblem) -> Callable[[int]
 def _accurate_design(
     options: DesignOptions, problem: PoseProblem, least: int, quick: Callable[[int], Design], progress: Progress
 ) -> Design:
-    """The smallest design that promises the accuracy asked for.
+    """The smallest design whose predicted error is within the accuracy asked for.
 
-    Exchanged designs find about how many poses; from there ascended ones, which promise more, decide.
+    Exchanged designs find about how many poses; from there ascended ones, whose predicted error is smaller, decide.
     """
     assert options.accuracy_mm is not None
     wanted = options.accuracy_mm / 1e3
     most = max(least, min(MOST_POSES, len(problem.pool) // 2))
 
-    def promise(design: Design) -> float:
+    def bound(design: Design) -> float:
         return _prediction(problem, design.joints, options.seed).coverage_radius
 
-    count = smallest_count(lambda size: promise(quick(size)), wanted, least, most)
+    count = smallest_count(lambda size: bound(quick(size)), wanted, least, most)
     design = best_design(options, problem, count, progress)
-    while promise(design) > wanted:  # uphill on another criterion may cost accuracy
+    while bound(design) > wanted:  # uphill on another criterion may cost accuracy
         count += 1
         if count > most:
             raise LabError(f"{options.accuracy_mm:g} mm is out of reach by criterion {options.criterion}: try O1 or I")
         design = best_design(options, problem, count, progress)
     while count > least:
         fewer = best_design(options, problem, count - 1, progress)
-        if promise(fewer) > wanted:
+        if bound(fewer) > wanted:
             break
         count, design = count - 1, fewer
     return design
@@ -200,7 +164,7 @@ def _curve(
     quick: Callable[[int], Design],
     progress: Progress,
 ) -> tuple[DesignStep, ...]:
-    """Promise and O1 against the number of poses, from the fewest possible to twice the plan's."""
+    """Predicted error and O1 against the number of poses, from the fewest possible to twice the plan's."""
     most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
     steps = []
     for size in np.unique(np.geomspace(least, most, 10).round().astype(int)):

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.uncertainty import ellipsoids
-from lab.commands.design.result import pose_ids
-from lab.commands.design.run import Plan
+from lab.commands.design.result import DesignResult
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import PAUSE_S
 from lab.pose_selection.exchange import information
@@ -15,6 +14,8 @@ from lab.pose_selection.tour import rated, tour_trajectory
 from lab.render.scene import MagnifiedEllipsoids, magnified, moved, reach_of, world_legs
 from lab.render.skeleton import Legs, frame_lines, frame_origins
 from lab.simulation.meshes import Shell, body_poses, shells
+
+__all__ = ["PlanScene", "plan_scene"]
 
 STEP_S = 0.1  # between two pictures of the moving arm
 _LOOKS = 16  # points drawn of the path between two stops
@@ -35,7 +36,7 @@ class PlanScene:
         origins: ``(s, f, 3)`` of the arm's frames.
         home: lines ``(f, 3)`` from frame to frame, of the arm at home.
         legs: in the world.
-        mapping: onto what a pose maps the unit ball of scaled parameters.
+        mapping: sensitivity of the position to the scaled parameters.
         uncertainty: predicted 1 sigma of the first target after calibration.
         arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
         times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name,
@@ -69,8 +70,8 @@ class PlanScene:
         return head
 
 
-def plan_scene(plan: Plan) -> PlanScene:
-    """The scene of a plan, the arm as drawn and the tracker where the model has it."""
+def plan_scene(plan: DesignResult) -> PlanScene:
+    """The scene of a plan, of the nominal arm and the tracker where the model has it."""
     problem, stops = plan.problem, plan.tour.stops
     model, arm, values = problem.robot.model, problem.arm, problem.values
     tracker, frame0 = model.T_world_tracker, model.T_world_frame0
@@ -90,7 +91,7 @@ def plan_scene(plan: Plan) -> PlanScene:
     reach = reach_of(frame0, points, legs)
     return PlanScene(
         np.asarray(plan.tour.measured >= 0),
-        pose_ids(plan),
+        plan.pose_ids,
         points,
         moved(tracker, arm.points(way, values))[:, 0],
         tracker,
@@ -111,7 +112,7 @@ def plan_scene(plan: Plan) -> PlanScene:
     )
 
 
-def _shapes(plan: Plan) -> tuple[Array, Array]:
+def _shapes(plan: DesignResult) -> tuple[Array, Array]:
     """Two factors F ``(s, 3, p)`` at every stop, of the squares F F' of the mapping and the uncertainty ellipsoids.
 
     The parameters of the mapping are scaled so that over all measured poses each moves the

@@ -17,8 +17,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.design.figures import STYLE, save
 from lab.commands.study.text import circumstances, effect_words, factor_words, level_words, metric_words, varying
+from lab.render.style import FIGURE_STYLE
+from lab.render.svg import save_figure
 from lab.studies.analysis import Analysis, Comparison, Mean, Pair
 from lab.studies.grid import ANY, Cell
 from lab.studies.table import CellGroup, groups
@@ -40,7 +41,7 @@ _SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
 _LETTERS_AN_INCH = 11  # of a title
 _APART = 0.035  # of the axis, between the lines' marks at one level
-_STYLE: Any = {**STYLE, "axes.spines.right": False}
+_STYLE: Any = {**FIGURE_STYLE, "axes.spines.right": False}
 
 
 def plot_study(folder: Path, analysis: Analysis, metric: str) -> tuple[str, ...]:
@@ -56,7 +57,7 @@ def plot_study(folder: Path, analysis: Analysis, metric: str) -> tuple[str, ...]
         made[f"{name}-pairs"] = pairs_figure(comparisons, analysis.cells)
         made[f"{name}-ranks"] = ranks_figure(comparisons, analysis.cells)
     for name, figure in made.items():
-        save(folder, name, figure)
+        save_figure(folder, name, figure)
     return tuple(made)
 
 

@@ -1,0 +1,161 @@
+"""What a person reads of a plan: the predicted error, the tour, and how good the choice of poses is."""
+
+from typing import Any
+
+from lab.commands.design.figures import curve_picture, poses_picture
+from lab.commands.design.result import DesignResult
+from lab.commands.provenance import provenance_section
+from lab.formats.programs.protocol import PAUSE_S
+from lab.formats.programs.registry import PLAN, languages_of, refusals
+from lab.render.document import (
+    NARROW,
+    PAGE,
+    TERMINAL,
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Section,
+    Table,
+    Warnings,
+)
+from lab.render.format import fixed, sentence, short
+
+__all__ = ["design_document"]
+
+_INDICES = {
+    "o1": "O1, information per pose",
+    "o2": "O2, smallest over largest σ",
+    "o3": "O3, smallest σ",
+    "o4": "O4, noise amplification",
+    "o5": "O5, 1 / Σ 1/σ",
+    "condition": "condition number",
+    "a": "A, Σ 1/σ²",
+    "g": "G, worst predicted variance",
+    "i": "I, mean predicted variance",
+}
+_CURVE = (
+    "Predicted error against the number of poses (left axis, logarithmic), and the index O1 (right axis): O1 is "
+    "information per pose, so it flattens while the error still falls."
+)
+_POSES = (
+    "The targets at the poses, numbered in the order of the tour, and below the position of each joint in its range."
+)
+_BOUND = "With 95 % confidence, 95 % of the validation poses have an error below the 95 %/95 % tolerance bound."
+
+
+def design_document(result: DesignResult) -> Document:
+    """The predicted error, the tour, the certificate and the indices of the choice."""
+    values = result.to_dict()
+    return Document(
+        f"{values['robot']}: {values['poses']} poses to measure",
+        (
+            Paragraph(f"{_chosen(values)} {_predicted(values)}", "lead"),
+            Warnings(result.warnings),
+            Section(
+                "Number of poses",
+                (Figure("curve-figure", (curve_picture(result),), _CURVE), _steps(values), Paragraph(_BOUND, "note")),
+            ),
+            Section(
+                "Poses and tour",
+                (
+                    Figure("poses-figure", (poses_picture(result),), _POSES),
+                    Paragraph(_tour(result)),
+                    Paragraph(_candidates(values)),
+                    *_files(result),
+                ),
+            ),
+            Section("Quality of the choice", (Paragraph(_certificate(values)), *_indices(values))),
+            provenance_section("design", result.options, result.problem.robot.sha256),
+        ),
+    )
+
+
+def _chosen(values: dict[str, Any]) -> str:
+    """What was chosen, for what."""
+    already = f", added to {values['measured_already']} measured already" if values["measured_already"] else ""
+    return (
+        f"{values['poses']} poses{already}, targets {', '.join(values['targets'])}, {values['instrument']}: "
+        f"{values['parameters']} parameters, criterion {values['criterion']}."
+    )
+
+
+def _predicted(values: dict[str, Any]) -> str:
+    predicted = values["predicted_mm"]
+    return (
+        f"The predicted error on validation poses is {predicted['rms']:.4f} mm RMS over all poses and "
+        f"{predicted['max']:.4f} mm RMS at the worst pose; its 95 %/95 % tolerance bound is "
+        f"{values['promise_mm']:.4f} mm. Only the instrument's noise is counted, and the robot is taken to be rigid."
+    )
+
+
+def _steps(values: dict[str, Any]) -> Table:
+    """The curve as a table."""
+    rows = tuple(
+        (
+            str(step["poses"]),
+            *(f"{step[key]:.4f}" for key in ("rms_mm", "worst_mm", "promise_mm")),
+            fixed(step["o1"], 2),
+        )
+        for step in values["curve"]
+    )
+    columns = ("poses", "RMS", "worst pose", "95 %/95 % bound", "O1")
+    return Table(columns, rows, "Predicted error on validation poses, mm")
+
+
+def _tour(result: DesignResult) -> str:
+    """How long the day is."""
+    tour = result.tour
+    via = f", {result.via} of them by way of poses that are only passed" if result.via else ""
+    languages = languages_of(result.problem.robot.chain)
+    moving = "".join(f" {PLAN}{each.suffix} moves at {each.speed}, which takes longer." for each in languages)
+    return (
+        f"The tour has {len(tour.stops) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
+        f"acceleration, home to home, and {PAUSE_S} s of waiting at each pose.{moving}"
+    )
+
+
+def _candidates(values: dict[str, Any]) -> str:
+    """How many poses were examined, and why the others cannot be measured."""
+    found, lost = values["candidates"], values["candidates"]["rejected"]
+    singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
+    return (
+        f"{found['feasible']:,} feasible candidates of {found['drawn']:,} drawn; rejected: {lost['limits']:,} near a "
+        f"joint limit, {singular}{lost['collision']:,} in collision, {lost['visibility']:,} not visible to the tracker."
+    )
+
+
+def _files(result: DesignResult) -> tuple[Block, ...]:
+    """The files to measure with, and why there is none for a controller."""
+    chain = result.problem.robot.chain
+    programs = "".join(f", {PLAN}{language.suffix} for the controller" for language in languages_of(chain))
+    return (
+        Paragraph(f"Files: plan.csv to measure{programs}.", shown_in=PAGE | TERMINAL),
+        *(Paragraph(sentence(why), shown_in=PAGE | TERMINAL) for why in refusals(chain)),
+    )
+
+
+def _certificate(values: dict[str, Any]) -> str:
+    """How far from the best possible."""
+    return (
+        f"The certified D-efficiency is {values['d_efficiency']:.3f}, against {values['pool']['what']} "
+        f"(gap of the bound {100 * values['bound_gap']:.2f} %)."
+    )
+
+
+def _indices(values: dict[str, Any]) -> tuple[Block, ...]:
+    """The observability indices, with what they are scaled by; in one line where there is little room."""
+    found = values["indices"]
+    line = ", ".join(
+        f"{_INDICES[name].split(',')[0]} {_value(found[name])}" for name in ("o1", "o2", "o3", "o4", "o5", "condition")
+    )
+    rows = tuple((_INDICES[name], _value(index), index["scaling"]) for name, index in found.items())
+    return (
+        Paragraph(f"{line} ({found['o1']['scaling']}).", shown_in=NARROW),
+        Table(("index", "value", "scaling"), rows, shown_in=PAGE),
+        Paragraph("σ: the singular values of the scaled Jacobian of all poses.", "note", shown_in=PAGE),
+    )
+
+
+def _value(index: dict[str, Any]) -> str:
+    return "∞" if index["value"] is None else short(index["value"])
