@@ -119,7 +119,7 @@ def _gauss_newton(block: BatchObservation, values: Array, free: list[int], short
         if shortest:
             solution: Array = np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True) @ right
         else:
-            solution = np.linalg.solve(square, right)
+            solution = np.asarray(np.linalg.solve(square, right), dtype=np.float64)
         scaled = solution[:, :, 0]
         squares = np.einsum("bf,bfg,bg->b", scaled, square, scaled)
         information[going] = (square * scale[:, :, None] * scale[:, None, :])[going]

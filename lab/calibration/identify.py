@@ -182,21 +182,14 @@ def identify(
     model, nominal = observation.model, observation.nominal(nominal)
     observed, known = weighed(observation, data, noise)
     _refuse_impossible(observation, data, observed, nominal)
-    if (count := int(data.seen.sum())) < 3:
-        raise LabError(
-            f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
-        )
+    _refuse_few_points(model, data, nominal)
     aligned = fit_base_and_tool(observation, observed, nominal)
     extra_residuals = weighted_constraints(observation, observed)
     known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
     structure = base_set(model, aligned, fix=request.fix, free=request.free, known=known_rows)
     free = _identifiable(model, observed, aligned, structure, known_rows)
-    needed = poses_needed(model, aligned, structure) if len(free) < len(structure.kept) else 0
-    if len(data) < needed and request.tolerance is None:
-        raise LabError(
-            f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
-            f"need at least {needed}: measure more"
-        )
+    if request.tolerance is None and len(free) < len(structure.kept):
+        _refuse_few_poses(model, data, aligned, structure)
     start = aligned.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at its nominal value
     solve = request.solve or partial(_all_at_once, extra_residuals)
@@ -226,6 +219,24 @@ def identify(
         extra_residuals=extra_residuals,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found, weighed_prior=request.tolerance is not None)))
+
+
+def _refuse_few_points(model: Model, data: Measurements, nominal: Array) -> None:
+    """A LabError for fewer points than place a base."""
+    if (count := int(data.seen.sum())) < 3:
+        raise LabError(
+            f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
+        )
+
+
+def _refuse_few_poses(model: Model, data: Measurements, aligned: Array, structure: BaseSet) -> None:
+    """A LabError for fewer poses than the base set needs."""
+    needed = poses_needed(model, aligned, structure)
+    if len(data) < needed:
+        raise LabError(
+            f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
+            f"need at least {needed}: measure more"
+        )
 
 
 def _refuse_impossible(observation: Observation, data: Measurements, observed: Observations, nominal: Array) -> None:
