@@ -10,10 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from markupsafe import Markup
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
+
+settings.register_profile("quick", max_examples=25, derandomize=True, deadline=None, database=None)
+settings.load_profile("quick")
 
 _WRITES = {
     "lab.commands.calibrate.recording": "record",

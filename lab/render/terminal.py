@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -45,12 +46,16 @@ def print_document(document: Document, console: Console | None = None, *, warnin
 
 
 def print_json(values: Mapping[str, Any]) -> None:
-    """Print one JSON object on standard output; numbers are finite, what is not is None.
+    """Print one JSON object on standard output; a number that is not finite is null, for JSON has none."""
+    print(json.dumps(_finite(values), allow_nan=False))
 
-    Raises:
-        ValueError: a number is not finite.
-    """
-    print(json.dumps(values, allow_nan=False))
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def to_text(document: Document, width: int = 100) -> str:

@@ -1,0 +1,89 @@
+"""How the project is laid out: tests beside what they test, modules and functions of a size that one can read.
+
+All of it is read from the sources, nothing is imported.
+"""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+from helpers.robots import ROOT
+
+LONGEST_MODULE, LONGEST_FUNCTION = 400, 60  # lines
+MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in sorted(ROOT.glob("lab/**/*.py"))}
+ROOMS = sorted(path.name for path in (ROOT / "lab").iterdir() if (path / "__init__.py").is_file())
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def names_in(path: Path) -> frozenset[str]:
+    """Every module that a file may import: by a statement anywhere in it, by its name in a string, by a script that it runs."""
+    names = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Import):
+            names |= {each.name for each in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{each.name}" for each in node.names)}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            names |= set(re.findall(r"lab(?:\.\w+)+", node.value))
+            script = ROOT / "scripts" / node.value
+            if re.fullmatch(r"\w+\.py", node.value) and script.is_file():
+                names |= names_in(script)
+    return frozenset(names)
+
+
+def reached_in(room: str) -> set[str]:
+    """The modules of a room that its tests import, themselves, through others of the room, or by the command line."""
+    own = {name for name in MODULES if name.startswith(f"lab.{room}.") or name.count(".") == 1}
+    todo = {name for path in TESTS if path.is_relative_to(ROOT / "tests" / room) for name in names_in(path)} & own
+    reached: set[str] = set()
+    while todo:
+        name = todo.pop()
+        reached.add(name)
+        todo |= (names_in(MODULES[name]) & own) - reached
+    return reached
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_module_is_imported_by_a_test_of_its_folder(room: str) -> None:
+    own = {name for name in MODULES if name.startswith(f"lab.{room}.") and not name.endswith("__init__")}
+    assert sorted(own - reached_in(room)) == []
+
+
+def test_no_module_and_no_function_is_too_long() -> None:
+    long = [
+        f"{path.relative_to(ROOT)}: {lines}"
+        for path in MODULES.values()
+        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > LONGEST_MODULE
+    ]
+    for name, path in MODULES.items():
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
+                lines = node.end_lineno - node.lineno + 1
+                long += [f"{name}.{node.name}: {lines}"] if lines > LONGEST_FUNCTION else []
+    assert long == []
+
+
+def test_no_test_module_imports_another() -> None:
+    """What tests share are fixtures of a ``conftest.py`` and ``tests/helpers``."""
+    modules = {path.stem for path in TESTS if path.name.startswith("test_")}
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in TESTS
+        for name in names_in(path)
+        if not name.startswith("lab.") and modules & set(name.split("."))
+    ]
+    assert wrong == []
+
+
+def test_shared_pieces_are_no_imported_fixtures() -> None:
+    """A fixture that is imported into a test module needs the check of redefinitions switched off."""
+    marked = [path for path in TESTS if re.search(r"noqa: .*F(401|811)", path.read_text(encoding="utf-8"))]
+    assert [path for path in marked if path != Path(__file__)] == []
