@@ -24,7 +24,7 @@ def tree_of(path: Path) -> ast.Module:
 
 @cache
 def names_in(path: Path) -> frozenset[str]:
-    """Every module that a file may import: by a statement anywhere in it, by its name in a string, by a script that it runs."""
+    """Every module that a file may import: by a statement, by its name in a string, by a script that it runs."""
     names = set()
     for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):

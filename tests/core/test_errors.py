@@ -28,7 +28,7 @@ def test_numbers_at_the_ends_are_taken() -> None:
     positive("--noise-mm", LEAST)
     positive("--noise-mm", LARGEST)
     whole("--poses", 5, 5)
-    with pytest.raises(LabError, match="--poses 4: .* 5 or more"):
+    with pytest.raises(LabError, match=r"--poses 4: .* 5 or more"):
         whole("--poses", 4, 5)
 
 

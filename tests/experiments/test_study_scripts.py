@@ -196,3 +196,54 @@ def test_what_matters(tmp_path: Path) -> None:
     assert len(ratio) == 18
     assert ratio["stiffness 1e5 Nm/rad, 0 or 3 kg"] > ratio["stiffness 1e5 Nm/rad, no load"] > 20
     assert ratio["an arm twice as far off"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_number_of_poses_shows_that_o1_is_the_wrong_rule(tmp_path: Path) -> None:
+    asked = ("--poses", 30, "--candidates", 300, "--out")
+    seen = answer_of("how_many_poses.py", *asked, tmp_path)
+    plateau, last = seen["plateau"], seen["curve"][-1]
+    assert last["o1"] / plateau["o1"] < 1.03 and last["promise_mm"] / plateau["promise_mm"] < 0.75
+    assert {path.name for path in tmp_path.iterdir()} == {"how_many_poses.png", "how_many_poses.svg"}
+
+
+def test_verifications_notice_what_moved_a_little() -> None:
+    found = answer_of("verify_study.py", "--arms", 20, "--files", 0)
+    assert found["unchanged"]["good"] >= 0.95
+    for case in ("base", "tool", "axis 2"):
+        assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9
+        assert found[case]["named"] >= 0.8 and found[case]["wrong"] <= 0.05
+
+
+@pytest.mark.slow
+def test_verifications_notice_what_moved() -> None:
+    found = answer_in_processes("verify_study.py")
+    assert found["unchanged"]["good"] >= 0.97
+    for case in ("base", "tool", "axis 2"):
+        assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9
+        assert found[case]["wrong"] <= 0.03
+    for noise in ("Gaussian, known", "Gaussian, estimated"):  # 9,000 files
+        assert found["level"][noise] == pytest.approx(0.01, abs=0.005)
+    assert found["level"]["uniform"] <= 0.01
+
+
+def test_the_best_o1_of_the_thesis_case_from_four_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lab.experiments.best_o1.STARTS", 4)  # of twelve: fewer chances to find it
+    assert answer_of("best_o1.py", "--ignore-limits")["o1"] >= 12.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("limits", "least"), [(False, 12.25), (True, 12.03)])
+def test_the_best_o1_of_the_thesis_case(limits: bool, least: float) -> None:
+    flags = [] if limits else ["--ignore-limits"]
+    found = answer_in_processes("best_o1.py", *flags)
+    assert found["o1"] >= least and found["seconds"] < 60
+    joints = np.array(found["joints_deg"])
+    if limits:
+        assert (np.abs(joints) <= [165, 110, 110, 160, 120, 400]).all() and (joints[:, 2] <= 70).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(8))
+def test_the_best_o1_over_seeds(seed: int) -> None:
+    assert answer_in_processes("best_o1.py", "--seed", str(seed))["o1"] >= 12.03
+    assert answer_in_processes("best_o1.py", "--seed", str(seed), "--ignore-limits")["o1"] >= 12.25

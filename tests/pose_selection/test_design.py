@@ -1,14 +1,10 @@
 """Designs: exchange against brute force, the ascent, the certificate, the promise."""
 
-import json
-import subprocess
-import sys
 from itertools import combinations
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, ROOT
-from helpers.run_script import answer_of
+from helpers.robots import IRB120
 
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
@@ -271,34 +267,6 @@ def test_plans_of_any_kind_keep_what_they_predict(options: DesignOptions) -> Non
         squares.append((error**2).sum(axis=2).mean())
     predicted = np.sqrt((plan.prediction.rms**2).mean())
     assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.12)
-
-
-def test_the_best_o1_of_the_thesis_case_from_four_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lab.experiments.best_o1.STARTS", 4)  # of twelve: fewer chances to find it
-    assert answer_of("best_o1.py", "--ignore-limits")["o1"] >= 12.25
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("limits", "least"), [(False, 12.25), (True, 12.03)])
-def test_the_best_o1_of_the_thesis_case(limits: bool, least: float) -> None:
-    flags = [] if limits else ["--ignore-limits"]
-    found = best_o1(*flags)
-    assert found["o1"] >= least and found["seconds"] < 60
-    joints = np.array(found["joints_deg"])
-    if limits:
-        assert (np.abs(joints) <= [165, 110, 110, 160, 120, 400]).all() and (joints[:, 2] <= 70).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
-def test_the_best_o1_over_seeds(seed: int) -> None:
-    assert best_o1("--seed", str(seed))["o1"] >= 12.03
-    assert best_o1("--seed", str(seed), "--ignore-limits")["o1"] >= 12.25
-
-
-def best_o1(*flags: str) -> dict:
-    script = [sys.executable, str(ROOT / "scripts" / "best_o1.py"), "--json", *flags]
-    return json.loads(subprocess.run(script, capture_output=True, text=True, check=True).stdout)
 
 
 def test_a_plan_is_feasible_path_and_all() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.robots import IRB120, data_file, somewhere
-from helpers.run_script import answer_in_processes, answer_of
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, whitening
@@ -221,26 +220,6 @@ def test_what_would_be_noticed_is() -> None:
             missed += prediction.p(fit.square, fit.dof) >= 0.01
         shares.append(missed / len(drawn))
     assert 0.01 <= shares[0] <= 0.10 and shares[1] > 0.3
-
-
-def test_the_study_a_little() -> None:
-    found = answer_of("verify_study.py", "--arms", 20, "--files", 0)
-    assert found["unchanged"]["good"] >= 0.95
-    for case in ("base", "tool", "axis 2"):
-        assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9
-        assert found[case]["named"] >= 0.8 and found[case]["wrong"] <= 0.05
-
-
-@pytest.mark.slow
-def test_the_study() -> None:
-    found = answer_in_processes("verify_study.py")
-    assert found["unchanged"]["good"] >= 0.97
-    for case in ("base", "tool", "axis 2"):
-        assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9
-        assert found[case]["wrong"] <= 0.03
-    for noise in ("Gaussian, known", "Gaussian, estimated"):  # 9,000 files
-        assert found["level"][noise] == pytest.approx(0.01, abs=0.005)
-    assert found["level"]["uniform"] <= 0.01
 
 
 # The command

@@ -13,7 +13,6 @@ import pytest
 from helpers.bad_input import ARM_XML, contents, run, swapped, the_line
 from helpers.recordings import column, needs_vulkan, rrd, statics, views_of
 from helpers.robots import IRB120, SCARA
-from helpers.run_script import answer_of
 
 from lab.campaign.options import DesignOptions
 from lab.cli import main
@@ -227,14 +226,6 @@ def test_no_view_of_the_plan_complains(folder: Path, home) -> None:
     views = views_of(folder / "recording.rrd", home, "stop")
     assert {view.name for view in views} >= {"Tour", "Sensitivity ellipsoid", "Summary"}
     assert [(view.name, view.reports) for view in views if view.reports] == []
-
-
-def test_the_script_shows_that_o1_is_the_wrong_rule(tmp_path: Path) -> None:
-    asked = ("--poses", 30, "--candidates", 300, "--out")
-    seen = answer_of("how_many_poses.py", *asked, tmp_path)
-    plateau, last = seen["plateau"], seen["curve"][-1]
-    assert last["o1"] / plateau["o1"] < 1.03 and last["promise_mm"] / plateau["promise_mm"] < 0.75
-    assert {path.name for path in tmp_path.iterdir()} == {"how_many_poses.png", "how_many_poses.svg"}
 
 
 FEW = "design --robot arm.xml --candidates 100 --starts 1"

@@ -1,0 +1,37 @@
+"""Options of an earlier run, read back."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lab.campaign.config_file import read_options
+from lab.campaign.options import VirtualCampaign
+from lab.core.errors import LabError
+
+
+def written(folder: Path, content: object) -> Path:
+    path = folder / "config.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_what_is_left_out_is_at_its_default(tmp_path: Path) -> None:
+    options = {"poses": 12, "targets": ["p1", "p2"], "fitting": {"robust": True}, "effects": {"payload_kg": [0, 3]}}
+    found = read_options(written(tmp_path, {"command": "calibrate", "options": options}), "calibrate", VirtualCampaign)
+    assert (found.poses, found.targets, found.seed) == (12, ("p1", "p2"), 0)
+    assert found.fitting.robust and found.fitting.model == "geometric" and found.effects.payload_kg == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ([], "no options"),
+        ({"options": 3}, "no options"),
+        ({"command": "identify", "options": {}}, "lab identify"),
+        ({"options": {"pose": 3}}, "'pose'"),
+    ],
+)
+def test_what_is_no_config(content: object, says: str, tmp_path: Path) -> None:
+    with pytest.raises(LabError, match=says):
+        read_options(written(tmp_path, content), "calibrate", VirtualCampaign)

@@ -1,0 +1,22 @@
+"""A design's problem: candidates and sensitivities, and the search among them."""
+
+import numpy as np
+
+from lab.campaign.design_problem import pose_problem
+from lab.campaign.design_search import best_design
+from lab.campaign.options import DesignOptions
+from lab.pose_selection.exchange import information
+
+OPTIONS = DesignOptions(candidates=120, starts=1, poses=12)
+
+
+def test_the_pool_is_the_sensitivity_of_the_candidates_and_a_design_beats_the_first_of_them() -> None:
+    problem = pose_problem(OPTIONS)
+    joints = problem.candidates.joints
+    assert problem.pool.shape == (120, 3, 27) and problem.test.shape[1:] == (3, 27)
+    np.testing.assert_allclose(problem.pool[:10], problem.sensitivity(joints[:10]), rtol=1e-12)
+    assert problem.access.feasible(joints).all() and problem.measured is None
+    stages: list[str] = []
+    design = best_design(OPTIONS, problem, 12, stages.append)
+    assert stages == ["design of 12 poses, start 1 of 1"] and problem.access.feasible(design.joints).all()
+    assert design.score > float(problem.goal.score(information(problem.pool[:12])))

@@ -1,0 +1,46 @@
+"""Options of campaigns: what is refused before anything is computed."""
+
+from dataclasses import fields, replace
+
+import pytest
+
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import DesignOptions, VirtualCampaign, check_common
+from lab.core.errors import LabError
+
+
+@pytest.mark.parametrize("options", [VirtualCampaign(), DesignOptions(), Fitting(), ArmEffects()])
+def test_the_defaults_are_good(options: VirtualCampaign | DesignOptions | Fitting | ArmEffects) -> None:
+    options.check()
+
+
+@pytest.mark.parametrize("name", [each.name for each in fields(VirtualCampaign) if each.type in (int, float)])
+def test_a_number_below_zero_is_refused_by_its_flag(name: str) -> None:
+    flag = f"--{name.replace('_', '-')}"
+    with pytest.raises(LabError, match=flag):
+        replace(VirtualCampaign(), **{name: -1}).check()
+
+
+def test_two_sizes_of_a_design_are_one_too_many() -> None:
+    with pytest.raises(LabError, match="--poses and --accuracy-mm"):
+        DesignOptions(poses=20, accuracy_mm=0.01).check()
+    with pytest.raises(LabError, match="--accuracy-mm"):
+        DesignOptions(accuracy_mm=0.0).check()
+
+
+@pytest.mark.parametrize("model", ["", "gear+gear", "gear+"])
+def test_groups_are_different_names(model: str) -> None:
+    with pytest.raises(LabError, match="--model"):
+        Fitting(model).check()
+
+
+def test_groups_of_a_model() -> None:
+    assert Fitting().groups == Fitting("auto").groups == ()
+    assert Fitting("gear+backlash").groups == Fitting("geometric+gear+backlash").groups == ("gear", "backlash")
+
+
+def test_what_all_campaigns_share_is_checked_once() -> None:
+    check_common(Fitting(), 0, 1.0, None)
+    for flag, given in {"--seed": (-1, 1.0, None), "--gate-mm": (0, 0.0, None), "--noise-mm": (0, 1.0, -1.0)}.items():
+        with pytest.raises(LabError, match=flag):
+            check_common(Fitting(), *given)

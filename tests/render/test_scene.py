@@ -1,0 +1,99 @@
+"""What a recording shows: magnified ellipsoids, legs, the arm's lines, and the bars of long work."""
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, RX130
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lab.campaign.robot import load_robot
+from lab.core import se3
+from lab.kinematics.serial.arm import SerialArm
+from lab.render.document import plain
+from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
+from lab.render.progress import bars, status
+from lab.render.recording_layout import eye, main_view
+from lab.render.rerun_primitives import draw_legs, recording_to
+from lab.render.scene import MOST_POSES, drawn_rows, legs_legend, magnification, moved, reach_of, world_legs
+from lab.render.skeleton import Legs, frame_origins, joint_places, legs, strips
+
+
+@given(st.floats(1e-9, 1e3), st.floats(1e-3, 1e3))
+def test_a_magnification_is_round_and_the_nearest(length: float, wanted: float) -> None:
+    """1, 2, 5 times a power of ten: the size drawn is within a factor sqrt(2.5) of what is wanted."""
+    factor = magnification(length, wanted)
+    assert 1 / 1.59 < factor * length / wanted < 1.59
+    assert float(f"{factor:e}".split("e")[0]) in (1.0, 2.0, 5.0)
+
+
+@pytest.mark.parametrize("length", [0.0, np.nan, np.inf])
+def test_nothing_is_not_magnified(length: float) -> None:
+    assert magnification(length, 1.0) == 1.0
+
+
+@given(st.integers(1, 5000))
+def test_the_rows_that_are_drawn(count: int) -> None:
+    rows = drawn_rows(count)
+    assert len(rows) == len(set(rows.tolist())) == min(count, MOST_POSES)
+    assert rows[0] == 0 and rows[-1] == count - 1
+
+
+def test_an_arms_lines_end_at_its_frames() -> None:
+    arm, joints = SerialArm(RX130, ("p1",)), RX130.random_joints(3, np.random.default_rng(0))
+    values = arm.nominal()
+    lines, frames = strips(arm, values, joints), joint_places(arm, values, joints)
+    assert len(lines) == 1 and lines[0].shape[::2] == (3, 3) and legs(arm, values, joints).measured == ()
+    np.testing.assert_allclose(lines[0][:, -1], frames[:, -1], atol=1e-12)
+    assert frame_origins(arm, values, joints).shape[0] == 3
+    turned = values.copy()
+    turned[:6] = 0.3
+    np.testing.assert_allclose(strips(arm, turned, joints)[0], lines[0], atol=1e-12)  # whatever the base
+
+
+def test_legs_of_a_mechanism_in_the_world() -> None:
+    robot = load_robot("rpr2")
+    arm = robot.arm(("p1",))
+    joints, T = robot.chain.random_joints(4, np.random.default_rng(0)), robot.model.T_world_frame0
+    found = world_legs(T, arm, arm.nominal(robot.tool), joints)
+    lengths = np.linalg.norm(found.ends[:, :, 1] - found.ends[:, :, 0], axis=2)
+    np.testing.assert_allclose(lengths[:, np.array(found.measured)], joints, atol=1e-9)
+    assert "length is a joint position" in plain(legs_legend(found)) and legs_legend(Legs(found.ends[:, :0], ())) == ""
+    assert reach_of(T, found.ends, found) == pytest.approx(np.linalg.norm(found.ends - T[:3, 3], axis=-1).max())
+    np.testing.assert_allclose(moved(T, found.ends)[0, 0, 0], se3.transform(T, found.ends[0, 0, :1])[0])
+
+
+def test_a_recording_without_legs_has_no_entity_for_them(tmp_path) -> None:
+    import rerun as rr
+
+    path = tmp_path / "small.rrd"
+    with recording_to(path, "robot", "0123456789") as recording:
+        at = [rr.TimeColumn("pose", sequence=range(2))]
+        draw_legs(recording, at, Legs(np.empty((2, 0, 2, 3)), ()), 1.0)
+    assert path.stat().st_size > 0
+
+
+def test_a_view_looks_at_the_arm_from_outside() -> None:
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3)) + np.array([0, 0, 0.5])
+    controls = eye(points, points, 1.0, np.array([2.0, 0.0, 1.0]))
+    assert main_view("all", controls).name == "all"
+
+
+def test_sizes_are_spread_by_rank_and_drawn() -> None:
+    sizes = np.random.default_rng(0).uniform(size=3 * MOST_POINTS)
+    rows = spread_by_size(sizes)
+    assert len(rows) == MOST_POINTS and sizes[rows[-1]] == sizes.max() and (np.diff(sizes[rows]) >= 0).all()
+    points = np.random.default_rng(1).normal(size=(12, 3))
+    pictures = (
+        *size_maps(SizeMap(points, sizes[:12], "error")),
+        histograms("h", [Spread(sizes, "#111111", ("m", 0.5))], "error"),
+    )
+    assert len({picture.name for picture in pictures}) == len(pictures) >= 2
+    assert all(picture.draw().axes for picture in pictures)
+
+
+def test_in_a_pipe_there_are_no_bars(capfd: pytest.CaptureFixture[str]) -> None:
+    with bars() as progress, status("work") as tell:
+        progress("campaigns", 1, 2)
+        tell("a stage")
+    assert capfd.readouterr() == ("", "")
+    assert IRB120.name
