@@ -346,7 +346,7 @@ def test_effects_are_found_and_told(tmp_path, capsys) -> None:
         capsys, "identify", out / "measurements.csv", "--instrument", "uniform-8um", "--out", tmp_path / "rigid"
     )
     assert code == 0 and rigid["adequate"] is False and rigid["after_mm"]["mean"] > 0.05
-    assert any("not adequate" in warning for warning in rigid["warnings"])
+    assert any("lack of fit" in warning for warning in rigid["warnings"])
 
 
 def test_bad_readings_are_named_and_left_out(tmp_path, capsys) -> None:

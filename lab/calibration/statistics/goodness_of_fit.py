@@ -28,7 +28,7 @@ By = Literal["chi2", "repeats", "holdout", "nothing"]
 
 @dataclass(frozen=True)
 class GoodnessOfFit:
-    """Whether the model is adequate for what measured it.
+    """Whether the model fits what was measured, as far as the noise allows to see.
 
     Attributes:
         adequate: None where it cannot be said.
@@ -72,7 +72,7 @@ def goodness_of_fit(
     if held is not None:
         return _by_holdout(linear, linearized(model, held, fit.values, fit.free))
     why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
-    return GoodnessOfFit(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")
+    return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")
 
 
 def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:
@@ -91,13 +91,13 @@ def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:
     ratio = np.sqrt(total / nu)
     test = f"(chi2 test, {nu} degrees of freedom, p = {p:.2g})"
     if p < LACK_OF_FIT:
-        return GoodnessOfFit(
-            False, p, "chi2", f"the model is not adequate: residuals are {ratio:.3g} times the noise {test}"
-        )
+        return GoodnessOfFit(False, p, "chi2", f"lack of fit: the residuals are {ratio:.3g} times the noise {test}")
     if p > _TOO_SMALL:
-        words = f"residuals are only {ratio:.2g} times the noise, which is given too large to judge the model {test}"
+        words = f"the residuals are only {ratio:.2g} times the noise, which is given too large to test the fit {test}"
         return GoodnessOfFit(None, p, "chi2", words)
-    return GoodnessOfFit(True, p, "chi2", f"the residuals are what the instrument's noise explains {test}")
+    return GoodnessOfFit(
+        True, p, "chi2", f"no lack of fit detected: the residuals are consistent with the instrument's noise {test}"
+    )
 
 
 def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> GoodnessOfFit:
@@ -127,9 +127,11 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> GoodnessOfFi
     p = float(p_value_of_squares(total - error, lack, pure, variance))
     test = f"(F test of lack of fit, {lack} and {pure} degrees of freedom, p = {p:.2g})"
     if p < LACK_OF_FIT:
-        words = f"the model is not adequate: poses are off by {np.sqrt(ratio):.3g} times what repeats scatter {test}"
+        words = f"lack of fit: the residuals are {np.sqrt(ratio):.3g} times the repeatability {test}"
         return GoodnessOfFit(False, p, "repeats", words)
-    return GoodnessOfFit(True, p, "repeats", f"the residuals are what the scatter of repeated poses explains {test}")
+    return GoodnessOfFit(
+        True, p, "repeats", f"no lack of fit detected: the residuals are consistent with the repeatability {test}"
+    )
 
 
 def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> GoodnessOfFit:
@@ -150,10 +152,10 @@ def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> GoodnessOfFit:
     p = float(p_value_of_squares(rise, numbers, within.dof, variance))
     test = f"(F test of held-out errors, {numbers} and {within.dof} degrees of freedom, p = {p:.2g})"
     if p < LACK_OF_FIT:
-        words = f"the model is not adequate: held-out poses are off by {np.sqrt(ratio):.3g} times what it claims {test}"
+        words = f"lack of fit: the errors at held-out poses are {np.sqrt(ratio):.3g} times their prediction {test}"
         return GoodnessOfFit(False, p, "holdout", words)
-    words = f"the model predicts poses held out as well as it claims {test}; whether noise is all that is left, "
-    return GoodnessOfFit(None, p, "holdout", words + "only a known sigma or repeats could say")
+    words = f"the errors at held-out poses are consistent with their prediction {test}; only a known sigma or repeats "
+    return GoodnessOfFit(None, p, "holdout", words + "could show that noise is all that is left")
 
 
 @dataclass(frozen=True)
@@ -242,4 +244,4 @@ def sandwich(linear: LinearizedFit) -> Sandwich:
 
 def _nothing_left() -> GoodnessOfFit:
     why = "the measurements are no more than the parameters need; measure more poses"
-    return GoodnessOfFit(None, float("nan"), "nothing", f"whether the model is adequate cannot be said: {why}")
+    return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")
