@@ -1,9 +1,14 @@
-"""A working folder for commands."""
+"""A working folder for commands, and runs of them that are made once."""
 
 from pathlib import Path
 
 import pytest
 from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
+
+from lab.campaign.options import VirtualCampaign
+from lab.cli import main
+from lab.commands.calibrate.result import CalibrationResult
+from lab.commands.calibrate.run import calibrate
 
 
 @pytest.fixture
@@ -13,3 +18,36 @@ def folder(nothing_drawn: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     for name, text in {"arm.toml": ARM_TOML, "arm.xml": ARM_XML, "arm.urdf": ARM_URDF, "good.csv": csv()}.items():
         (tmp_path / name).write_text(text)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def seven() -> CalibrationResult:
+    """The calibration of the virtual robot of seed 7."""
+    return calibrate(VirtualCampaign(seed=7))
+
+
+@pytest.fixture(scope="session")
+def seven_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of that run, as the command writes it."""
+    return _written(tmp_path_factory, "run", "calibrate", "--seed", "7")
+
+
+@pytest.fixture(scope="session")
+def plan_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small plan."""
+    return _written(tmp_path_factory, "plan", "design", "--candidates", "200", "--starts", "1", "--poses", "12")
+
+
+@pytest.fixture(scope="session")
+def study_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small study."""
+    grid = 'name = "grid"\nrobots = 4\ndraws = 4\nfresh = 20\n[factors]\ncriterion = "random"\nposes = [12, 20]\n'
+    file = tmp_path_factory.mktemp("grid") / "grid.toml"
+    file.write_text(grid)
+    return _written(tmp_path_factory, "study", "study", str(file), "--workers", "1")
+
+
+def _written(tmp_path_factory: pytest.TempPathFactory, name: str, *arguments: str) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / name
+    assert main([*arguments, "--out", str(folder), "--json"]) == 0
+    return folder

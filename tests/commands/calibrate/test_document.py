@@ -1,0 +1,184 @@
+"""Reports as a person gets them: one file each that needs nothing else, with the numbers of ``result.json``."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.html_page import Page
+from helpers.robots import data_file
+
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import VirtualCampaign
+from lab.commands.calibrate.error_map import error_map
+from lab.commands.calibrate.figures import has_correction
+from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.calibrate.run import calibrate, identify
+from lab.commands.calibrate.scene import world_of
+from lab.core import se3
+from lab.formats.measurement_csv import write_measurements
+from lab.render.format import short
+from lab.render.page import write_page
+from lab.render.units import display_unit
+
+SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
+            "Parameters", "Identifiability and conditioning", "The arm at its poses", "What was done"]  # fmt: skip
+FIGURES = ["errors-figure", "where", "corrections", "singular-values-figure", "arm"]
+NASTY = """<script>alert("$x_1$")</script>&'<b>"""
+
+
+def written(path: Path, seven) -> Page:
+    write_page(path, seven.document())
+    assert path.stat().st_size < 1e6
+    return Page(path)
+
+
+def test_a_run_has_its_sections_and_figures(seven_run: Path) -> None:
+    seen = Page(seven_run / "report.html")
+    assert seen.headings[1:] == SECTIONS and list(seen.figures) == FIGURES
+    for figure in seen.figures.values():
+        assert figure["svg"] and len(figure["caption"]) > 40
+    assert seen.source.count("<svg") == 9 and seen.tags.count("h1") == 1 and 'lang="en"' in seen.source
+    assert "lab calibrate --seed 7" in seen.text and "numpy" in seen.text and "seconds" not in seen.text
+    config = json.loads((seven_run / "config.json").read_text())
+    assert config["model_sha256"] in seen.text and config["versions"]["mujoco"] in seen.text
+    assert (seven_run / "report.html").stat().st_size < 1e6
+
+
+def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
+    seen = Page(seven_run / "report.html")
+    result = json.loads((seven_run / "result.json").read_text())
+    assert (
+        seen.headings[0]
+        == f"irb120: {short(result['before_mm']['mean'])} → {short(result['after_mm']['mean'])} mm, good"
+    )
+    for row in seen.table("", "mean", "rms"):
+        errors = result[f"{row[0]}_mm"]
+        for cell, key in zip(row[1:], ("mean", "rms", "p95", "max", "count"), strict=True):
+            assert seen.number(cell) == pytest.approx(errors[key], rel=5e-3)
+    rows = seen.table("parameter", "unit", "nominal", "estimated")
+    stored = json.loads((seven_run / "parameters.json").read_text())
+    assert [row[0] for row in rows] == [each["name"] for each in stored]
+    for row, each, found in zip(rows, stored, seven.parameters, strict=True):
+        scale, unit, digits = display_unit(found.parameter)
+        half = 0.5001 * 10**-digits
+        assert row[1] == unit and seen.number(row[2]) == pytest.approx(scale * each["nominal"], abs=half)
+        if each["status"] != "identified":
+            assert row[3:6] == ["", "", ""] and row[6].startswith("fixed at nominal; aliased with ")
+            continue
+        low, high = (scale * end for end in each["interval_95"])
+        assert seen.number(row[3]) == pytest.approx(scale * each["estimate"], abs=half)
+        assert seen.number(row[5]) == pytest.approx((high - low) / 2, rel=5.1e-3)
+        drawn = each["name"].startswith("link")
+        assert has_correction(found) is drawn
+        assert (row[4] != "") is drawn
+        if drawn:
+            assert seen.number(row[4]) == pytest.approx(scale * (each["estimate"] - each["nominal"]), abs=half)
+    pairs = seen.table("strongly correlated parameters")
+    assert [row[0] for row in pairs] == [" and ".join(each["parameters"]) for each in result["correlated"]]
+
+
+def test_the_same_seed_gives_the_same_bytes(seven_run: Path, seven, tmp_path: Path) -> None:
+    written(tmp_path / "again.html", replace(seven, seconds=99.0))
+    assert (tmp_path / "again.html").read_bytes() == (seven_run / "report.html").read_bytes()
+
+
+def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
+    """The names of files, robots, poses and targets are text, in the page as in its pictures."""
+    bad = calibrate(VirtualCampaign(seed=2, effects=ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))))
+    target = "a$b<i>&"
+    data = replace(bad.measurements, targets=(target,), ids=tuple(f"{NASTY}{i}" for i in range(len(bad.measurements))))
+    file = tmp_path / f"{NASTY.replace('/', '')}.csv"
+    write_measurements(file, data, bad.robot.chain.prismatic)
+    options = MeasuredCampaign(file, noise_mm=0.005)
+    found = identify(options)
+    assert found.fit.outliers and found.fitted.targets == (target,)
+    model = found.robot.model
+    named = replace(found.robot, model=replace(model, chain=replace(model.chain, name=NASTY)))
+    found = replace(found, robot=named, warnings=(f"{NASTY} of a warning",))
+    seen = written(tmp_path / "report.html", found)
+    assert seen.headings[0].startswith(NASTY) and seen.items == [f"{NASTY} of a warning"]
+    assert found.fit.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
+    assert f"arm at pose {NASTY}" in seen.text  # in a picture, where dollars might begin a formula
+    assert f"tool.{target}.x" in [row[0] for row in seen.table("parameter")]
+    assert "<i>" not in seen.source and "alert(" in seen.text
+
+
+CASES = {
+    "exact, without a known noise": (VirtualCampaign(seed=1, poses=9, instrument="exact"), "good", set()),
+    "bad": (VirtualCampaign(seed=1, gate_mm=1e-4), "bad", set()),
+    "three targets, robust": (
+        VirtualCampaign(
+            seed=2, targets=("p1", "p2", "p3"), effects=ArmEffects(bad_share=0.1), fitting=Fitting(robust=True)
+        ),
+        "good",
+        set(),
+    ),
+    "nothing differs": (VirtualCampaign(seed=1, position_sigma_mm=0, rotation_sigma_mrad=0), "good", set()),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
+    options, verdict, missing = CASES[case]
+    found = calibrate(options)
+    assert found.verdict.word == verdict
+    seen = written(tmp_path / "report.html", found)
+    assert set(seen.figures) == set(FIGURES) - missing and seen.headings[0].endswith(verdict)
+    assert found.verdict.reason in seen.text and seen.items == list(found.warnings)
+    assert ("Outliers: " in " ".join(seen.headings)) is bool(found.fit.outliers)
+
+
+def test_a_run_that_is_not_judged(seven, tmp_path: Path) -> None:
+    file = tmp_path / "few.csv"
+    write_measurements(file, seven.measurements.take(range(11)), seven.robot.chain.prismatic)
+    options = MeasuredCampaign(file)
+    seen = written(tmp_path / "report.html", identify(options))
+    assert seen.headings[0] == "irb120: identified, not validated" and "Verdict: not validated" in seen.text
+    assert list(seen.figures) == FIGURES[1:]
+
+
+def test_held_out_poses_are_drawn_where_they_are(seven, tmp_path: Path) -> None:
+    file = tmp_path / "all.csv"
+    write_measurements(file, seven.measurements, seven.robot.chain.prismatic)
+    options = MeasuredCampaign(file, holdout=0.3, instrument="uniform-8um")
+    found = identify(options)
+    seen = written(tmp_path / "report.html", found)
+    assert "Shown are the poses of the hold-out set" in seen.figures["where"]["caption"]
+    held = found.measurements.without(found.fitted.ids)
+    shown = error_map(found, "position error")
+    places = shown.sizes
+    assert len(held) == 15 and sorted(places.sizes) == list(places.sizes) and shown.all_shown
+    np.testing.assert_allclose(places.sizes, np.sort(found.validation.errors.after[:, 0]), rtol=1e-12)
+    expected = se3.transform(world_of(found), held.points[:, 0])
+    apart = np.linalg.norm(places.points[:, None] - expected, axis=2)
+    assert sorted(apart.argmin(axis=1)) == list(range(15))
+    np.testing.assert_allclose(apart.min(axis=1), places.sizes, rtol=1e-6)  # its error, measured less predicted
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "options"),
+    [
+        ("irb120_cable_robotcali_1042.csv", 130, {"observe": "cable", "fitting": Fitting(prior=True), "holdout": 0.3}),
+        ("panda_sockets_mukca_3.csv", None, {"observe": "socket", "robot": "panda.toml"}),
+        (
+            "ur10_ipa_D.csv",
+            120,
+            {"observe": "pose", "orientation": "intrinsic-xyz", "robot": "ur10.toml", "holdout": 0.3},
+        ),
+    ],
+)
+def test_whatever_was_observed_gives_a_report(name: str, rows, options, tmp_path: Path) -> None:
+    file = tmp_path / name
+    lines = data_file(name).read_text().splitlines(keepends=True)
+    file.write_text("".join(lines[: rows and rows + 1]))
+    if "robot" in options:
+        options = options | {"robot": str(data_file(options["robot"]))}
+    asked = MeasuredCampaign(file, **options)
+    found = identify(asked)
+    seen = written(tmp_path / "report.html", found)
+    assert set(seen.figures) == set(FIGURES)
+    words = {"cable": "error of the cable's length", "socket": "distance from the socket", "pose": "position error"}
+    assert words[asked.observe] in seen.text and found.verdict.word in seen.text
+    assert len(seen.table("parameter")) == len(found.parameters)

@@ -1,0 +1,39 @@
+"""The page of corrected targets."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from helpers.html_page import Page
+
+from lab.cli import main
+from lab.commands.calibrate.load_run import read_calibrated
+from lab.core import se3
+from lab.render.format import short
+
+NASTY = """<script>alert("$x_1$")</script>&'<b>"""
+
+
+def test_corrected_targets_are_listed_and_those_that_fail(seven_run: Path, tmp_path: Path) -> None:
+    """Also where a single target is there, and where none is reached."""
+    calibrated = read_calibrated(seven_run)
+    arm, values = calibrated.geometry
+    Ts = arm.tool(0.7 * arm.chain.random_joints(12, np.random.default_rng(1)), values)[0]
+    Ts[3, :3, 3] += 5.0
+    quaternions = se3.quaternion_from_rotation(Ts[:, :3, :3])
+    lines = [f"{NASTY.replace(',', '')}{i}," + ",".join(repr(float(v)) for v in (*(1e3 * T[:3, 3]), *q))
+             for i, (T, q) in enumerate(zip(Ts, quaternions, strict=True))]  # fmt: skip
+    lines = [line.replace('"', "") for line in lines]
+    for name, rows, reached in (("all", slice(None), 11), ("one", slice(0, 1), 1), ("none", slice(3, 4), 0)):
+        (tmp_path / f"{name}.csv").write_text("\n".join(["id,x_mm,y_mm,z_mm,qw,qx,qy,qz", *lines[rows]]) + "\n")
+        out = tmp_path / name
+        targets = str(tmp_path / f"{name}.csv")
+        main(["compensate", targets, "--run", str(seven_run), "--out", str(out), "--json"])
+        seen, result = Page(out / "report.html"), json.loads((out / "result.json").read_text())
+        assert result["converged"] == reached and seen.headings[0].startswith(f"irb120: {reached} of ")
+        assert set(seen.figures) == ({"moved-figure", "where"} if reached else set())
+        for each in result["failed"]:
+            assert [each["id"], each["reason"]] in seen.table("target", "why it is not reached")
+        if reached:
+            assert short(result["correction_mm"]["mean"]) in seen.text
+            assert len(seen.table("target", "q1, °")) == reached

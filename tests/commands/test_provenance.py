@@ -1,0 +1,22 @@
+"""What every page says of how its result came about."""
+
+from pathlib import Path
+
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import VirtualCampaign
+from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.compensate.options import CompensateOptions
+from lab.commands.provenance import command_line
+
+
+def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:
+    assert command_line("calibrate", VirtualCampaign()) == "lab calibrate"
+    effects, fitting = (
+        ArmEffects(payload_kg=(0.0, 3.0), bad_share=0.05),
+        Fitting(robust=True, fix=("link4.d", "tool.*")),
+    )
+    told = command_line("calibrate", VirtualCampaign(seed=3, effects=effects, fitting=fitting))
+    assert told == "lab calibrate --seed 3 --robust --fix 'link4.d,tool.*' --payload-kg 0,3 --bad-share 0.05"
+    told = command_line("identify", MeasuredCampaign(Path("a b.csv"), holdout=0.3, refit=("base",)))
+    assert told == "lab identify 'a b.csv' --holdout 0.3 --refit base"
+    assert command_line("compensate", CompensateOptions(Path("t.csv"), Path("run"))) == "lab compensate t.csv --run run"
