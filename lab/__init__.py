@@ -1,3 +1,104 @@
-"""A virtual calibration lab for serial robots: plan, measure, identify, assess, show."""
+"""Plan, run and judge the calibration of a robot: on a virtual robot before the measuring day, then on the real one.
+
+Frames and units: lengths are in m and angles in rad, unless a name ends in another unit. Measured points, identified
+parameters and corrected targets are in the instrument's frame, in which the robot was measured; ``world_frames`` says
+where that is, and where the robot's base is, in the world of the MuJoCo model. ``T_a_b`` is the pose of b in a.
+
+Example:
+    >>> import lab
+    >>> day = lab.simulate("irb120", poses=50, seed=7)  # a robot that is off, and an instrument that measures it
+    >>> result = lab.identify(day.measurements, robot="irb120", instrument="uniform-8um")
+    >>> result.to_dict()["verdict"]
+    'good'
+    >>> print(result.summary())  # doctest: +SKIP
+    >>> result.report("report.html")  # doctest: +SKIP
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lab.campaign.robot import Robot, load_robot
+    from lab.commands.calibrate.result import CalibrationResult
+    from lab.commands.calibrate.run import calibrate, identify
+    from lab.commands.calibrate.simulate import MeasuringDay, simulate
+    from lab.commands.compensate.result import CompensationResult
+    from lab.commands.compensate.run import compensate
+    from lab.commands.design.run import design
+    from lab.commands.inspect.run import inspect
+    from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
+    from lab.commands.payload.result import PayloadResult
+    from lab.commands.payload.run import payload
+    from lab.commands.result import Result
+    from lab.commands.study.run import study
+    from lab.commands.verify.result import VerificationResult
+    from lab.commands.verify.run import verify
+    from lab.core.errors import LabError
+    from lab.core.instruments import Instrument, instrument
+    from lab.core.measurements import Measurements
+    from lab.formats.target_csv import Targets
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "CalibrationResult",
+    "CompensationResult",
+    "Instrument",
+    "LabError",
+    "Measurements",
+    "MeasuringDay",
+    "PayloadResult",
+    "Result",
+    "Robot",
+    "Targets",
+    "VerificationResult",
+    "WorldFrames",
+    "calibrate",
+    "compensate",
+    "design",
+    "identify",
+    "inspect",
+    "instrument",
+    "load_robot",
+    "payload",
+    "read_measurements",
+    "simulate",
+    "study",
+    "verify",
+    "world_frames",
+    "write_measurements",
+]
+
+_MODULES = {  # where each name is, imported when it is asked for
+    "lab.campaign.robot": ("Robot", "load_robot"),
+    "lab.commands.calibrate.result": ("CalibrationResult",),
+    "lab.commands.calibrate.run": ("calibrate", "identify"),
+    "lab.commands.calibrate.simulate": ("MeasuringDay", "simulate"),
+    "lab.commands.compensate.result": ("CompensationResult",),
+    "lab.commands.compensate.run": ("compensate",),
+    "lab.commands.design.run": ("design",),
+    "lab.commands.inspect.run": ("inspect",),
+    "lab.commands.measurements": ("WorldFrames", "read_measurements", "world_frames", "write_measurements"),
+    "lab.commands.payload.result": ("PayloadResult",),
+    "lab.commands.payload.run": ("payload",),
+    "lab.commands.result": ("Result",),
+    "lab.commands.study.run": ("study",),
+    "lab.commands.verify.result": ("VerificationResult",),
+    "lab.commands.verify.run": ("verify",),
+    "lab.core.errors": ("LabError",),
+    "lab.core.instruments": ("Instrument", "instrument"),
+    "lab.core.measurements": ("Measurements",),
+    "lab.formats.target_csv": ("Targets",),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            value = globals()[name] = getattr(import_module(module), name)
+            return value
+    raise AttributeError(f"module 'lab' has no attribute '{name}'; there are {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

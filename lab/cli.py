@@ -56,7 +56,7 @@ def _help() -> str:
         [
             "usage: lab COMMAND [OPTIONS]",
             "",
-            lab.__doc__ or "",
+            (lab.__doc__ or "").partition("\n")[0],
             "",
             "commands:",
             *(f"  {each.name:{width}}{each.help}" for each in COMMANDS),

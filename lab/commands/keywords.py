@@ -40,8 +40,8 @@ def takes(kind: type[Any]) -> Callable[[Call], Call]:
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         taken = {each.name for each in own}
         more = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=field.type)
-            for name, (_, field) in _options(kind)
+            Parameter(name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=hint)
+            for name, (_, field, hint) in _options(kind)
             if name not in taken
         ]
         function.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
@@ -50,14 +50,14 @@ def takes(kind: type[Any]) -> Callable[[Call], Call]:
     return mark
 
 
-def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]"]]]:
-    """Each option by its name: the group's field, "" where it is in none, and its own."""
+def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
+    """Each option by its name: the group's name, "" where it is in none, its field and its type."""
     hints = get_type_hints(kind)
     for field in fields(kind):
         if is_dataclass(hints[field.name]):
-            yield from ((name, (field.name, each)) for name, (_, each) in _options(hints[field.name]))
+            yield from ((name, (field.name, *each[1:])) for name, each in _options(hints[field.name]))
         else:
-            yield field.name, ("", field)
+            yield field.name, ("", field, hints[field.name])
 
 
 def _default(field: "Field[Any]") -> Any:

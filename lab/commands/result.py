@@ -65,8 +65,7 @@ class Result(ABC):
         """What the command prints, as plain text."""
         from lab.render.terminal import to_text
 
-        text: str = to_text(self.document())
-        return text
+        return "\n".join(line.rstrip() for line in to_text(self.document()).splitlines()).strip()
 
     def report(self, path: str | Path) -> Path:
         """Write the page to read and print, one HTML file that needs no network.

@@ -135,7 +135,16 @@ INSTRUMENTS = {
 
 
 def instrument(name: str) -> Instrument:
-    """The preset of that name; a LabError lists the presets where there is none."""
+    """An instrument's noise model by the name of its preset.
+
+    Raises:
+        LabError: there is no such preset; the message lists those there are.
+
+    Example:
+        >>> import lab
+        >>> lab.instrument("leica-at960").kind
+        'spherical'
+    """
     if name not in INSTRUMENTS:
         raise LabError(f"instrument '{name}' is unknown: choose one of {', '.join(INSTRUMENTS)}")
     return INSTRUMENTS[name]

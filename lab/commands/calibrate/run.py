@@ -1,10 +1,12 @@
 """One campaign: plan, measure, identify, assess; on a virtual arm, or on measurements of a real one."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -43,8 +45,6 @@ from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["CalibrationResult", "calibrate", "identify"]
-
-IN_MEMORY: Final = "measurements.csv"  # the file's name, of measurements that are in none
 
 
 @takes(VirtualCampaign)
@@ -85,7 +85,7 @@ def _of_a_virtual_robot(day: MeasuringDay) -> CalibrationResult:
         noise = Noise(None, options.noise_mm / 1e3)
     kind = configured_kind(options.observe, ObservationOptions(), FitInputs())
     fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting, options.seed)
-    rows, fresh = _visible(data), day.validation_points()
+    rows, fresh = _visible(data), day.validation
     with error_context(options.plan or f"--poses {options.poses}"):
         fit = fitter(rows)
     identification = fit.identification
@@ -120,7 +120,8 @@ def identify(
         measurements: a CSV file, or measurements in memory (joint positions in rad or m, points in m in any one
             frame); or all options in one object.
         robot: the nominal model: a name, a path, or a loaded robot.
-        options: those of ``lab identify``, by name: ``instrument``, ``noise_mm``, ``holdout``, ``model`` and so on.
+        options: those of ``lab identify``, by name: ``instrument``, ``noise_mm``, ``holdout``, ``model`` and so on;
+            ``validate`` may be measurements in memory, too.
 
     Returns:
         The identified parameters, with base and points in the frame of the measurements, and how well they predict.
@@ -137,19 +138,28 @@ def identify(
     """
     if isinstance(measurements, MeasuredCampaign):
         return _of_measurements(measurements, load_robot(measurements.robot))
-    known = load_robot(robot)
-    in_memory = measurements if isinstance(measurements, Measurements) else None
-    file = IN_MEMORY if in_memory is not None else measurements
-    asked = options_of("lab.identify", MeasuredCampaign, {"file": str(file), "robot": known.source, **options})
-    return _of_measurements(asked, known, in_memory)
+    known, given = load_robot(robot), {}
+    named = {"file": measurements, "validate": options.pop("validate", None)}
+    for option, value in named.items():
+        if isinstance(value, Measurements):
+            given[option] = value
+            named[option] = f"{option} in memory"
+    asked = options_of("lab.identify", MeasuredCampaign, {**named, "robot": known.source, **options})
+    return _of_measurements(asked, known, given)
 
 
-def _of_measurements(options: MeasuredCampaign, robot: Robot, given: Measurements | None = None) -> CalibrationResult:
-    """Identify from the file that the options name, or from measurements in memory."""
+def _of_measurements(
+    options: MeasuredCampaign, robot: Robot, given: Mapping[str, Measurements] = MappingProxyType({})
+) -> CalibrationResult:
+    """Identify from the files that the options name, or from measurements in memory, by the options' names."""
     options.check()
     robot, load = carrying(robot, options.fitting.load)
-    read = _read(robot, options.file, options, load, given)
-    other = None if options.validate is None else _visible(_read(robot, options.validate, options, load))
+    read = _read(robot, options.file, options, load, given.get("file"))
+    other = (
+        None
+        if options.validate is None
+        else _visible(_read(robot, options.validate, options, load, given.get("validate")))
+    )
     with error_context(options.file):
         fitter = _fitter(robot, read, options)
         data, observed = fitter.data, fitter.observed()

@@ -12,12 +12,9 @@ from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import carrying
-from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
-from lab.core.se3 import Array
-from lab.formats.measurement_csv import write_measurements
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["MeasuringDay", "measuring_day", "simulate"]
@@ -41,25 +38,9 @@ class MeasuringDay:
     outliers: frozenset[str]
 
     @property
-    def T_world_instrument(self) -> Array:
-        """Pose ``(4, 4)`` of the instrument's frame, in which the measurements are, in the MuJoCo world (m)."""
-        return self.true_robot.T_world_tracker
-
-    def validation_points(self) -> Measurements:
+    def validation(self) -> Measurements:
         """Exact points (m, in the instrument's frame) at 1,000 random poses that were not measured."""
         return fresh_poses(self.true_robot, self.options, asked_conditions(self.robot, self.options))
-
-    def save(self, path: str | Path) -> Path:
-        """Write the measurements as the CSV that ``lab identify`` reads.
-
-        Raises:
-            LabError: the file cannot be written.
-        """
-        try:
-            write_measurements(Path(path), self.measurements, self.robot.chain.prismatic)
-        except OSError as error:
-            raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
-        return Path(path)
 
     def __repr__(self) -> str:
         rows = len(self.measurements)

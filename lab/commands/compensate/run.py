@@ -51,7 +51,7 @@ def compensate(
         >>> result = lab.calibrate("irb120", seed=7)
         >>> file = pathlib.Path(tempfile.mkdtemp()) / "targets.csv"
         >>> x, y, z = 1e3 * result.measurements.points[0, 0]
-        >>> _ = file.write_text(f"p1_x_mm,p1_y_mm,p1_z_mm\\n{x},{y},{z}\\n")
+        >>> _ = file.write_text(f"p1_x_mm,p1_y_mm,p1_z_mm\n{x},{y},{z}\n")
         >>> lab.compensate(file, run=result).to_dict()["targets"]
         1
     """

@@ -38,7 +38,7 @@ TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 @takes(VerifyOptions)
 def verify(
     run: "str | Path | CalibrationResult | VerifyOptions",
-    measurements: str | Path | Measurements = "",
+    measurements: str | Path | Measurements | None = None,
     **options: Any,
 ) -> VerificationResult:
     """Test a few new measurements against a calibrated robot; where it is no longer good, say what has moved.
@@ -67,6 +67,8 @@ def verify(
     if isinstance(run, VerifyOptions):
         run.check()
         return _verified(run, read_calibrated(run.run))
+    if measurements is None:
+        raise LabError("lab.verify: give the new measurements, a file or in memory")
     in_memory = measurements if isinstance(measurements, Measurements) else None
     file = "measurements.csv" if in_memory is not None else str(measurements)
     asked = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})

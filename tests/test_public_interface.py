@@ -1,0 +1,154 @@
+"""``import lab``: what it offers, what it costs, and that its examples are true."""
+
+import doctest
+import inspect
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+
+import pytest
+
+import lab
+from lab.campaign.option_groups import Fitting
+from lab.campaign.options import VirtualCampaign
+from lab.commands.registry import COMMANDS
+from lab.core.errors import LabError
+
+ROOT = Path(__file__).resolve().parents[1]
+MOST_NAMES = 200
+IMPORT_S, HELP_S = 0.05, 0.2  # above a bare interpreter's start
+RUNS = 5
+
+
+def processor_seconds(*arguments: str) -> float:
+    """Least processor time of a Python process, of several."""
+    code = (
+        "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL); "
+        "used = resource.getrusage(resource.RUSAGE_CHILDREN); print(used.ru_utime + used.ru_stime)"
+    )
+    command = [sys.executable, "-c", code, sys.executable, *arguments]
+    times = [subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout for _ in range(RUNS)]
+    return min(map(float, times))
+
+
+@cache
+def bare_s() -> float:
+    return processor_seconds("-c", "pass")
+
+
+def test_the_import_costs_nothing_and_loads_nothing_heavy() -> None:
+    assert processor_seconds("-c", "import lab") - bare_s() <= IMPORT_S
+    code = "import sys, lab; dir(lab); print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert not {"mujoco", "rerun", "matplotlib", "pyarrow", "numpy", "scipy", "tyro"} & set(loaded.split())
+
+
+def test_using_it_loads_neither_drawing_nor_recording() -> None:
+    code = "import sys, lab; lab.identify(lab.simulate(poses=20).measurements); print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    assert not {"rerun", "matplotlib", "pyarrow", "pandas"} & set(loaded.split())
+
+
+def test_help_is_quick() -> None:
+    assert processor_seconds("-m", "lab", "--help") - bare_s() <= HELP_S
+
+
+def test_every_name_is_there_and_no_other() -> None:
+    assert lab.__all__ == sorted(set(lab.__all__))
+    assert set(dir(lab)) == {*lab.__all__, "__version__"}
+    for name in lab.__all__:
+        assert getattr(lab, name).__name__ == name and getattr(lab, name).__doc__
+    with pytest.raises(AttributeError, match=r"there are .*calibrate"):
+        _ = lab.calibrat
+
+
+def own_attributes(kind: type) -> set[str]:
+    """Public attributes of a type that no other exported type gives it."""
+    named = {name for name in vars(kind) if not name.startswith("_")}
+    if is_dataclass(kind):
+        named |= {field.name for field in fields(kind)}
+    exported = [getattr(lab, name) for name in lab.__all__]
+    inherited = [base for base in kind.__mro__[1:] if base in exported]
+    shared = {"options", "warnings"} if lab.Result in inherited else set()  # what every result has is counted there
+    return named - shared - {name for base in inherited for name in dir(base)}
+
+
+def test_there_are_fewer_than_200_public_names() -> None:
+    kinds = [getattr(lab, name) for name in lab.__all__ if isinstance(getattr(lab, name), type)]
+    count = len(lab.__all__) + sum(len(own_attributes(kind)) for kind in kinds) + len({"options", "warnings"})
+    assert count < MOST_NAMES, {kind.__name__: sorted(own_attributes(kind)) for kind in kinds}
+
+
+def test_every_command_is_a_call_with_the_command_s_options() -> None:
+    for command in COMMANDS:
+        call = getattr(lab, command.name)
+        options = {field.name for field in fields(command.load_options())} - {"fitting", "effects"}
+        assert options - set(inspect.signature(call).parameters) <= {"file", "config"}, command.name
+
+
+def test_a_name_for_a_type_checker_is_the_name_at_run_time() -> None:
+    text = Path(lab.__file__).read_text(encoding="utf-8").split("__version__ =")[0]
+    for module, names in lab._MODULES.items():
+        assert f"from {module} import {', '.join(names)}\n" in text
+
+
+@pytest.mark.parametrize("name", ["", *lab.__all__])
+def test_examples_are_true(name: str) -> None:
+    thing = getattr(lab, name) if name else lab
+    if isinstance(thing, FunctionType):  # a module's names, so that helpers are found
+        module = import_module(thing.__module__)
+        found = doctest.DocTestFinder(recurse=False).find(thing, name, module=module)
+    else:
+        found = doctest.DocTestFinder(recurse=False).find(thing, name or "lab", module=False)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    for each in found:
+        runner.run(each)
+    assert runner.summarize(verbose=False).failed == 0
+    assert not isinstance(thing, FunctionType) or name in NO_EXAMPLE or runner.tries, f"{name} has no example"
+
+
+NO_EXAMPLE = {"payload", "study"}  # they need files: their pages show them
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: lab.calibrate("irb120", pose=3), "lab.calibrate: 'pose' is no option; there are robot, poses"),
+        (lambda: lab.calibrate("irb120", poses="many"), "lab.calibrate: 'many' is no value of option 'poses'"),
+        (lambda: lab.calibrate("irb121"), "robot 'irb121': no such model"),
+        (lambda: lab.simulate(targets="p1"), "give a list, each a text"),
+        (lambda: lab.compensate("targets.csv"), "lab.compensate: 'run' is missing"),
+        (lambda: lab.verify("run"), "give the new measurements"),
+        (lambda: lab.study("study.toml", workers=1.5), "study.toml"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(call, says: str) -> None:
+    with pytest.raises(LabError, match=says) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_calls_are_the_commands(tmp_path, capsys) -> None:
+    """The same options by keywords, as an object and on the command line give the same parameters."""
+    from lab.cli import main
+
+    assert (
+        main(["calibrate", "--seed", "3", "--poses", "20", "--model", "gear", "--json", "--out", f"{tmp_path}/c"]) == 0
+    )
+    capsys.readouterr()
+    options = VirtualCampaign(seed=3, poses=20, fitting=Fitting("gear"))
+    for number, result in enumerate((lab.calibrate(seed=3, poses=20, model="gear"), lab.calibrate(options))):
+        folder = result.save(tmp_path / str(number))
+        for file in ("parameters.json", "measurements.csv", "config.json"):
+            assert (folder / file).read_bytes() == (tmp_path / "c" / file).read_bytes(), file
+
+
+def test_measurements_in_memory_are_a_virtual_campaign() -> None:
+    day = lab.simulate("irb120", poses=30, seed=5)
+    found = lab.identify(day.measurements, robot=day.robot, instrument="uniform-8um", validate=day.validation)
+    whole = lab.calibrate("irb120", poses=30, seed=5)
+    assert found.to_dict()["after_mm"] == whole.to_dict()["after_mm"]
