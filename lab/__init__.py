@@ -17,6 +17,8 @@ Example:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from lab.core.version import __version__
+
 if TYPE_CHECKING:
     from lab.campaign.robot import Robot, load_robot
     from lab.commands.calibrate.result import CalibrationResult
@@ -24,7 +26,9 @@ if TYPE_CHECKING:
     from lab.commands.calibrate.simulate import MeasuringDay, simulate
     from lab.commands.compensate.result import CompensationResult
     from lab.commands.compensate.run import compensate
+    from lab.commands.design.result import DesignResult
     from lab.commands.design.run import design
+    from lab.commands.inspect.result import Inspection
     from lab.commands.inspect.run import inspect
     from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
     from lab.commands.payload.result import PayloadResult
@@ -38,11 +42,11 @@ if TYPE_CHECKING:
     from lab.core.measurements import Measurements
     from lab.formats.target_csv import Targets
 
-__version__ = "0.1.0"
-
 __all__ = [
     "CalibrationResult",
     "CompensationResult",
+    "DesignResult",
+    "Inspection",
     "Instrument",
     "LabError",
     "Measurements",
@@ -53,6 +57,7 @@ __all__ = [
     "Targets",
     "VerificationResult",
     "WorldFrames",
+    "__version__",
     "calibrate",
     "compensate",
     "design",
@@ -76,7 +81,9 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.calibrate.simulate": ("MeasuringDay", "simulate"),
     "lab.commands.compensate.result": ("CompensationResult",),
     "lab.commands.compensate.run": ("compensate",),
+    "lab.commands.design.result": ("DesignResult",),
     "lab.commands.design.run": ("design",),
+    "lab.commands.inspect.result": ("Inspection",),
     "lab.commands.inspect.run": ("inspect",),
     "lab.commands.measurements": ("WorldFrames", "read_measurements", "world_frames", "write_measurements"),
     "lab.commands.payload.result": ("PayloadResult",),
@@ -101,4 +108,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return __all__

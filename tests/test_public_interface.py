@@ -58,9 +58,8 @@ def test_help_is_quick() -> None:
 
 
 def test_every_name_is_there_and_no_other() -> None:
-    assert lab.__all__ == sorted(set(lab.__all__))
-    assert set(dir(lab)) == {*lab.__all__, "__version__"}
-    for name in lab.__all__:
+    assert len(set(lab.__all__)) == len(lab.__all__) and dir(lab) == sorted(lab.__all__)
+    for name in set(lab.__all__) - {"__version__"}:
         assert getattr(lab, name).__name__ == name and getattr(lab, name).__doc__
     with pytest.raises(AttributeError, match=r"there are .*calibrate"):
         _ = lab.calibrat
@@ -91,12 +90,12 @@ def test_every_command_is_a_call_with_the_command_s_options() -> None:
 
 
 def test_a_name_for_a_type_checker_is_the_name_at_run_time() -> None:
-    text = Path(lab.__file__).read_text(encoding="utf-8").split("__version__ =")[0]
+    text = Path(lab.__file__).read_text(encoding="utf-8").split("__all__ =")[0]
     for module, names in lab._MODULES.items():
         assert f"from {module} import {', '.join(names)}\n" in text
 
 
-@pytest.mark.parametrize("name", ["", *lab.__all__])
+@pytest.mark.parametrize("name", sorted({"", *lab.__all__} - {"__version__"}))
 def test_examples_are_true(name: str) -> None:
     thing = getattr(lab, name) if name else lab
     if isinstance(thing, FunctionType):  # a module's names, so that helpers are found

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-import lab
 from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.core.version import PACKAGE
 from lab.formats.description import IdentifiedRobot
 from lab.formats.dh_table_toml import read_table
 from lab.formats.mechanism_toml import is_mechanism, read_mechanism
@@ -263,7 +263,7 @@ class ClosedRobot(Robot):
 
 def models_folder() -> Path:
     """Where the robots live: in the installed package, or beside it in a checkout."""
-    installed = Path(lab.__file__).parent / "models"
+    installed = PACKAGE / "models"
     return installed if installed.is_dir() else installed.parent.parent / "models"
 
 

@@ -12,9 +12,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import lab
 from lab.commands.payload.known_payload import LOAD_FILE
 from lab.core.errors import LabError
+from lab.core.version import __version__
 from lab.formats.programs.registry import program_file_names
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def config(
 ) -> dict[str, Any]:
     """Every option, and what else the numbers depend on."""
     versions = {name: metadata.version(name) for name in _LIBRARIES}
-    versions |= {"python": platform.python_version(), "virtual-calibration-lab": lab.__version__}
+    versions |= {"python": platform.python_version(), "virtual-calibration-lab": __version__}
     return {"command": command, "options": asdict(options), "model_sha256": model_sha256, "versions": versions}
 
 

@@ -4,8 +4,8 @@ import platform
 from importlib import metadata
 from typing import Any
 
-import lab
 from lab.campaign.robot import load_robot
+from lab.core.version import __version__
 
 _LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")
 
@@ -13,7 +13,7 @@ _LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")
 def origin_of(robot: str) -> dict[str, Any]:
     """What a study's numbers depend on beside its options: the robot's files, and versions."""
     versions = {name: metadata.version(name) for name in _LIBRARIES}
-    versions |= {"python": platform.python_version(), "virtual-calibration-lab": lab.__version__}
+    versions |= {"python": platform.python_version(), "virtual-calibration-lab": __version__}
     return {"model_sha256": load_robot(robot).sha256, "versions": versions}
 
 
