@@ -28,7 +28,7 @@ from lab.simulation.observations.points import track
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).kept)
-SCALE = Scaling("length").columns([ARM.names[i] for i in KEPT], np.empty((0, 3, 27)))
+SCALE = Scaling("length").columns([ARM.parameters[i] for i in KEPT], np.empty((0, 3, 27)))
 CHAIN = IRB120.chain
 MODEL = IRB120.model
 
