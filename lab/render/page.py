@@ -13,18 +13,13 @@ from markupsafe import Markup
 from lab.render import style
 from lab.render.document import Badge, Code, Document, Picture, inlines, shown
 
-__all__ = ["to_html", "write_page"]
+__all__ = ["to_html"]
 
 
 def to_html(document: Document) -> str:
     """The whole page; its heading is the document's title."""
     blocks = list(shown(document.blocks, "page"))
     return _environment().get_template("page.html.jinja").render(title=document.title, blocks=blocks)
-
-
-def write_page(path: Path, document: Document) -> None:
-    """Write the page of a document."""
-    path.write_text(to_html(document), encoding="utf-8")
 
 
 @cache

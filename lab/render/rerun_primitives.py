@@ -18,6 +18,22 @@ from lab.render.skeleton import Legs
 from lab.render.style import RGB_ARROW, RGB_AXES, RGB_BEAM, RGB_LEG, RGB_ROD
 from lab.simulation.meshes import Shell
 
+__all__ = [
+    "LEGS",
+    "Colour",
+    "Times",
+    "draw_beams",
+    "draw_ellipsoid",
+    "draw_instrument",
+    "draw_legs",
+    "draw_moving",
+    "draw_moving_legs",
+    "draw_shells",
+    "draw_tag",
+    "markdown",
+    "recording_to",
+]
+
 Colour = tuple[int, int, int]
 Times = list[rr.TimeColumn]
 LEGS = "world/arm/rods_and_legs"

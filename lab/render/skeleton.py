@@ -8,6 +8,8 @@ from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.kinematics.skeleton import Skeleton
 
+__all__ = ["Legs", "frame_lines", "frame_origins", "legs", "line_frames", "skeleton", "strips"]
+
 
 @dataclass(frozen=True)
 class Legs:
@@ -43,7 +45,7 @@ def frame_origins(arm: RigidArm, values: Array, joints: Array) -> Array:
     return skeleton(arm, values, joints).origins
 
 
-def joint_places(arm: RigidArm, values: Array, joints: Array) -> Array:
+def line_frames(arm: RigidArm, values: Array, joints: Array) -> Array:
     """The frames on the arm's lines ``(n, f, 3)`` m, last the one that carries the targets."""
     return skeleton(arm, values, joints).frames
 

@@ -15,7 +15,7 @@ from lab.render.progress import bars, status
 from lab.render.recording_layout import eye, main_view
 from lab.render.rerun_primitives import draw_legs, recording_to
 from lab.render.scene import MOST_POSES, drawn_rows, legs_legend, magnification, moved, reach_of, world_legs
-from lab.render.skeleton import Legs, frame_origins, joint_places, legs, strips
+from lab.render.skeleton import Legs, frame_origins, legs, line_frames, strips
 
 
 @given(st.floats(1e-9, 1e3), st.floats(1e-3, 1e3))
@@ -41,7 +41,7 @@ def test_the_rows_that_are_drawn(count: int) -> None:
 def test_an_arms_lines_end_at_its_frames() -> None:
     arm, joints = SerialArm(RX130, ("p1",)), RX130.random_joints(3, np.random.default_rng(0))
     values = arm.nominal()
-    lines, frames = strips(arm, values, joints), joint_places(arm, values, joints)
+    lines, frames = strips(arm, values, joints), line_frames(arm, values, joints)
     assert len(lines) == 1 and lines[0].shape[::2] == (3, 3) and legs(arm, values, joints).measured == ()
     np.testing.assert_allclose(lines[0][:, -1], frames[:, -1], atol=1e-12)
     assert frame_origins(arm, values, joints).shape[0] == 3

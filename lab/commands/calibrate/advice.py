@@ -9,7 +9,9 @@ from lab.calibration.observations.full_pose import Poses
 from lab.campaign.robot import Robot
 from lab.core.se3 import Array
 
-OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second one stands from the first
+__all__ = ["SetupSuggestion", "changes"]
+
+_OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second one stands from the first
 
 
 @dataclass(frozen=True)
@@ -31,17 +33,19 @@ def changes(
     """
     arm = robot.arm_with(targets, groups)
     known = dict(zip(arm.names, values, strict=True))
-    moved = known | {name: value + OFFSET_M for name, value in known.items() if name.endswith(".x") and "tool." in name}
+    moved = known | {
+        name: value + _OFFSET_M for name, value in known.items() if name.endswith(".x") and "tool." in name
+    }
     away = np.array([moved[name] for name in arm.names])
     more = robot.arm_with((*targets, "another"), groups)
     first = [known[f"tool.{targets[0]}.{axis}"] for axis in "xyz"]
-    second = dict(zip("xyz", np.array(first) + np.array([OFFSET_M, OFFSET_M, 0.0]), strict=True))
+    second = dict(zip("xyz", np.array(first) + np.array([_OFFSET_M, _OFFSET_M, 0.0]), strict=True))
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
     posed = Poses(arm, targets[0])
     orientations = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(inputs), 4))
     found = [
         SetupSuggestion(
-            f"the target {1e3 * OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, inputs)
+            f"the target {1e3 * _OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, inputs)
         ),
         SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
         SetupSuggestion(

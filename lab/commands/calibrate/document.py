@@ -43,9 +43,9 @@ from lab.render.units import display_unit
 
 __all__ = ["document_of", "parameters_table"]
 
-MOST_LISTED = 12  # rows of a table
-MOST_PARTS = 5  # parameters of a direction
-MOST_ALIASES = 4
+_MOST_LISTED = 12  # rows of a table
+_MOST_PARTS = 5  # parameters of a direction
+_MOST_ALIASES = 4
 _VALIDATED = {
     "fresh": "on {count} points at validation poses without noise",
     "holdout": "on {count} points of the hold-out set",
@@ -238,7 +238,7 @@ def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
     )
     in_file = any(pose.line is not None for pose in outliers)
     columns = ("pose", Column("line", EVERYWHERE if in_file else frozenset()), "residual, mm", "p", "")
-    return Section(f"Outliers: {len(outliers)}", (Table(columns, rows, most_rows=MOST_LISTED),))
+    return Section(f"Outliers: {len(outliers)}", (Table(columns, rows, most_rows=_MOST_LISTED),))
 
 
 def _parameters(result: CalibrationResult, words: ObservationWords) -> Section:
@@ -287,8 +287,8 @@ def _parameter_row(row: EstimatedParameter) -> Row:
 def _status(row: EstimatedParameter) -> str:
     """The status; of a parameter that is fixed, also what it is aliased with."""
     names = [name for name, _ in sorted(row.aliased_with, key=lambda alias: -abs(alias[1]))]
-    more = f" and {len(names) - MOST_ALIASES} more" if len(names) > MOST_ALIASES else ""
-    aliased = f"; aliased with {', '.join(names[:MOST_ALIASES])}{more}" if names else ""
+    more = f" and {len(names) - _MOST_ALIASES} more" if len(names) > _MOST_ALIASES else ""
+    aliased = f"; aliased with {', '.join(names[:_MOST_ALIASES])}{more}" if names else ""
     return f"{_STATUS[row.status]}{aliased}"
 
 
@@ -308,10 +308,10 @@ def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
         Table(
             ("relative singular value", "weakly observable: a change of", "moves the targets by"),
             weak,
-            most_rows=MOST_LISTED,
+            most_rows=_MOST_LISTED,
             shown_in=PAGE,
         ),
-        Table(("strongly correlated parameters", "correlation"), correlated, most_rows=MOST_LISTED, shown_in=PAGE),
+        Table(("strongly correlated parameters", "correlation"), correlated, most_rows=_MOST_LISTED, shown_in=PAGE),
         _singular_values(found.fit.singular_values),
     )
 
@@ -331,10 +331,10 @@ def _identifiable(result: CalibrationResult) -> str:
 def _mixture(direction: Direction, parameters: dict[str, Parameter]) -> str:
     """A direction in words, in what a person reads."""
     parts = []
-    for name, part in direction.parts[:MOST_PARTS]:
+    for name, part in direction.parts[:_MOST_PARTS]:
         factor, unit, _ = display_unit(parameters[name])
         parts.append(f"{short(factor * part)} {unit} of {name}")
-    more = len(direction.parts) - MOST_PARTS
+    more = len(direction.parts) - _MOST_PARTS
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
 
 

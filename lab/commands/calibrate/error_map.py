@@ -15,11 +15,11 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array, transform
 from lab.render.plots import SizeMap, spread_by_size
 from lab.render.scene import moved
-from lab.render.skeleton import joint_places, strips
+from lab.render.skeleton import line_frames, strips
 
 __all__ = ["ArmPoses", "ErrorMap", "arm_poses", "error_map"]
 
-MOST_ARMS = 12  # drawn in a picture
+_MOST_ARMS = 12  # drawn in a picture
 _WHICH: dict[JudgedBy, str] = {
     "fresh": "the validation poses, without noise",
     "holdout": "the poses of the hold-out set",
@@ -104,11 +104,11 @@ def _predicted(result: CalibrationResult, data: Measurements) -> Array:
 def arm_poses(result: CalibrationResult) -> ArmPoses:
     """The calibrated arm at up to twelve of its fitted poses, evenly spaced, with the points of all of them."""
     fitted, identification = result.fitted, result.identification
-    rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, MOST_ARMS)).astype(np.int_))
+    rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, _MOST_ARMS)).astype(np.int_))
     arm, values = result.rigid(identification.values)
     T_world_frame0 = result.robot.model.T_world_frame0
     lines = [moved(T_world_frame0, line) for line in strips(arm, values, fitted.joints[rows])]
-    joints = moved(T_world_frame0, joint_places(arm, values, fitted.joints[rows]))
+    joints = moved(T_world_frame0, line_frames(arm, values, fitted.joints[rows]))
     tips = _predicted(result, fitted.take(rows))
     first = int(np.argmax(np.abs(joints[:, -1, 0] - joints[:, 0, 0])))
     order = [first, *(i for i in range(len(rows)) if i != first)]

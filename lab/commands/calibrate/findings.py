@@ -28,7 +28,7 @@ __all__ = [
     "weak_directions_of",
 ]
 
-CORRELATED = 0.95  # the least correlation that is called strong
+_CORRELATED = 0.95  # the least correlation that is called strong
 Status = Literal["identified", "held", "not seen", "fixed"]
 
 
@@ -158,7 +158,7 @@ def correlated_pairs(identification: Identification) -> tuple[CorrelatedPair, ..
     if not (np.isfinite(std).all() and (std > 0).all()):
         return ()
     matrix = np.triu(identification.covariance / np.outer(std, std), 1)
-    pairs = np.argwhere(np.abs(matrix) > CORRELATED)
+    pairs = np.argwhere(np.abs(matrix) > _CORRELATED)
     order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
     return tuple(CorrelatedPair((names[i], names[j]), round(float(matrix[i, j]), 4)) for i, j in order)
 

@@ -38,8 +38,10 @@ from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CANDIDATES
 from lab.kinematics.model import Model
 
-CLEANINGS = 5  # of the poses and what they are judged by
-BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
+__all__ = ["Fitter"]
+
+_CLEANINGS = 5  # of the poses and what they are judged by
+_BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ class Fitter:
         request = self.request if self.options.model == "geometric" else self.request.of(model.names)
         request = replace(request, fix=(*request.fix, *held))
         found, clean, outliers = self._identify(model, rows, request), rows, None
-        for _ in range(CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
+        for _ in range(_CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
             before, outliers = outliers, self._outliers(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
                 break
@@ -181,7 +183,7 @@ class Fitter:
     def _chosen(self, found: Identification, rows: Measurements) -> Selection:
         """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them."""
         selection = None
-        for _ in range(BALANCINGS):
+        for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]
             asked = (self.noise, self.request)

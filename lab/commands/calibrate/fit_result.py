@@ -8,6 +8,8 @@ from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
 from lab.core.measurements import Measurements
 
+__all__ = ["FitReport", "Named", "named_poses"]
+
 
 @dataclass(frozen=True)
 class Named:

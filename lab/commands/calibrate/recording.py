@@ -38,7 +38,7 @@ from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, R
 
 __all__ = ["parameters_text", "record", "summary_text"]
 
-PARAMETERS, SINGULAR_VALUES, CONVERGENCE = "parameters", "singular_values", "convergence"
+_PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "convergence"
 
 
 def record(path: Path, outcome: CalibrationResult) -> None:
@@ -55,7 +55,7 @@ def record(path: Path, outcome: CalibrationResult) -> None:
         _ellipsoids(recording, shown)
         _numbers(recording, outcome, shown)
         recording.log(SUMMARY, markdown(summary_text(outcome, shown)), static=True)
-        recording.log(PARAMETERS, markdown(parameters_text(outcome)), static=True)
+        recording.log(_PARAMETERS, markdown(parameters_text(outcome)), static=True)
 
 
 def summary_text(outcome: CalibrationResult, shown: Scene) -> str:
@@ -106,12 +106,12 @@ def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     )
     texts = rrb.Tabs(
         rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
-        rrb.TextDocumentView(origin=PARAMETERS, name="Parameters"),
+        rrb.TextDocumentView(origin=_PARAMETERS, name="Parameters"),
         active_tab=0,
     )
     charts = rrb.Horizontal(
-        bars(SINGULAR_VALUES, "Singular values of J, scaled"),
-        bars(f"{CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
+        bars(_SINGULAR_VALUES, "Singular values of J, scaled"),
+        bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
     )
     right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
     return layout(left, right, "pose")
@@ -236,13 +236,13 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
         recording.log(f"error_mm/{name}", line, static=True)
     values = outcome.identification.fit.singular_values
     recording.log(
-        SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=RGB_MAPPING), static=True
+        _SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=RGB_MAPPING), static=True
     )
     rms = convergence(outcome)
     steps = np.arange(len(rms))
     iterations = [rr.TimeColumn("iteration", sequence=steps)]
-    recording.send_columns(f"{CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
-    recording.log(f"{CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=RGB_AFTER), static=True)
+    recording.send_columns(f"{_CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
+    recording.log(f"{_CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=RGB_AFTER), static=True)
 
 
 def convergence(outcome: CalibrationResult) -> Array:

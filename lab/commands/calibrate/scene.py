@@ -26,9 +26,11 @@ from lab.render.scene import (
 from lab.render.skeleton import Legs, frame_origins
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells
 
-MOST_OUTLIERS = 30  # marked
-ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
-ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
+__all__ = ["OutlierPose", "Scene", "scene", "world_of"]
+
+_MOST_OUTLIERS = 30  # marked
+_ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
+_ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,8 @@ def scene(outcome: CalibrationResult) -> Scene:
         measured[there],
         errors[0],
         errors[1],
-        _error_factor(errors[0], ARROW * reach),
-        _error_factor(errors[1], ARROW * reach),
+        _error_factor(errors[0], _ARROW * reach),
+        _error_factor(errors[1], _ARROW * reach),
         magnified(mapping_ellipsoids(identification, inputs[rows]), after[rows, 0], T_world_instrument, reach),
         _uncertainty(identification, inputs[rows], after[rows, 0], T_world_instrument, reach),
         visible,
@@ -132,7 +134,7 @@ def scene(outcome: CalibrationResult) -> Scene:
 def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[OutlierPose, ...]:
     """The outliers that the test names; none where the file's points are not all that is observed."""
     model, data = outcome.identification.model, outcome.measurements
-    named = outcome.fit.outliers[:MOST_OUTLIERS]
+    named = outcome.fit.outliers[:_MOST_OUTLIERS]
     observation = observation_of(model)
     if not named or observation.positions < len(observation.units):
         return ()
@@ -187,4 +189,4 @@ def _uncertainty(
     if not np.isfinite(covariance).all():
         return None
     shapes = ellipsoids(covariance)
-    return magnified(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > ROUNDING_M else None
+    return magnified(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > _ROUNDING_M else None

@@ -17,10 +17,12 @@ from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.parameter import targets_of
 
-WORTH = 0.8  # of the condition: a change that leaves more brings nothing
-STRANGE = 0.05  # m or rad from the nominal value
-SURPRISING = 5.0  # standard deviations of the prior
-RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
+__all__ = ["of_export", "of_groups", "of_joints", "of_nominal", "of_outliers", "of_prior", "of_weakness"]
+
+_WORTH = 0.8  # of the condition: a change that leaves more brings nothing
+_STRANGE = 0.05  # m or rad from the nominal value
+_SURPRISING = 5.0  # standard deviations of the prior
+_RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
 def of_outliers(found: Identification, seen: Observations, outliers: Outliers) -> list[str]:
@@ -44,7 +46,7 @@ def of_weakness(
     if found.fit.condition <= WEAK_CONDITION or found.unobservable or "sessions" in groups:
         return []
     wanted = changes(robot, targets, groups, found.values, inputs)[0]
-    if wanted.condition > WORTH * found.fit.condition:
+    if wanted.condition > _WORTH * found.fit.condition:
         return []
     return [
         f"some parameters are weakly observable (weak_directions in result.json): with {wanted.words} the "
@@ -56,7 +58,7 @@ def of_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> lis
     """That the tolerances hold back what the measurements say."""
     prior = prior_of(found.model, found.base_set, nominal, tolerance)
     off = np.abs(prior.surprise(found.values))
-    if not len(off) or off.max() <= SURPRISING:
+    if not len(off) or off.max() <= _SURPRISING:
         return []
     name = found.model.names[prior.of[int(off.argmax())]]
     return [
@@ -69,7 +71,7 @@ def of_nominal(found: Identification, nominal: Array) -> list[str]:
     """That the estimate is far from the nominal value, and surely so: the model may be another robot's."""
     parameters, free = found.model.parameters, list(found.fit.free)
     off = np.abs(found.values - nominal)[free]
-    sure = np.array([parameters[i].is_link for i in free]) & (off > STRANGE) & (off > SURPRISING * found.std)
+    sure = np.array([parameters[i].is_link for i in free]) & (off > _STRANGE) & (off > _SURPRISING * found.std)
     if not sure.any():
         return []
     worst = parameters[free[int(np.argmax(np.where(sure, off, 0.0)))]]
@@ -94,7 +96,7 @@ def of_joints(found: Identification, seen: Observations, rows: Measurements, mov
     for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions):
         here = np.array([session == lag.session for session in rows.sessions])
         made = (derivative @ (moves * np.where(lag.significant, lag.fractions, 0.0))[:, None, :, None])[..., 0]
-        if np.sqrt(np.mean(made[here][seen_mask(seen.points)[here]] ** 2)) < RELEVANT * found.sigma_m:
+        if np.sqrt(np.mean(made[here][seen_mask(seen.points)[here]] ** 2)) < _RELEVANT * found.sigma_m:
             continue
         behind = lag.fractions[lag.significant].sum() > 0
         shares = ", ".join(

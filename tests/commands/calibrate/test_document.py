@@ -19,7 +19,6 @@ from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
 from lab.render.format import short
-from lab.render.page import write_page
 from lab.render.units import display_unit
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
@@ -29,7 +28,7 @@ NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 
 
 def written(path: Path, seven) -> Page:
-    write_page(path, seven.document())
+    seven.report(path)
     assert path.stat().st_size < 1e6
     return Page(path)
 
