@@ -3,7 +3,7 @@
     python scripts/build_closed_models.py
 
 ``mechanism.toml`` becomes ``robot.xml``, any other description an MJCF of its own name. Rods and legs are tendons with
-an equality each; the file rests in the drawn position, with its loops closed.
+an equality each; the file rests in the nominal position, with its loops closed.
 """
 
 from pathlib import Path

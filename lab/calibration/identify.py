@@ -244,8 +244,9 @@ def _refuse_impossible(observation: Observation, data: Measurements, observed: O
     silent = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
     if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
         raise LabError(
-            f"{len(lost)} of {len(data)} measured poses cannot be of this robot as drawn, {data.where(int(lost[0]))} "
-            "the first: its loops do not close there; mend the readings, or leave the pose out"
+            f"{len(lost)} of {len(data)} measured poses are impossible for the nominal robot, "
+            f"{data.where(int(lost[0]))} "
+            "the first: its loops do not close there; mend the joint positions, or leave the pose out"
         )
 
 
@@ -317,7 +318,7 @@ def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
     if found.status != "converged":
         warnings.append(
             f"Gauss-Newton did not converge in {found.fit.iterations} steps: the result is not to be used; where the "
-            "measurements say too little, --prior weighs the drawing's tolerances"
+            "measurements say too little, --prior weighs the nominal model's tolerances"
         )
     if unobservable := [found.model.names[i] for i in found.unobservable]:
         warnings.append(

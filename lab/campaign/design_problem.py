@@ -163,7 +163,9 @@ def _home(
     if not collides(model, home[None])[0]:
         return home, ()
     nearest = candidates[np.argmin(np.abs(candidates - home).max(axis=1))]
-    return nearest, (f"robot {chain.name} touches something at zero readings: the tour starts from a pose near them",)
+    return nearest, (
+        f"robot {chain.name} touches something at zero joint positions: the tour starts from a pose near them",
+    )
 
 
 def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:

@@ -44,7 +44,7 @@ class VirtualCampaign:
     dh_only: Flag = False
     """Perturb nothing but the Denavit-Hartenberg parameters."""
     gate_mm: float = 1.0
-    """A larger mean error on fresh poses is a bad result."""
+    """A larger mean error on validation poses is a bad result."""
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
     effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)

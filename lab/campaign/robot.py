@@ -164,7 +164,7 @@ class Robot(ABC):
         if (lost := np.flatnonzero(~self.chain.is_assemblable(data.joints))).size:
             why = self.chain.infeasibility_reason(data.joints[lost[0]])
             more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
-            raise LabError(f"{path}: {data.where(int(lost[0]))}{more}: {why}; mend the readings, or use = skip")
+            raise LabError(f"{path}: {data.where(int(lost[0]))}{more}: {why}; mend the joint positions, or use = skip")
 
     def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
         """A LabError for readings of a file that are beyond the limits by more than ``slack`` (rad or m)."""

@@ -155,7 +155,7 @@ def _summary(outcome: CalibrationResult, loop: ClosedLoop, shown: LoopScene) -> 
         "## What is shown",
         "- **arm**: at the corrected joint values",
         "- **white**: what was commanded: circle, line from P2 to P3, the cube's poses P1 to P5",
-        f"- **red**: attained before, with the drawing's joint values; deviations {format_magnification(shown.factor)}",
+        f"- **red**: attained before, with nominal joint values; deviations {format_magnification(shown.factor)}",
         f"- **green**: attained after, with corrected ones; deviations {format_magnification(shown.factor)} beside "
         f"the arm, "
         f"{format_magnification(shown.factor_close)} by itself",

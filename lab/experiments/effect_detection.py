@@ -74,7 +74,7 @@ class Found:
 
     Attributes:
         chosen: the groups taken.
-        alone, after: mean error on fresh poses of geometry alone, and of what was chosen.
+        alone, after: mean error on validation poses of geometry alone, and of what was chosen.
         compliance, std: ``(2,)`` of axes 2 and 3 (rad/Nm); NaN where not identified.
         half: of a 95 % interval, in standard deviations.
     """
@@ -202,7 +202,7 @@ def table(result: dict[str, Any]) -> tuple[Paragraph, ...]:
     """The figures in a few lines."""
     alone, after = result["alone_mm"], result["after_mm"]
     lines = [
-        f"{result['arms']} arms with {' and '.join(GROUPS)}, {POSES} designed poses, mean error on fresh poses:",
+        f"{result['arms']} arms with {' and '.join(GROUPS)}, {POSES} designed poses, mean error on validation poses:",
         f"  geometry alone {alone['least']:.4f} to {alone['largest']:.4f} mm, median {alone['median']:.4f}",
         f"  --model auto median {after['median']:.4f} mm, worst {after['largest']:.4f}",
         f"  both groups taken {result['both_chosen']} times, these and no other {result['only_these']} times",

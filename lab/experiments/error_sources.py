@@ -1,7 +1,7 @@
 """Which error source costs most? One at a time is added to a base case whose identifier knows nothing of it.
 
 The base: rigid arms, 30 designed poses, noise of ±8 µm. The same arms and the same noise in every case; what is told is
-the mean error on fresh poses, where the source acts as well.
+the mean error on validation poses, where the source acts as well.
 """
 
 from dataclasses import asdict, dataclass

@@ -147,7 +147,7 @@ def instruments_figure(curves: Mapping[str, Mapping[str, Sequence[tuple[int, Mea
             axes.set(xscale="log", yscale="log", xlabel="number of poses", title=words)
             axes.set_xticks(x, [str(each) for each in x])
             axes.set_xticks([], minor=True)
-        grid[0].set_ylabel("error on fresh poses, µm")
+        grid[0].set_ylabel("error on validation poses, µm")
         low, high = grid[0].get_ylim()
         ticks = [t for t in (1, 2, 3, 5, 7, 10, 20, 30, 50, 70, 100, 200, 300, 500, 1000) if low <= t <= high]
         grid[0].set_yticks(ticks, [str(tick) for tick in ticks])
@@ -212,6 +212,6 @@ def costs_figure(costs: Sequence[Cost], base: str, title: str) -> Figure:
         axes.tick_params(axis="y", length=0)
         axes.grid(visible=False, axis="y")
         _times(axes, *axes.get_xlim())
-        axes.set_xlabel(f"mean error on fresh poses, times that of the base case ({base})")
+        axes.set_xlabel(f"mean error on validation poses, times that of the base case ({base})")
         axes.set_title(title)
     return figure

@@ -115,7 +115,7 @@ class Campaigns:
         )
 
     def errors_mm(self, values: Array) -> Array:
-        """Mean length of the position error on fresh poses ``(b,)``."""
+        """Mean length of the position error on validation poses ``(b,)``."""
         points = self.drawing.poses(self.fresh, values)[0]
         return np.asarray(1e3 * np.linalg.norm(points - self.points, axis=2).mean(axis=1))
 

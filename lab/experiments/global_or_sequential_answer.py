@@ -56,7 +56,7 @@ def picture(rows: Sequence[dict[str, float]], curve: Array, alone_mm: float, tit
             axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
             axis.set_ticks([], minor=True)
         axes.set_xlabel("noise of orientations, mrad (1 σ per axis)")
-        axes.set_ylabel("mean position error on fresh poses, mm")
+        axes.set_ylabel("mean position error on validation poses, mm")
         axes.legend(loc="upper left")
     return figure
 
@@ -64,7 +64,7 @@ def picture(rows: Sequence[dict[str, float]], curve: Array, alone_mm: float, tit
 def report(rows: Sequence[dict[str, float]], others: dict[str, Interval]) -> list[str]:
     """The table, and the other ways beside it, line by line."""
     lines = [
-        "mean position error on fresh poses, mm, with 95 % intervals over robots; p: predicted",
+        "mean position error on validation poses, mm, with 95 % intervals over robots; p: predicted",
         f"{'mrad':>5}  {'global':34}  {'sequential':34}  one step  {'paired ratio':22}  {'of means':13}  worse in",
     ]
     for row in rows:

@@ -17,8 +17,8 @@ from lab.studies.table import CampaignArray, groups
 CRITERIA = ("random", "O1", "O2", "O3", "O4", "O5")  # the condition number is O2 turned over: the same poses
 SCALINGS = ("raw", "unit", "length", "whitened")
 METRICS = {
-    "fresh_mean_mm": "mean error on fresh poses",
-    "fresh_worst_mm": "worst error on fresh poses",
+    "fresh_mean_mm": "mean error on validation poses",
+    "fresh_worst_mm": "worst error on validation poses",
     "length_rms_mm": "error of the lengths",
     "angle_rms_mrad": "error of the angles",
 }
@@ -85,8 +85,8 @@ def answer_blocks(answer: CriterionComparison) -> tuple[Block, ...]:
 
 def _table(answer: CriterionComparison, poses: int) -> Table:
     title = (
-        f"{poses} poses: mean error on fresh poses, µm; how many % more than {REFERENCE}'s it is, and the worst, and "
-        "the lengths' and angles' errors; and how many % more the mean is by the poses of other searches"
+        f"{poses} poses: mean error, µm, on validation poses; how many % more than {REFERENCE}'s it is, and the worst, "
+        "and the lengths' and angles' errors; and how many % more the mean is by the poses of other searches"
     )
     rows: list[tuple[str, ...]] = []
     halves: dict[str, list[float]] = {metric: [0.0] for metric in METRICS}

@@ -109,7 +109,7 @@ def _as_wished(model: Model, usual: BaseSet, jacobian: Array, fix: Sequence[int]
         into = [model.names[i] for i, big in zip(usual.kept, strong, strict=True) if big and i in left]
         name = model.names[lost[0]]
         why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
-        raise LabError(f"--free {name}: {name} cannot be told apart; {why}")
+        raise LabError(f"--free {name}: {name} is not identifiable; {why}")
     found = _with_aliases(triangle, kept)
     beyond = [i for i in found.fixed if len(independent_columns(triangle, [*kept, i])) > len(kept)]
     alias = found.alias.copy()

@@ -21,7 +21,7 @@ def excitation_advice(
     joints = joints[:: max(1, len(joints) // _SHOWN)]
     if not identifiable[:4].all():
         names = ", ".join(np.array(LOAD[:4])[~identifiable[:4]])
-        found.append(f"{names}: not told apart; add poses that turn the hand about other horizontal axes")
+        found.append(f"{names}: not identifiable one by one; add poses that turn the hand about other horizontal axes")
     if not moving:
         found.append(
             "the inertia: static poses show mass and centre of mass alone; move the hand along a quick path that "

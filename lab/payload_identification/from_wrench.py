@@ -106,7 +106,7 @@ def from_wrench(
     if records.wrench is None:
         raise LabError("there is no wrench: give a sensor's fx_n to mz_nm, or identify from the torques")
     if not records.loaded.any():
-        raise LabError("there is no loaded run: record the wrench with the load at the hand")
+        raise LabError("there is no loaded run: record the wrench with the payload at the flange")
     moving = records.time_s is not None
     if delay and not moving:
         raise LabError("static poses show no delay: leave the option out, or record a motion")

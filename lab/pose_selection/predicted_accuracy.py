@@ -58,7 +58,7 @@ def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least
     while (error := coverage_radius(high)) > wanted:
         if high == most:
             raise LabError(
-                f"{1e3 * wanted:g} mm is out of reach: {most} poses promise {1e3 * error:.3g} mm; "
+                f"{1e3 * wanted:g} mm is out of reach: {most} poses predict {1e3 * error:.3g} mm; "
                 "allow more candidates, add targets, average readings, or take a better instrument"
             )
         low, high = high + 1, min(2 * high, most)

@@ -120,7 +120,7 @@ def verify(
     errors = np.linalg.norm(observed.points - arm.points(observed.inputs, fit.values), axis=2)
     promised = problem.promised_m(fit)
     rms = float(np.sqrt(np.nanmean(errors**2)))
-    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are promised ({prediction.test(fit.dof, p)})"
+    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are predicted ({prediction.test(fit.dof, p)})"
     return Verified(
         good=p >= VERIFICATION,
         statistic=fit.square,

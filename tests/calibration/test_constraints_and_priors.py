@@ -124,7 +124,7 @@ def test_the_condition_of_columns_of_any_size() -> None:
 
 def test_freeing_what_moves_nothing_is_refused() -> None:
     flange = ARM.assemble(np.zeros(6), IRB120.chain.table, np.zeros((1, 3)))
-    with pytest.raises(LabError, match=r"link6\.alpha cannot be told apart; nothing shows it"):
+    with pytest.raises(LabError, match=r"link6\.alpha is not identifiable; nothing shows it"):
         base_set(ARM, flange, free=("link6.alpha",))
 
 

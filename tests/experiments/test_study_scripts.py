@@ -119,7 +119,9 @@ def test_thesis_tables_a_little(tmp_path: Path) -> None:
     assert len(rows) == 8 and rows["fresh_mean_mm", "O1"]["to_o1"] is None
     random = rows["fresh_mean_mm", "random"]["to_o1"]
     assert 1.3 < random["lower"] < random["effect"] < random["upper"] < 3 and random["used"] == 80
-    assert any(line.startswith("10 poses, mean error on fresh poses: best is O1;") for line in found["answer"]["words"])
+    assert any(
+        line.startswith("10 poses, mean error on validation poses: best is O1;") for line in found["answer"]["words"]
+    )
     for kind in ("png", "svg"):
         assert (tmp_path / f"which_criterion.{kind}").stat().st_size > 10_000
 

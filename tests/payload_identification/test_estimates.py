@@ -255,7 +255,7 @@ def test_one_static_pose_weighs_but_does_not_place():
     assert found.rank == 3 and found.identified == ("mass",)
     assert (
         found.unidentified[0]
-        == "mcx, mcy, mcz: not told apart; add poses that turn the hand about other horizontal axes"
+        == "mcx, mcy, mcz: not identifiable one by one; add poses that turn the hand about other horizontal axes"
     )
     with pytest.raises(LabError, match="nothing to make physical"):
         physical_estimate(found)

@@ -323,7 +323,7 @@ def test_an_arm_that_bends_is_held_against_what_was_known_of_it(runs: Path, caps
 
 
 def test_a_real_arm_of_another_day(tmp_path, capsys) -> None:
-    """Each session of the test keeps what 36 poses promised; the tool point of the second was 1.2 mm elsewhere."""
+    """Each session of the test keeps what 36 poses predictd; the tool point of the second was 1.2 mm elsewhere."""
     known = data_file("irb120_liaowu_calib36.csv")
     test = data_file("irb120_liaowu_test40.csv")
     assert main(["identify", str(known), "--model", "auto", "--out", str(tmp_path / "run"), "--json"]) == 0
@@ -390,4 +390,4 @@ def unjudged(runs: Path) -> None:
 def test_a_run_that_was_not_judged_can_be_forced_and_says_so(runs: Path, capsys) -> None:
     unjudged(runs)
     code, found = checked(capsys, runs, "bad", "good.csv", "--force")
-    assert code == 0 and "'not judged': what it promises is not to be believed" in "\n".join(found["warnings"])
+    assert code == 0 and "'not judged': its predicted error is not to be believed" in "\n".join(found["warnings"])

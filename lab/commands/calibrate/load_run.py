@@ -125,7 +125,7 @@ class Calibrated:
         """What whoever builds on the run should be told of it."""
         result, said = self.result, [*self.robot.warnings]
         if result.verdict != "good":
-            said.append(f"the verdict of the run is '{result.verdict}': what it promises is not to be believed")
+            said.append(f"the verdict of the run is '{result.verdict}': its predicted error is not to be believed")
         if result.adequate is False:
             said.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
         if self.left_out:

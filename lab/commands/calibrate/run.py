@@ -89,12 +89,12 @@ def _of_a_virtual_robot(day: MeasuringDay) -> CalibrationResult:
     with error_context(options.plan or f"--poses {options.poses}"):
         fit = fitter(rows)
     identification = fit.identification
-    said = [*_impossible("poses", data), *_impossible("fresh poses", fresh)]
+    said = [*_impossible("poses", data), *_impossible("validation poses", fresh)]
     validation = Validation("fresh", errors_of(identification, fresh), tuple(said), fresh)
     truth = truth_of(real, robot.arm(options.targets))
     effects = true_parameters(real.effects)
     if truth is None:
-        hidden = "what the drawing hides shows in this robot: its parameters have no one truth to be compared with"
+        hidden = "what is aliased on the nominal model is not on this robot: its parameters have no single truth"
         validation = replace(validation, warnings=(*validation.warnings, hidden))
     comparison = None if truth is None else compare_with_truth(identification, replace(truth, effects=effects))
     seconds = time.perf_counter() - started
@@ -193,7 +193,10 @@ def _judged_by_rows(fitter: Fitter, fit: FitReport, held: Measurements | None, o
         strange = set(judged.sessions) - set(fitter.course.sessions) if "sessions" in fit.groups else set()
         known = judged.take([i for i, session in enumerate(judged.sessions) if session not in strange])
         validation = validate_rows(fit.identification, known)
-        said = [f"session {name} was not fitted, so where its frame is nobody knows: not judged by" for name in strange]
+        said = [
+            f"session {name} was not fitted, so the place of its frame is unknown: not used for validation"
+            for name in strange
+        ]
         return replace(validation, warnings=(*validation.warnings, *sorted(said)))
     with error_context(options.file):
         again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
@@ -205,7 +208,7 @@ def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options
     with error_context(options.validate):
         validation = validate_file(fit.identification, model, other, options.refit)
     if set(CAMPAIGN_SPECIFIC) & set(fit.groups) and "base" not in options.refit:
-        said = f"{options.validate}: judged in the frame as it was at the start; --refit base if it has moved since"
+        said = f"{options.validate}: validated in the frame as it was at the start; --refit base if it has moved since"
         validation = replace(validation, warnings=(*validation.warnings, said))
     if (
         "payload_kg" in model.conditions
@@ -246,7 +249,7 @@ def _impossible(what: str, data: Measurements) -> list[str]:
         return []
     return [
         f"{len(lost)} of {len(data)} {what} (the first is {data.ids[lost[0]]}) are beyond a parallel singularity of "
-        "the real robot, which takes none of them in the drawn assembly mode: left out"
+        "the real robot, which takes none of them in the nominal assembly mode: left out"
     ]
 
 

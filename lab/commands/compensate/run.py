@@ -109,7 +109,8 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
     if found.unturned_rad.max() > UNTURNED_RAD:
         worst = int(found.unturned_rad.argmax())
         warnings.append(
-            f"{run.robot.name} has {run.robot.chain.size} joints, which cannot turn the tool anyhow: places are met, "
+            f"{run.robot.name} has {run.robot.chain.size} joints, which cannot give the tool every orientation: "
+            "positions are met, "
             f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
         )
     said = (*run.warnings, *targets.warnings, *warnings)
@@ -119,7 +120,7 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
         words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
         if not size:
             why = "the run has no compliance, or no target carries them"
-            words = f"{run.load.mass_kg:.4g} kg at the hand make no difference: {why}"
+            words = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
         return replace(done, notes=(*said, words))
     return done
 

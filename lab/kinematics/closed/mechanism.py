@@ -167,7 +167,7 @@ class Mechanism(JointSpec):
             if have >= count:
                 return np.concatenate(found)[:count]
         raise LabError(
-            f"robot '{self.name}': hardly any readings within the limits close its loops; narrow the joints' limits"
+            f"robot '{self.name}': hardly any joint positions within limits close its loops; narrow the joints' limits"
         )
 
     def infeasibility_reason(self, joints: Array) -> str:
@@ -236,15 +236,16 @@ class Mechanism(JointSpec):
         if np.abs(gaps).max(initial=0.0) > CLOSED_M:
             at = ", ".join(f"{name} {self.shown(i, self.home[i])}" for i, name in enumerate(self.joint_names))
             raise LabError(
-                f"robot '{self.name}': in the drawn position ({at}) {self._said_open(self.home, gaps)}; mend lengths, "
-                "places of their ends, or limits: it is drawn at zero readings, or amid limits that zero is beyond"
+                f"robot '{self.name}': in the nominal position ({at}) {self._said_open(self.home, gaps)}; mend "
+                "lengths, places of their ends, or limits: the nominal position is at zero joint positions, or amid "
+                "limits that zero is beyond"
             )
         configuration = self._at_home(passive)
         sense = float(np.sign(np.linalg.det(configuration.by_passive(configuration.closures()[1])[0])))
         if not assembly.closed(configuration, sense).fits[0]:
             raise LabError(
-                f"robot '{self.name}': the drawn position is singular, the closures do not hold the platform there; "
-                "place rods that are alike or in line otherwise, or draw another position"
+                f"robot '{self.name}': the nominal position is singular, the closures do not hold the platform there; "
+                "place rods that are alike or in line otherwise, or describe another position"
             )
         known = SolvedPoses(self.home[None], passive[:, None], sense)
         sobol = scipy.stats.qmc.Sobol(self.size, scramble=True, rng=rng_for(0, "structure"))

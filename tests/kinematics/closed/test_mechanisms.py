@@ -227,7 +227,7 @@ def test_a_pose_that_cannot_be_is_told_by_the_fit() -> None:
     arm, values = described("rpr2/mechanism")
     joints = np.array([*arm.structure_joints(20, np.random.default_rng(5)), [0.2, 0.3]])
     data = measured(arm.chain.joint_names, joints, arm.targets, np.nan_to_num(arm.points(joints, values)))
-    with pytest.raises(LabError, match="1 of 21 measured poses cannot be of this robot as drawn"):
+    with pytest.raises(LabError, match="1 of 21 measured poses are impossible for the nominal robot"):
         identify(arm, data, values)
 
 
@@ -268,6 +268,6 @@ def test_closures_that_do_not_count_up_are_refused_with_the_mobility() -> None:
         replace(drawn, tree=replace(drawn.tree, rods=drawn.tree.rods[:2]))
     with pytest.raises(LabError, match="mobility is 2,"):
         replace(drawn, tree=replace(drawn.tree, rods=(*drawn.tree.rods, Rod("more", (0, 6), 1.0))))
-    with pytest.raises(LabError, match=r"in the drawn position \(.*\) rod"):
+    with pytest.raises(LabError, match=r"in the nominal position \(.*\) rod"):
         rods = (replace(drawn.tree.rods[0], length_m=5.0), *drawn.tree.rods[1:])
         replace(drawn, tree=replace(drawn.tree, rods=rods)).refuse_open()
