@@ -69,7 +69,7 @@ def test_patterns_name_parameters() -> None:
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        (IdentifyOptions(free=("link2.d",)), ("link2.d cannot be told apart", "hidden in link3.d", "fix")),
+        (IdentifyOptions(free=("link2.d",)), ("link2.d is not identifiable", "hidden in link3.d", "fix")),
         (IdentifyOptions(free=("link1.theta",)), ("hidden in base.rx, base.ry, base.rz",)),
         (
             IdentifyOptions(free=("joint2.compliance",)),
