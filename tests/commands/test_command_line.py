@@ -1,0 +1,108 @@
+"""One entry registers a command: its options become its command line, and its refusals one line."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+import tyro
+
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.options import VirtualCampaign
+from lab.cli import main
+from lab.commands import parser_errors, registry
+from lab.commands.command_line import parsed
+from lab.commands.keywords import options_of
+from lab.commands.measurements import read_measurements, world_frames, write_measurements
+from lab.commands.registry import COMMANDS, Command, command_named
+from lab.core import se3
+from lab.core.errors import LabError
+
+
+@dataclass(frozen=True)
+class ThrowAwayOptions:
+    file: tyro.conf.Positional[Path]
+    count: int = 3
+    size: float | None = None
+    fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
+
+
+THROW_AWAY = Command("throw", "Nothing.", f"{__name__}:ThrowAwayOptions", f"{__name__}:nothing", "throw-{file}-{count}")
+
+
+@pytest.fixture
+def throw_away(monkeypatch: pytest.MonkeyPatch) -> Command:
+    monkeypatch.setattr(registry, "_load", lambda reference: globals()[reference.partition(":")[2]])
+    return THROW_AWAY
+
+
+def test_a_command_is_its_options_and_an_entry(throw_away: Command) -> None:
+    found = parsed(throw_away, ["a/b.csv", "--size", "1.5", "--fix", "link1.d,tool.*", "--out", "here", "--json"])
+    assert found.options == ThrowAwayOptions(Path("a/b.csv"), 3, 1.5, Fitting(fix=("link1.d", "tool.*")))
+    assert found.out == Path("here") and found.json
+    assert throw_away.folder_name(found.options) == "throw-b-3"
+    assert parsed(throw_away, ["a", "--size", "None"]).options.size is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("", "give file (PATH); see lab throw --help"),
+        ("a b", "b is not understood; see"),
+        ("a --cont 3", "--cont 3 is not understood; is --count meant?; see"),
+        ("a --count 1.5", "--count: '1.5' is not a whole number; see"),
+        ("a --size big", "--size: 'big' is not a number; see"),
+        ("a --count", "--count: its value is missing; see"),
+        ("a --config", "--config: give the config.json"),
+    ],
+)
+def test_what_cannot_be_parsed_is_one_line(throw_away: Command, arguments: str, says: str) -> None:
+    with pytest.raises(LabError) as caught:
+        parsed(throw_away, arguments.split())
+    assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_without_the_parser_s_events_its_own_words_are_shown(
+    throw_away: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(parser_errors, "events", None)
+    with pytest.raises(SystemExit) as stop:
+        parsed(throw_away, ["a", "--count", "many"])
+    assert stop.value.code == 2 and "whole number" in capsys.readouterr().err
+
+
+def test_names_are_looked_up() -> None:
+    assert [command_named(each.name) for each in COMMANDS] == list(COMMANDS)
+    with pytest.raises(LabError, match="'throw' is no command; there are calibrate, identify"):
+        command_named("throw")
+
+
+def test_help_names_every_command_and_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"  {command.name} " in printed and command.help in printed for command in COMMANDS)
+    for command in COMMANDS:
+        with pytest.raises(SystemExit) as stop:
+            main([command.name, "--help"])
+        assert stop.value.code == 0 and "--json" in capsys.readouterr().out
+
+
+def test_keywords_are_options_those_of_groups_among_them() -> None:
+    found = options_of("call", VirtualCampaign, {"poses": 7, "model": "gear", "gear_ppm": 3})
+    assert found == VirtualCampaign(poses=7, fitting=Fitting("gear"), effects=ArmEffects(gear_ppm=3.0))
+    with pytest.raises(LabError, match=r"call: 'fitting' is no option; there are robot.*model"):
+        options_of("call", VirtualCampaign, {"fitting": Fitting()})
+
+
+def test_measurements_come_back_and_their_frame_is_the_world_s(tmp_path: Path) -> None:
+    from lab.commands.calibrate.simulate import simulate
+
+    day = simulate("irb120", poses=8, seed=2, instrument="exact", position_sigma_mm=0, rotation_sigma_mrad=0)
+    write_measurements(tmp_path / "day.csv", day.measurements, day.robot)
+    back = read_measurements(tmp_path / "day.csv", "irb120")
+    assert (back.points == day.measurements.points).all() and (back.joints == day.measurements.joints).all()
+    frames, arm = world_frames(day), day.robot.arm(("p1",))
+    in_world = se3.transform(frames.T_world_instrument, back.points[:, 0])
+    values = arm.nominal(day.robot.tool)
+    in_base = se3.transform(se3.inverse(arm.T_tracker_frame0(values)), arm.points(back.joints, values)[:, 0])
+    assert abs(in_world - se3.transform(frames.T_world_base, in_base)).max() < 1e-12
+    assert abs(world_frames("irb120").T_world_base - frames.T_world_base).max() == 0
