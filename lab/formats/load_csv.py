@@ -7,8 +7,8 @@ The TOML: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) and ``gravity_m_
 import csv
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from lab.core.load_samples import GRAVITY, Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.formats.csv_table import LARGEST
 from lab.formats.measurement_csv import ObservedColumns, PoseReader
+from lab.formats.structured import structured
 from lab.formats.toml import is_number, read_toml
 
 __all__ = ["Limits", "read_loads", "read_mounting", "write_loads", "write_mounting"]
@@ -31,7 +32,6 @@ LEAST_MOVING = 10  # rows of a run that is differentiated in time
 _LEAST_STATIC = {True: 2, False: 3}  # loaded poses, with torques or without: below the rank is short anyway
 _OTHER_UNIT = {"rad": "deg", "deg": "rad", "m": "mm", "mm": "m"}
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
-_TOML_KEYS = {"base": ("tilt_x_deg", "tilt_y_deg", "gravity_m_per_s2"), "sensor": ("sign", "rotation_vector_deg")}
 
 Limits = tuple[Array, Array]
 
@@ -217,6 +217,29 @@ def write_mounting(path: Path, mounting: Mounting) -> None:
     )
 
 
+@dataclass(frozen=True)
+class _BaseSection:
+    """How the robot's base stands."""
+
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    gravity_m_per_s2: float = GRAVITY
+
+
+@dataclass(frozen=True)
+class _SensorSection:
+    """How a wrist sensor stands in the last frame."""
+
+    sign: float | None = None
+    rotation_vector_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _MountingFile:
+    base: _BaseSection = field(default_factory=_BaseSection)
+    sensor: _SensorSection = field(default_factory=_SensorSection)
+
+
 def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
     """Read the TOML beside a file of runs.
 
@@ -226,33 +249,23 @@ def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
     Raises:
         LabError: the file is missing or malformed, has no sign, or a gravity that is not the Earth's.
     """
-    document = read_toml(path)
-    for name, section in document.items():
-        keys = _TOML_KEYS.get(name)
-        if keys is None or not isinstance(section, dict):
-            raise LabError(f"{path}: '{name}' is unknown; write the sections [base] and [sensor]")
-        if unknown := sorted(set(section) - set(keys)):
-            raise LabError(f"{path}: [{name}] {unknown[0]} is unknown; known are {', '.join(keys)}")
-    base, wrist = document.get("base", {}), document.get("sensor", {})
-    if sensor and "sign" not in wrist:
+    found = structured(path, _MountingFile, read_toml(path))
+    base, wrist = found.base, found.sensor
+    if sensor and wrist.sign is None:
         raise LabError(
             f"{path}: [sensor] sign is missing; write 1 if it reads what the hand does to the load (at rest, fz is "
             "positive where the sensor's z points up), -1 for the opposite"
         )
-    tilt = np.deg2rad([_number(path, "base", base, key, 0.0) for key in ("tilt_x_deg", "tilt_y_deg")])
-    gravity = _number(path, "base", base, "gravity_m_per_s2", GRAVITY)
-    turn = wrist.get("rotation_vector_deg", [0.0, 0.0, 0.0])
-    if not isinstance(turn, list) or len(turn) != 3 or not all(is_number(angle) for angle in turn):
-        raise LabError(f"{path}: [sensor] rotation_vector_deg is {turn!r}; give three angles, [x, y, z]")
+    numbers = {"base": (base.tilt_x_deg, base.tilt_y_deg, base.gravity_m_per_s2), "sensor": wrist.rotation_vector_deg}
+    for section, values in numbers.items():
+        if wrong := [value for value in values if not is_number(value)]:
+            raise LabError(f"{path}: [{section}] {wrong[0]} is no finite number; give one")
+    if len(wrist.rotation_vector_deg) != 3:
+        turn = list(wrist.rotation_vector_deg)
+        raise LabError(f"{path}: [sensor] rotation_vector_deg is {turn}; give three angles, [x, y, z]")
+    tilt = np.deg2rad([base.tilt_x_deg, base.tilt_y_deg])
     if (np.abs(tilt) > np.pi).any():
         raise LabError(f"{path}: [base] the tilt is more than half a turn; give degrees, -180 to 180")
-    sign = _number(path, "sensor", wrist, "sign", 1.0)
     with error_context(path):
-        return Mounting.tilted(tilt, gravity, sign, np.deg2rad(turn))
-
-
-def _number(path: Path, section: str, values: dict[str, Any], key: str, default: float) -> float:
-    value = values.get(key, default)
-    if not is_number(value):
-        raise LabError(f"{path}: [{section}] {key} is {value!r}; give a finite number")
-    return float(value)
+        sign = 1.0 if wrist.sign is None else wrist.sign
+        return Mounting.tilted(tilt, base.gravity_m_per_s2, sign, np.deg2rad(wrist.rotation_vector_deg))

@@ -216,16 +216,16 @@ def test_what_a_mounting_need_not_say(tmp_path) -> None:
     [
         ("[base]\ntilt_x_deg = 1\n", r"\[sensor\] sign is missing; write 1 if .* -1 for the opposite"),
         ("[sensor]\nsign = 0\n", r"the sensor's sign is 0; give 1 or -1"),
-        ("[sensor]\nsign = '+'\n", r"sign is '\+'; give a finite number"),
+        ("[sensor]\nsign = '+'\n", r"'\+' is no value of option 'sensor.sign'; give a number"),
         ("[sensor]\nsign = 1\n[base]\ngravity_m_per_s2 = 9810\n", r"gravity is 9810 m/s\^2; give 9 to 10.5"),
         (
             "[sensor]\nsign = 1\n[base]\ngravity_m_per_s2 = -9.81\n",
             r"gravity is -9.81 m/s\^2; give its size, 9 to 10.5",
         ),
-        ("[sensor]\nsign = 1\n[base]\ntilt_x_deg = nan\n", r"tilt_x_deg is nan; give a finite number"),
-        ("[sensor]\nsign = 1\n[base]\ntilt_x_rad = 1\n", r"\[base\] tilt_x_rad is unknown; known are tilt_x_deg"),
-        ("[sensor]\nsign = 1\nrotation_vector_deg = [1, 2]\n", r"rotation_vector_deg is \[1, 2\]; give three angles"),
-        ("sign = 1\n", r"'sign' is unknown; write the sections \[base\] and \[sensor\]"),
+        ("[sensor]\nsign = 1\n[base]\ntilt_x_deg = nan\n", r"\[base\] nan is no finite number"),
+        ("[sensor]\nsign = 1\n[base]\ntilt_x_rad = 1\n", r"base: 'tilt_x_rad' is no option; there are tilt_x_deg"),
+        ("[sensor]\nsign = 1\nrotation_vector_deg = [1, 2]\n", r"rotation_vector_deg is \[1.0, 2.0\]; give three angles"),
+        ("sign = 1\n", r"'sign' is no option; there are base, sensor"),
         ("[sensor\n", r"not a TOML file"),
     ],
 )
