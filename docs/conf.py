@@ -13,7 +13,7 @@ author = "The virtual calibration lab developers"
 copyright = f"2026, {author}"
 release = version = lab.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "lab_help", "mathml"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "interface", "lab_help", "mathml"]
 exclude_patterns = ["_extensions"]
 suppress_warnings: list[str] = []
 
@@ -23,10 +23,12 @@ myst_heading_anchors = 3
 default_role = "code"  # docstrings write `name` for code
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-autodoc_class_signature = "mixed"
-autodoc_preserve_defaults = True
+autodoc_class_signature = "separated"  # results are made by the lab
+python_maximum_signature_line_length = 88
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True  # attributes that a class lists are in its own text
+napoleon_attr_annotations = False
 
 html_theme = "furo"
 html_title = project

@@ -15,6 +15,7 @@ import pytest
 from helpers.pages import PAGES, README, Page
 from helpers.robots import ROOT
 
+import lab
 from lab.campaign.robot import load_virtual
 from lab.cli import main
 from lab.commands.registry import COMMANDS
@@ -161,6 +162,12 @@ def test_every_flag_exists(capsys) -> None:
         for name in page.names:
             if name.startswith(("--", "lab ")):
                 assert set(re.findall(r"--[a-z][a-z-]*", name)) <= exist, (page.name, name)
+
+
+def test_the_interface_is_in_the_reference() -> None:
+    reference = (ROOT / "docs" / "reference" / "interface.md").read_text(encoding="utf-8")
+    documented = re.findall(r"^\.\. auto(?:function|class|exception):: (\w+)$", reference, re.MULTILINE)
+    assert sorted([*documented, "__version__"]) == sorted(lab.__all__)
 
 
 def test_the_first_two_commands_are_what_ci_runs() -> None:
