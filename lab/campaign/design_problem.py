@@ -25,8 +25,8 @@ from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel
 
 TEST_POSES = 500
-MEASURED_SLACK = 1e-3  # rad or m: how far readings may lie beyond a data sheet's limits
-HUBS = 20  # candidates tried as places to pass through on the way to others
+MEASURED_SLACK = 1e-3  # rad or m: how far joint positions may lie beyond a data sheet's limits
+HUBS = 20  # candidates tried as poses to pass through on the way to others
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class ReachabilityGraph:
     """Where the arm may be, and go.
 
     Attributes:
-        hubs: ``(h, joints)``, home (zero readings, or what is nearest and touches nothing) and poses with a
+        hubs: ``(h, joints)``, home (zero joint positions, or what is nearest and touches nothing) and poses with a
             free way to it.
-        free: whether the joint path between two readings is free of collisions.
-        reachable: whether a free way leads from a hub to readings ``(n, joints)``.
+        free: whether the joint path between two poses is free of collisions.
+        reachable: whether a free way leads from a hub to joint positions ``(n, joints)``.
         feasible: whether they are feasible as well.
     """
 
@@ -53,7 +53,7 @@ class PoseProblem:
 
     Attributes:
         values: nominal parameters ``(p,)``, with the base before the nominal tracker.
-        whitened: readings ``(n, joints)`` to Jacobians ``(n, r, f)`` of the base set in standard deviations.
+        whitened: joint positions ``(n, joints)`` to Jacobians ``(n, r, f)`` of the base set in standard deviations.
         sensitivity: the same in the units of the scaling, which the criterion sees.
         pool: ``(m, r, f)``, sensitivities of the candidates.
         test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
@@ -104,7 +104,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
     everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
 
     def observed(joints: Array) -> tuple[Array, Array]:
-        """What is seen and what of it depends on the base set: of a pose that cannot be, nothing."""
+        """Points and their Jacobian of the base set; zeros for a pose that the arm cannot take."""
         points, jacobian = arm.observe(joints, values)
         return _finite(points), _finite(jacobian[..., kept])
 
@@ -116,8 +116,8 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
         white = everywhere if device.kind != "spherical" else whitening(device.covariance(points))
         return (white @ jacobian).reshape(len(joints), rows, len(kept))
 
-    seen = whitened if scaling.kind == "whitened" else unweighted
-    pool = seen(candidates.joints)
+    jacobians = whitened if scaling.kind == "whitened" else unweighted
+    pool = jacobians(candidates.joints)
     factors = scaling.columns([arm.parameters[i] for i in kept], pool)
     fresh = random_poses(model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
     test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
@@ -130,14 +130,14 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
         values=values,
         candidates=candidates,
         whitened=whitened,
-        sensitivity=lambda joints: seen(joints) * factors,
+        sensitivity=lambda joints: jacobians(joints) * factors,
         pool=pool * factors,
         goal=criterion(options.criterion, len(kept), test[::5] * factors),
         scaling=scaling,
         test=test,
         access=_access(model, home, candidates.joints, feasibility(model, options.targets, device)),
         already=already,
-        before=seen(already) * factors,
+        before=jacobians(already) * factors,
         warnings=(*robot.warnings, *warnings),
     )
 
@@ -169,7 +169,7 @@ def _home(
 
 
 def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
-    """The readings ``(n,)`` that ``--home`` says."""
+    """The joint positions ``(n,)`` that ``--home`` says."""
     said = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
         raise LabError(f"{said}: give one finite number for each of {', '.join(chain.joint_names)}")

@@ -73,17 +73,17 @@ class Fitting:
     robust: Flag = False
     """Leave out poses that are off, found by a test that names one in 1 % of clean campaigns."""
     fix: Names = ()
-    """Hold these parameters at nominal: names or patterns, e.g. link4.d,tool.*."""
+    """Fix these parameters at nominal: names or patterns, e.g. link4.d,tool.*."""
     free: Names = ()
     """Identify these parameters, which are usually fixed, in the place of fixed ones."""
     prior: Flag = False
-    """Weigh the drawing's tolerances as a prior (MAP): for what the measurements barely show."""
+    """Weigh the manufacturing tolerances as a prior (MAP): for parameters that are weakly observable."""
     tolerance_mm: float = 0.5
     """Manufacturing tolerance of lengths (1σ): of the prior, and by which aliased errors are shared in exports."""
     tolerance_mrad: float = 1.5
     """The same of angles."""
     load: Path | None = None
-    """The folder of a run of lab payload: payloads hang where its load does, and rows without payload_kg carry it."""
+    """The folder of a run of lab payload: payloads hang where that one does; rows without payload_kg carry it."""
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""

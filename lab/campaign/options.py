@@ -40,7 +40,7 @@ class VirtualCampaign:
     rotation_sigma_mrad: float = 1.5
     """How far base, links and flange are turned, per axis."""
     offset_sigma_mrad: float = 0.0
-    """How far joint readings are off (mm for a slide)."""
+    """How far the zeros of the joints are off (mm for a slide)."""
     dh_only: Flag = False
     """Perturb nothing but the Denavit-Hartenberg parameters."""
     gate_mm: float = 1.0
@@ -68,14 +68,14 @@ class VirtualCampaign:
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """Which poses to measure, and what accuracy they promise."""
+    """Which poses to measure, and what accuracy to expect of them."""
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     poses: int | None = None
     """How many poses to choose: 30, if no accuracy is asked for."""
     accuracy_mm: float | None = None
-    """Choose as few poses as keep 95 % of the fresh poses within this, in 95 % of the campaigns."""
+    """Choose as few poses as keep 95 % of the validation poses within this, in 95 % of the campaigns."""
     criterion: str = "O1"
     """What to make as good as can be: O1, O2, O3, O4, O5, condition, A, G or I."""
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened"
@@ -91,8 +91,8 @@ class DesignOptions:
     extend: Path | None = None
     """Poses measured already (CSV), to which these are added."""
     home: Numbers = ()
-    """Where the measuring day starts and ends: readings in deg (mm of a slide); zero if not given, or the drawn
-    position of a mechanism."""
+    """Where the measuring day starts and ends: joint positions in deg (mm of a slide); zero if not given, or the
+    nominal configuration of a mechanism."""
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
 

@@ -160,14 +160,14 @@ class Robot(ABC):
                 raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
 
     def refuse_impossible(self, path: Path, data: Measurements) -> None:
-        """A LabError for readings of a file at which the drawing cannot stand."""
+        """A LabError for joint positions of a file that the nominal model cannot take."""
         if (lost := np.flatnonzero(~self.chain.is_assemblable(data.joints))).size:
             why = self.chain.infeasibility_reason(data.joints[lost[0]])
             more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
             raise LabError(f"{path}: {data.where(int(lost[0]))}{more}: {why}; mend the joint positions, or use = skip")
 
     def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
-        """A LabError for readings of a file that are beyond the limits by more than ``slack`` (rad or m)."""
+        """A LabError for joint positions of a file that are beyond the limits by more than ``slack`` (rad or m)."""
         outside = self.chain.beyond_limits(data.joints, slack)
         if outside.any():
             row, joint = np.argwhere(outside)[0].tolist()
@@ -320,7 +320,7 @@ def _loaded(robot: str) -> Robot:
 
 
 def load_virtual(robot: str | Path | Robot) -> Robot:
-    """Load a robot that is to stand for reality: what its file does not say of shapes and masses is assumed, and told.
+    """Load a robot that stands for reality: shapes and masses that its file lacks are assumed, with a warning.
 
     Raises:
         LabError: it cannot be loaded, or meshes that it needs cannot be read.

@@ -3,7 +3,7 @@
 Robots are drawn; the draws of one robot share it, and so are no independent campaigns. What is uncertain is therefore
 resampled by robots, each with all its draws (Davison & Hinkley 1997, section 3.8: resampling within them as well
 would count the noise twice; Field & Welsh 2007). That asks for noise that is independent from robot to robot. What all
-campaigns of a cell share, its poses and the fresh ones, is given: no interval here says what other poses would do.
+campaigns of a cell share, its poses and the validation poses, is given: no interval says what other poses would do.
 
 The same robot and draw meet the same noise in every cell, so that cells are compared campaign by campaign. A ratio is
 the geometric mean of the campaigns' ratios, which need not be the ratio of the means.

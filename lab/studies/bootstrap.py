@@ -40,13 +40,13 @@ def resampled(values: Array, weights: Array, level: float) -> Resampled:
         weights: ``(resamples, robots)`` how often each robot is drawn.
         level: of the p-values, and one less the intervals' coverage.
     """
-    seen = np.isfinite(values)
-    count = seen.sum(axis=0)
-    mean = np.where(seen, values, 0.0).sum(axis=0) / np.where(count, count, np.nan)
-    left = np.where(seen, values - mean, 0.0)
+    finite = np.isfinite(values)
+    count = finite.sum(axis=0)
+    mean = np.where(finite, values, 0.0).sum(axis=0) / np.where(count, count, np.nan)
+    left = np.where(finite, values - mean, 0.0)
     floor = _SAME * (left**2).mean(axis=0)
-    _, std = _moments(np.ones((1, len(values))), seen, left, floor)
-    shifts, stds = _moments(weights, seen, left, floor)
+    _, std = _moments(np.ones((1, len(values))), finite, left, floor)
+    shifts, stds = _moments(weights, finite, left, floor)
     sizes = np.sort(_quotient(np.abs(shifts), stds), axis=0)
     total = len(weights) + 1
     known = count > 1
@@ -56,9 +56,9 @@ def resampled(values: Array, weights: Array, level: float) -> Resampled:
     return Resampled(mean, mean - far, mean + far, np.where(known, (1 + larger) / total, np.nan), mean + shifts)
 
 
-def _moments(weights: Array, seen: Array, left: Array, floor: Array) -> tuple[Array, Array]:
+def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[Array, Array]:
     """Mean ``(resamples, m)`` of what is left, and its standard error: infinite where nothing was drawn."""
-    count = weights @ seen.astype(float)
+    count = weights @ finite.astype(float)
     shift = weights @ left / np.maximum(count, 1)
     square = weights @ left**2 / np.maximum(count, 1) - shift**2
     variance = np.where(square > floor, square, 0.0) / np.maximum(count - 1, 1)

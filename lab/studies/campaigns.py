@@ -42,21 +42,21 @@ COLUMNS = {  # of every campaign's row, and what they mean
     "draw": "number of the noise draw, from 0; the same number is the same noise in every cell",
     "converged": "whether Gauss-Newton converged",
     "steps": "how many steps it took",
-    "fresh_mean_mm": "mean position error over the fresh poses, without noise",
+    "fresh_mean_mm": "mean position error over the validation poses, without noise",
     "fresh_p95_mm": "95 % of these errors are smaller",
     "fresh_worst_mm": "largest of these errors",
     "length_rms_mm": "root mean square error of the identified lengths, in the canonical gauge",
     "angle_rms_mrad": "the same of the identified angles",
     "mixed_rms": "the same of all identified parameters, in mm and rad as they are, as the thesis takes it",
     "nees": "squared parameter errors by their predicted covariance, a parameter: one on average",
-    "before_mm": "mean position error over the fresh poses with nominal links, base and tool fitted",
-    "lost": "poses, to be measured or fresh, that the robot cannot take, as its loops do not close there: left out",
+    "before_mm": "mean position error over the validation poses with nominal links, base and tool fitted",
+    "lost": "measured or validation poses that the robot cannot take, as its loops do not close there: left out",
 }
 METRICS = tuple(COLUMNS)[5:-1]
 
 
 def cell_poses(study: Study, cell: Cell) -> Array:
-    """The poses ``(n, joints)`` that every campaign of a cell measures: of the drawing, whatever the robot.
+    """The poses ``(n, joints)`` that every campaign of a cell measures: of the nominal model, whatever the robot.
 
     They are designed for the usual parameters, whichever are then identified.
 
@@ -111,7 +111,7 @@ class _Fitted:
     """What is identified in a cell.
 
     Attributes:
-        nominal: parameters ``(p,)`` of the drawing before the nominal tracker.
+        nominal: parameters ``(p,)`` of the nominal model before the nominal tracker.
         free: those that are identified.
         placed: whether the base is, so that the points may be turned.
         device: with its noise as the cell has it.
@@ -195,8 +195,8 @@ def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joint
     conditions = _conditions(real, asked, joints, "conditions")
     noises = [rng_for(asked.seed, "noise", draw) for draw in range(draws)]
     if effects.varies:
-        seen = [track(real, joints, asked.targets, device, rng, conditions=conditions).points for rng in noises]
-        return np.array(seen)
+        points = [track(real, joints, asked.targets, device, rng, conditions=conditions).points for rng in noises]
+        return np.array(points)
     exact = real.points(joints, asked.targets, conditions)
     return np.array([device.sample(exact, rng) for rng in noises])
 
@@ -212,8 +212,8 @@ def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) ->
         campaigns = PointBatch(fitted.stacked, shown, in_nominal_frame(measured, Ts), Ts)
     if device.kind != "spherical":
         return campaigns
-    turns = campaigns.Ts_instrument_nominal[:, None, None, :3, :3]
-    whiten = whitening(device.covariance(measured)) @ turns  # (b, n, k, 3, 3)
+    rotations = campaigns.Ts_instrument_nominal[:, None, None, :3, :3]
+    whiten = whitening(device.covariance(measured)) @ rotations  # (b, n, k, 3, 3)
     return replace(campaigns, whiten=whiten.transpose(0, 2, 3, 4, 1))
 
 
@@ -223,7 +223,7 @@ def _judged(
     """What came out of the campaigns with one robot.
 
     Args:
-        exact: ``(m, k, 3)`` m, where its targets are at the fresh poses.
+        exact: ``(m, k, 3)`` m, where its targets are at the validation poses.
     """
     Ts = campaigns.Ts_instrument_nominal
     errors = _errors(fitted, fresh, found.values, in_nominal_frame(exact, Ts))
@@ -247,7 +247,7 @@ def _judged(
 
 
 def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
-    """Mean error (mm) at the fresh poses of nominal links with base and tool fitted, without noise."""
+    """Mean error (mm) at the validation poses of nominal links with base and tool fitted, without noise."""
     campaigns = align(fitted.stacked, joints, exact[None], fitted.nominal)
     placing = base_set(
         fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
@@ -257,7 +257,7 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
 
 
 def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array:
-    """Lengths ``(b, k m)`` mm of the errors at fresh poses ``(m, joints)``, where targets are at ``(b, k, 3, m)``."""
+    """Sizes ``(b, k m)`` mm of the errors at validation poses ``(m, joints)``, with targets at ``(b, k, 3, m)``."""
     parts = []
     for at in range(0, len(values), JUDGED_TOGETHER):
         part = slice(at, at + JUDGED_TOGETHER)

@@ -72,7 +72,7 @@ class Study:
         robot: a model's name or path.
         robots: how many perturbed copies of it.
         draws: campaigns with each, which differ in the noise alone.
-        fresh: poses by which each is judged.
+        fresh: poses on which each is validated.
         frozen: one Jacobian for all steps of a fit, instead of one for each.
         factors: values of the factors; of those that are not named the usual one.
         parameters: sets of parameters to identify, by name, beside ``usual``.

@@ -224,7 +224,10 @@ def test_what_a_mounting_need_not_say(tmp_path) -> None:
         ),
         ("[sensor]\nsign = 1\n[base]\ntilt_x_deg = nan\n", r"\[base\] nan is no finite number"),
         ("[sensor]\nsign = 1\n[base]\ntilt_x_rad = 1\n", r"base: 'tilt_x_rad' is no option; there are tilt_x_deg"),
-        ("[sensor]\nsign = 1\nrotation_vector_deg = [1, 2]\n", r"rotation_vector_deg is \[1.0, 2.0\]; give three angles"),
+        (
+            "[sensor]\nsign = 1\nrotation_vector_deg = [1, 2]\n",
+            r"rotation_vector_deg is \[1.0, 2.0\]; give three",
+        ),
         ("sign = 1\n", r"'sign' is no option; there are base, sensor"),
         ("[sensor\n", r"not a TOML file"),
     ],

@@ -40,7 +40,7 @@ from lab.kinematics.model import Model
 
 __all__ = ["Fitter"]
 
-_CLEANINGS = 5  # of the poses and what they are judged by
+_CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 
 
@@ -75,8 +75,8 @@ class Fitter:
         rows = self.data.only("calibrate")
         rows = rows.take(np.flatnonzero(self.kind.rows(rows)))
         time_s = rows.conditions.get("time_s", np.zeros(1))
-        told = time_s[np.isfinite(time_s)]
-        return SessionInfo(tuple(dict.fromkeys(rows.sessions)), float(told[0]) if len(told) else 0.0)
+        given = time_s[np.isfinite(time_s)]
+        return SessionInfo(tuple(dict.fromkeys(rows.sessions)), float(given[0]) if len(given) else 0.0)
 
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
@@ -84,10 +84,10 @@ class Fitter:
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[1]
 
     def nominal(self, model: Model) -> Array:
-        """The drawing's parameters of one of these models."""
+        """The nominal parameters of one of these models."""
         arm = self.robot.arm(self.targets)
-        drawn = dict(zip(arm.names, arm.nominal(self.robot.tool), strict=True))
-        return np.array([drawn.get(name, 0.0) for name in model.names])
+        known = dict(zip(arm.names, arm.nominal(self.robot.tool), strict=True))
+        return np.array([known.get(name, 0.0) for name in model.names])
 
     @property
     def request(self) -> IdentifyOptions:
@@ -125,13 +125,13 @@ class Fitter:
         """Everything that the rows say.
 
         Args:
-            rows, held: some of what is observed; ``held`` are poses held out, by which adequacy can be judged.
+            rows, held: some of what is observed; ``held`` are poses held out, by which lack of fit can be tested.
         """
         selection = self._selected(rows)
         groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
         found, clean, outliers = self.identified(rows, groups, unshown)
         observation, robust = observation_of(found.model), self.options.robust
-        seen, known = weighed(observation, clean, self.noise)
+        observations, known = weighed(observation, clean, self.noise)
         outliers = outliers or self._outliers(found, rows)
         off = named_poses(rows, outliers)
         if held is not None and observation.positions:
@@ -139,10 +139,10 @@ class Fitter:
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = self._adequacy(found, clean, judged_by)
         warnings = [judged.words] if judged.adequate is False else []
-        warnings += [] if robust else of_outliers(found, seen, outliers)
+        warnings += [] if robust else of_outliers(found, observations, outliers)
         trusted = found
         if not warnings and only_positions(observation):
-            trusted, warnings = self._trusted(found, seen, known)
+            trusted, warnings = self._trusted(found, observations, known)
         if count := sum(pose.held_out for pose in off):
             warnings.append(
                 f"{count} poses of the hold-out set are outliers: the error is {'without' if robust else 'with'} them"
@@ -155,9 +155,9 @@ class Fitter:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         warnings += of_nominal(found, self.nominal(found.model))
         if only_positions(observation):
-            warnings += of_weakness(self.robot, self.targets, groups, found, seen.inputs)
-        warnings += of_joints(found, seen, clean, self._moves(clean))
-        warnings += of_export(self.robot, found, groups, seen.inputs)
+            warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs)
+        warnings += of_joints(found, observations, clean, self._moves(clean))
+        warnings += of_export(self.robot, found, groups, observations.inputs)
         return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, tuple(warnings))
 
     def _selected(self, rows: Measurements) -> Selection | None:
@@ -224,10 +224,10 @@ class Fitter:
 
     def _outliers(self, start: Identification, rows: Measurements) -> Outliers:
         observation = observation_of(start.model)
-        seen, known = weighed(observation, rows, self.noise)
+        observations, known = weighed(observation, rows, self.noise)
         return find_outliers(
             start.model,
-            seen,
+            observations,
             start.fit.free,
             start.nominal_aligned,
             known=known,
@@ -240,7 +240,9 @@ class Fitter:
     def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements) -> HeldOut:
         observation = observation_of(found.model)
         parts = [weighed(observation, part, self.noise) for part in (rows, held)]
-        both = Observations(*(np.concatenate(pair) for pair in zip(*(astuple(seen) for seen, _ in parts), strict=True)))
+        both = Observations(
+            *(np.concatenate(pair) for pair in zip(*(astuple(observations) for observations, _ in parts), strict=True))
+        )
         return off_held_out(
             found.model,
             both,
@@ -253,10 +255,10 @@ class Fitter:
 
     def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> GoodnessOfFit:
         observation = observation_of(found.model)
-        seen, known = weighed(observation, rows, self.noise)
+        observations, known = weighed(observation, rows, self.noise)
         return goodness_of_fit(
             found.model,
-            seen,
+            observations,
             found.fit,
             known=known,
             shape=self._shape,
@@ -265,17 +267,19 @@ class Fitter:
             extra_residuals=found.extra_residuals,
         )
 
-    def _trusted(self, found: Identification, seen: Observations, known: bool) -> tuple[Identification, list[str]]:
+    def _trusted(
+        self, found: Identification, observations: Observations, known: bool
+    ) -> tuple[Identification, list[str]]:
         """The identification with the poses' own intervals, and what is to be said, where noise is not isotropic."""
         device = self.noise.instrument
         if (device is not None and device.kind == "spherical") or found.sigma_m < LEAST_SIGMA_M:
             return found, []
-        words = isotropy(found.model, seen, found.fit).words
+        words = isotropy(found.model, observations, found.fit).words
         if not words:
             return found, []
-        if known or self.options.prior or len(seen.inputs) <= len(found.fit.free):
+        if known or self.options.prior or len(observations.inputs) <= len(found.fit.free):
             return found, [words]
-        own = sandwich(linearized(found.model, seen, found.values, found.fit.free))
+        own = sandwich(linearized(found.model, observations, found.values, found.fit.free))
         trusted = replace(found, covariance=own.covariance, dof_each=own.dof)
         return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
 

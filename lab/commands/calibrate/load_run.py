@@ -60,20 +60,20 @@ class Calibrated:
         folder: of the run.
         arm: as it was identified, without the groups of effects that say nothing of another day.
         values: ``(p,)`` of the arm, as exported: the most likely ones of those that predict the same.
-        before: ``(p,)`` nominal links with the base and tool that suit them best.
+        nominal_aligned: ``(p,)`` nominal links with the base and tool that suit them best.
         R_last_tool: rotation ``(3, 3)`` of the measured tool in the last frame; one where no orientation was measured.
         left_out: groups of effects of the run's own day.
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
         result: what ``result.json`` holds.
         options: of the run.
-        load: at the hand, where that was identified.
+        load: at the flange, where that was identified.
     """
 
     folder: Path
     robot: Robot
     arm: Arm
     values: Array
-    before: Array
+    nominal_aligned: Array
     R_last_tool: Array
     identified: tuple[str, ...]
     covariance: Array
@@ -91,7 +91,7 @@ class Calibrated:
     def nominal_inverse(self, target: int) -> NominalInverse:
         """What its controller computes with, to bring a target somewhere."""
         arm = self.arm.rigid
-        return NominalInverse(arm, self.before[: len(arm.names)], target)
+        return NominalInverse(arm, self.nominal_aligned[: len(arm.names)], target)
 
     @property
     def compliance(self) -> Array:
@@ -137,7 +137,7 @@ class Calibrated:
         word, reason = self.result.verdict, self.result.reason
         if word != "good":
             why = f" ({reason})" if reason else ""
-            mend = "measure poses to judge it by" if word == "not judged" else "mend what is bad"
+            mend = "measure poses to validate it on" if word == "not judged" else "mend what is bad"
             raise LabError(
                 f"{self.folder}: the verdict of this run is '{word}'{why}, so {what} is refused; {mend}, or say --force"
             )
@@ -166,10 +166,10 @@ def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
             f"{folder}: is a run of another robot: the files of '{name}' are not those that it was made with; "
             "identify again"
         )
-    robot, hand = carrying(robot, load or (folder if (folder / LOAD_FILE).is_file() else None))
+    robot, payload = carrying(robot, load or (folder if (folder / LOAD_FILE).is_file() else None))
     rows = {row.name: row for row in _rows(folder / "parameters.json")}
     covariance = _covariance(folder / "covariance.csv")
-    return _calibrated(folder, robot, rows, covariance, result, config.options, hand)
+    return _calibrated(folder, robot, rows, covariance, result, config.options, payload)
 
 
 def calibrated_by(run: "CalibrationResult | str | Path | None", folder: Path, load: Path | None = None) -> Calibrated:
@@ -180,10 +180,10 @@ def calibrated_by(run: "CalibrationResult | str | Path | None", folder: Path, lo
         return read_calibrated(folder, load)
     findings = structured(folder, Findings, run.to_dict(), extra=True)
     rows = {row.name: _Row(row.name, row.nominal, row.exported) for row in run.parameters}
-    robot, hand = carrying(run.robot, load or run.options.fitting.load)
+    robot, payload = carrying(run.robot, load or run.options.fitting.load)
     found = run.identification
     names = tuple(found.model.names[i] for i in found.fit.free)
-    return _calibrated(folder, robot, rows, (names, found.covariance), findings, asdict(run.options), hand)
+    return _calibrated(folder, robot, rows, (names, found.covariance), findings, asdict(run.options), payload)
 
 
 def folder_of(run: "CalibrationResult | str | Path | None") -> dict[str, str]:

@@ -20,21 +20,21 @@ __all__ = ["MeasuredCampaign", "VirtualCampaign"]
 
 @dataclass(frozen=True)
 class _MeasurementFile:
-    """A measurement file, how its points are weighed, and what the fit is judged by."""
+    """A measurement file, how its points are weighed, and what the fit is validated on."""
 
     file: tyro.conf.Positional[Path]
     """Measurements, CSV."""
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     seed: int = 0
-    """Of the split into poses to fit and poses to judge by."""
+    """Of the split into poses to fit and poses to validate on."""
     instrument: str | None = None
     """Weigh the points by the noise of exact, uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm,
     with its head at the file's origin."""
     noise_mm: float | None = None
     """Weigh the points by this noise (1σ per axis); without either it is estimated."""
     holdout: float | None = None
-    """Hold out this share of the poses, and judge by them."""
+    """Hold out this share of the poses, and validate on them."""
     validate: Path | None = None
     """Judge by this file."""
     refit: Names = ()
@@ -58,7 +58,7 @@ class MeasuredCampaign(ObservationOptions, _MeasurementFile):
         if self.noise_mm is not None and self.instrument is not None:
             raise LabError("--instrument and --noise-mm both say what the noise is; give one")
         if self.holdout is not None and self.validate is not None:
-            raise LabError("--holdout and --validate both say how to judge; give one")
+            raise LabError("--holdout and --validate both say what to validate on; give one")
         if self.refit and self.validate is None:
             raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
         self.kind()

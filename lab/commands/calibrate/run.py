@@ -244,7 +244,7 @@ def _read(
 
 
 def _impossible(what: str, data: Measurements) -> list[str]:
-    """That the real robot cannot take poses that its drawing can: a jump to another assembly mode is none of them."""
+    """That the real robot cannot take poses that its nominal model can; a jump to another assembly mode is not one."""
     if not (lost := np.flatnonzero(~data.seen.any(axis=1))).size:
         return []
     return [

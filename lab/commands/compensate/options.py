@@ -22,6 +22,6 @@ class CompensateOptions:
     orientation: AngleConvention | None = None
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
-    """Also for a run whose verdict is bad, or that was never judged on poses it had not seen."""
+    """Also for a run whose verdict is bad, or that was never validated on other poses."""
     load: Path | None = None
     """The folder of a run of lab payload: what the arm carries at each target (as heavy as payload_kg, where given)."""

@@ -15,7 +15,7 @@ __all__ = ["PayloadOptions"]
 
 @dataclass(frozen=True)
 class PayloadOptions:
-    """Which load at the hand to identify, from what."""
+    """Which payload at the flange to identify, from what."""
 
     file: tyro.conf.Positional[Path]
     """Rows of a loaded and an unloaded run, CSV: joints with torques, a sensor's wrench, or tracked points."""

@@ -1,4 +1,4 @@
-"""The load at the hand, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
+"""The payload at the flange, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,15 +103,15 @@ def _fitted(
     _refuse(options, "turn", options.turn, "wrench")
     if robot.loads is None:
         raise LabError(
-            f"robot {robot.name} has no masses, so its own torques cannot be told from the load's; give mass_kg of its "
-            "joints, or measure with a wrist sensor"
+            f"robot {robot.name} has no masses, so its own torques hide the payload's; give mass_kg "
+            "of its joints, or measure with a wrist sensor"
         )
     own = own_dynamics(robot.serial_model, mounting.gravity)
     return from_torques(arm, values, samples, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
 
 
 def _sensible(found: LoadEstimate) -> LoadEstimate:
-    """The estimate, if anything at all was told, and the mass is not below zero."""
+    """The estimate, if anything at all was identified, and the mass is not below zero."""
     if not found.identified:
         raise LabError("nothing of the load shows: move the arm, so that gravity pulls at its joints in other ways")
     if found.mass_kg + found.mass_half_width_kg < 0:

@@ -90,9 +90,9 @@ def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurement
     if not len(rows):
         raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")
     with _naming(options):
-        seen, prediction = _against(calibrated, rows, options)
-        _refuse_implausible(prediction, seen)
-        verified = test(prediction, seen, options.refit, [rows.where(i) for i in range(len(rows))])
+        observations, prediction = _against(calibrated, rows, options)
+        _refuse_implausible(prediction, observations)
+        verified = test(prediction, observations, options.refit, [rows.where(i) for i in range(len(rows))])
     warnings = tuple(_warnings(calibrated, read, rows, verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
@@ -138,16 +138,21 @@ def _against(
             f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; "
             "identify again with more poses, or with --noise-mm"
         )
-    seen, _ = weighed(observation_of(arm), rows, _noise(calibrated, options))
-    lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(seen, 0))
-    return _widened(seen, lacking), CalibrationPrediction(arm, values, free, larger * covariance, dof, strange)
+    observations, _ = weighed(observation_of(arm), rows, _noise(calibrated, options))
+    lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(observations, 0))
+    return _widened(observations, lacking), CalibrationPrediction(arm, values, free, larger * covariance, dof, strange)
 
 
-def _refuse_implausible(prediction: CalibrationPrediction, seen: Observations) -> None:
+def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:
     """Points that spread unlike the robot's are of another unit, or of another robot."""
-    predicted = prediction.arm.points(seen.inputs, prediction.values)
-    spreads = [spread(np.where(np.isnan(seen.points), np.nan, points)) for points in (seen.points, predicted)]
-    if len(seen.inputs) >= LEAST_SPREAD and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]:
+    predicted = prediction.arm.points(observations.inputs, prediction.values)
+    spreads = [
+        spread(np.where(np.isnan(observations.points), np.nan, points)) for points in (observations.points, predicted)
+    ]
+    if (
+        len(observations.inputs) >= LEAST_SPREAD
+        and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]
+    ):
         raise LabError(
             f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
             "wrong unit, or another robot"
@@ -168,14 +173,14 @@ def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
     return Noise(sigma_m=max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M))
 
 
-def _widened(seen: Observations, lacking_m: float) -> Observations:
+def _widened(observations: Observations, lacking_m: float) -> Observations:
     """The same with as much more noise."""
     if lacking_m == 0:
-        return seen
-    if seen.whiten.ndim == 2:
-        return replace(seen, whiten=1 / np.sqrt(1 / seen.whiten**2 + lacking_m**2))
-    root = np.linalg.inv(seen.whiten)
-    return replace(seen, whiten=whitening(root @ np.swapaxes(root, -1, -2) + lacking_m**2 * np.eye(3)))
+        return observations
+    if observations.whiten.ndim == 2:
+        return replace(observations, whiten=1 / np.sqrt(1 / observations.whiten**2 + lacking_m**2))
+    root = np.linalg.inv(observations.whiten)
+    return replace(observations, whiten=whitening(root @ np.swapaxes(root, -1, -2) + lacking_m**2 * np.eye(3)))
 
 
 def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
