@@ -24,6 +24,8 @@ from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibil
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel
 
+__all__ = ["PoseProblem", "pose_problem"]
+
 TEST_POSES = 500
 MEASURED_SLACK = 1e-3  # rad or m: how far joint positions may lie beyond a data sheet's limits
 HUBS = 20  # candidates tried as poses to pass through on the way to others

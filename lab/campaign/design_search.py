@@ -10,6 +10,8 @@ from lab.core.random import rng_for
 from lab.pose_selection.exchange import Design, ascend, exchange
 from lab.simulation.candidate_poses import MARGIN
 
+__all__ = ["Progress", "best_design", "exchanged"]
+
 Progress = Callable[[str], None]
 
 

@@ -10,6 +10,8 @@ from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.kinematics.effects.registry import EffectOptions, fitted_groups
 
+__all__ = ["ArmEffects", "Fitting", "Flag", "Names", "Numbers", "number", "whole_number"]
+
 Options = TypeVar("Options", bound=EffectOptions)
 
 

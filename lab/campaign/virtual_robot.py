@@ -25,6 +25,16 @@ from lab.simulation.effects import Effects, random_conditions, random_effects
 from lab.simulation.observations.points import recorded
 from lab.simulation.true_robot import GeometryErrors, TrueRobot, random_tracker
 
+__all__ = [
+    "FRESH_POSES",
+    "asked_conditions",
+    "drawn_conditions",
+    "fresh_poses",
+    "perturbed_arm",
+    "poses_to_measure",
+    "truth_of",
+]
+
 FRESH_POSES = 1000
 USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 

@@ -12,6 +12,8 @@ from lab.render.html import Html, command, element, paragraph, section, table, t
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+__all__ = ["command_line", "provenance_section"]
+
 _POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",), "payload": ("file",)}
 _SHOWN = ("robot", "instrument", "seed")  # also where they are as usual
 _AGAIN = ("calibrate", "identify", "design")  # that take --config

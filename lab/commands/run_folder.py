@@ -20,6 +20,8 @@ from lab.formats.programs.registry import program_file_names
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+__all__ = ["config", "free_name", "input_files", "run_folder", "write_json"]
+
 _FILES = {
     "config.json",
     "measurements.csv",

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+__all__ = ["IncompleteColumnError", "LabError", "error_context"]
+
 
 class LabError(ValueError):
     """Input that cannot be used: one line that says what, where and how to mend it."""

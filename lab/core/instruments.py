@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = ["INSTRUMENTS", "FieldOfView", "Instrument", "instrument"]
+
 
 @dataclass(frozen=True)
 class FieldOfView:

@@ -9,6 +9,8 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = ["GRAVITY", "Mounting", "PayloadSamples"]
+
 GRAVITY = 9.81  # m/s^2, where a file does not say
 LEAST_GRAVITY, MOST_GRAVITY = 9.0, 10.5  # m/s^2; the Earth has 9.76 to 9.84
 _TURNED = 1e-9  # of a rotation: how far from orthonormal

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from lab.core.errors import IncompleteColumnError, LabError
 from lab.core.se3 import Array
 
+__all__ = ["SESSION", "Measurements", "asked", "measured", "seen_mask"]
+
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
 
 

@@ -9,6 +9,8 @@ from zlib import crc32
 
 import numpy as np
 
+__all__ = ["Purpose", "rng_for", "seed_of"]
+
 Purpose = Literal[
     "arm",
     "tracker",

@@ -7,6 +7,25 @@ A rotation vector is axis times angle (rad); ``exp`` and ``log`` convert. Length
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Array",
+    "direction_cosines",
+    "exp",
+    "inverse",
+    "left_jacobian",
+    "log",
+    "nearest_rotation",
+    "pose",
+    "quaternion_from_rotation",
+    "roll_pitch_yaw",
+    "rotation_between",
+    "rotation_from_direction_cosines",
+    "rotation_from_quaternion",
+    "rotation_from_roll_pitch_yaw",
+    "skew",
+    "transform",
+]
+
 Array = NDArray[np.float64]
 
 

@@ -23,6 +23,8 @@ from lab.simulation.model import RobotModel
 from lab.simulation.observations.points import track
 from lab.simulation.true_robot import TrueRobot
 
+__all__ = ["PATH_POINTS", "ClosedLoop", "Cube", "VisitedPath", "close_loop", "compensator_of", "reachable_cube"]
+
 PATH_POINTS = 100  # of the circle, and of the line
 READINGS = 25  # that a measured point is the mean of: the tracker's noise is not to be taken for the robot's
 CENTRES = 300  # places at which a cube is tried

@@ -19,6 +19,8 @@ from lab.render.recording_layout import SUMMARY, backdrop, layout, main_view
 from lab.render.rerun_primitives import Times, draw_instrument, draw_shells, markdown, recording_to
 from lab.render.style import RGB_AFTER, RGB_ARROW, RGB_BEFORE, RGB_PATH
 
+__all__ = ["record_loop"]
+
 TIMELINE = "step"
 WORLD, CLOSE = "world", "close"  # what is left after correction is also shown by itself, at a scale of its own
 _EDGE, _WANTED = RGB_PATH, RGB_ARROW

@@ -16,6 +16,8 @@ from lab.render.scene import LARGEST_FACTOR, magnification, moved
 from lab.render.skeleton import frame_origins
 from lab.simulation.meshes import Shell, body_poses, shells
 
+__all__ = ["HOLD", "LoopScene", "ShownCourse", "loop_scene"]
+
 DEVIATION = 0.15  # of the cube's side: how long the mean deviation is to be drawn
 HOLD = 10  # steps that the arm stays at a pose of the cube
 _CORNERS = np.array(list(product((-0.5, 0.5), repeat=3)))  # of a cube of side one

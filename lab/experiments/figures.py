@@ -17,6 +17,8 @@ from lab.render.style import FIGURE_STYLE
 from lab.studies.analysis import Mean, Pair
 from lab.studies.grid import ANY
 
+__all__ = ["Cost", "costs_figure", "criteria_figure", "instruments_figure"]
+
 _INK, _FIRST, _LESS = "#111827", "#0b5fa5", "#86c5a4"
 _MARKS = {  # colours of rising lightness, so that they differ in grey too
     "raw": ("#7f1d1d", "o"),

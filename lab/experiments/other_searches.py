@@ -18,6 +18,8 @@ from lab.simulation.collisions import random_poses
 from lab.studies.grid import Cell, Study
 from lab.studies.store import read_store
 
+__all__ = ["other_searches", "predicted_rms"]
+
 
 def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
     """Root mean square position error (m, per m of noise) at the study's fresh poses, of designs ``(n, joints)``."""

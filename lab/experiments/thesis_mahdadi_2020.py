@@ -23,6 +23,23 @@ from lab.kinematics.serial.batch import StackedArm
 from lab.pose_selection.criteria import Scaling, criterion
 from lab.pose_selection.exchange import Design, ascend, exchange
 
+__all__ = [
+    "CRITERIA",
+    "HIDDEN",
+    "INTO",
+    "OFF",
+    "PRINTED",
+    "Reproduced",
+    "aliasing",
+    "designed",
+    "errors",
+    "reproduced",
+    "rows_of_table",
+    "searched",
+    "thesis_case",
+    "without",
+]
+
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition")
 POSES, CANDIDATES, STARTS = 20, 400, 2
 # Table IV.2: how far the arm is off its nominal model (mm, rad), in the order in which the thesis lists the 19.

@@ -19,6 +19,8 @@ from lab.experiments.thesis_mahdadi_2020 import (
 )
 from lab.render.document import Block, Row, Strong, Table
 
+__all__ = ["said", "thesis_blocks", "thesis_summary"]
+
 NAMES = {name: "cond." if name == "condition" else name for name in CRITERIA}
 
 

@@ -14,6 +14,17 @@ from lab.studies.analysis import Comparison, Mean, Pair, compared, means
 from lab.studies.grid import ANY, Cell, Study
 from lab.studies.table import CampaignArray, groups
 
+__all__ = [
+    "CRITERIA",
+    "REFERENCE",
+    "SCALINGS",
+    "CriterionComparison",
+    "answer_blocks",
+    "answer_summary",
+    "answered",
+    "criterion_study",
+]
+
 CRITERIA = ("random", "O1", "O2", "O3", "O4", "O5")  # the condition number is O2 turned over: the same poses
 SCALINGS = ("raw", "unit", "length", "whitened")
 METRICS = {

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
+__all__ = ["ROTATION_M", "SINGULAR_M", "WEIGHTS", "manipulability", "pseudo_inverse", "rates", "singular_distance"]
+
 ROTATION_M = 0.3  # a radian of the tool weighs as much as this beside its metres
 SINGULAR_M = 1e-9  # of a singular value: a motion that joints move less than this a radian is not theirs
 WEIGHTS = np.array([1.0, 1.0, 1.0, ROTATION_M, ROTATION_M, ROTATION_M])

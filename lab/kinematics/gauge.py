@@ -18,6 +18,8 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.chain import Chain
 
+__all__ = ["STRUCTURE_POSES", "BaseSet", "base_set", "base_set_of", "independent_columns", "named", "preferred_columns"]
+
 INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
 STRUCTURE_POSES = 200
 

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = ["JointSpec"]
+
 
 @dataclass(frozen=True, kw_only=True)
 class JointSpec:

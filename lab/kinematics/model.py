@@ -11,6 +11,8 @@ from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.skeleton import Skeleton
 
+__all__ = ["Model", "RigidArm"]
+
 
 class Model(Protocol):
     """Joints and parameters in, positions and their derivatives out.

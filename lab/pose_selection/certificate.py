@@ -10,6 +10,8 @@ import numpy as np
 
 from lab.core.se3 import Array
 
+__all__ = ["Certificate", "certify"]
+
 MOST_ROUNDS, UPDATES = 400, 50  # looks at all candidates, and updates of those with weight in between
 VANISHED = 1e-9  # a weight this small counts as none
 

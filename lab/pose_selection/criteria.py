@@ -18,6 +18,8 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.parameter import Parameter
 
+__all__ = ["CRITERIA", "Criterion", "Indices", "Scaling", "criterion", "indices"]
+
 ScalingKind = Literal["raw", "unit", "length", "whitened"]
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
 CHARACTERISTIC_LENGTH_M = 0.300

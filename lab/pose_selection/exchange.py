@@ -15,6 +15,8 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.pose_selection.criteria import Criterion
 
+__all__ = ["Design", "Feasible", "Sensitivity", "ascend", "exchange", "information"]
+
 Sensitivity = Callable[[Array], Array]
 Feasible = Callable[[Array], NDArray[np.bool_]]
 MOST_PASSES = 30

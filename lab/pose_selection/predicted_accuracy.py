@@ -8,6 +8,8 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = ["PredictedAccuracy", "predict", "smallest_count"]
+
 DRAWS = 2000  # of the parameter error, for the promise
 SHARE = 0.95  # of the fresh poses, and of the campaigns
 

@@ -23,6 +23,19 @@ from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.kinematics.trajectory.trajectory import Trajectory, common_phases, joined
 from lab.pose_selection.tsp import double_bridge, improve, lengths, random_starts
 
+__all__ = [
+    "DEFAULT_SLIDE_SPEED",
+    "DEFAULT_SPEED",
+    "FULL_SPEED_S",
+    "FreePath",
+    "RoadmapGraph",
+    "Tour",
+    "move_seconds",
+    "plan_tour",
+    "rated",
+    "tour_trajectory",
+]
+
 DEFAULT_SPEED = np.pi  # rad/s; small arms' axes reach 2.5 to 7
 DEFAULT_SLIDE_SPEED = 0.5  # m/s
 FULL_SPEED_S = 0.3  # after which a joint whose acceleration is unknown has its full speed

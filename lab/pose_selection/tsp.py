@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
+__all__ = ["double_bridge", "improve", "lengths", "random_starts"]
+
 Tours = NDArray[np.int_]
 _STARTS = 24
 _LONGEST_SEGMENT = 3

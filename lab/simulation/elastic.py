@@ -20,6 +20,8 @@ from lab.core.se3 import Array
 from lab.simulation.model import at_zero, body_pose
 from lab.simulation.serial_model import SerialModel, last_frame
 
+__all__ = ["FlexibleArm"]
+
 _STILL = 1e-13  # rad or m; what a step this small changes in the loads moves nothing beyond rounding
 _MOST_STEPS = 100
 

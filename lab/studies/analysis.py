@@ -23,6 +23,8 @@ from lab.studies.bootstrap import Resampled, holm, resampled
 from lab.studies.grid import ANY, FACTORS, Cell
 from lab.studies.table import KEYS, CampaignArray, CellGroup, groups
 
+__all__ = ["Analysis", "Comparison", "Kind", "Mean", "Pair", "Rank", "analysed", "compared", "means"]
+
 COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
 _TIED = 1e-12  # scores this near to each other, against the largest, are equal
 

@@ -12,6 +12,8 @@ import numpy as np
 
 from lab.core.se3 import Array
 
+__all__ = ["Resampled", "holm", "resampled"]
+
 _SAME = 1e-12  # a variance this small, against that of all robots, is that of one robot drawn again and again
 
 

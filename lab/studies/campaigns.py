@@ -32,6 +32,8 @@ from lab.simulation.observations.points import track
 from lab.simulation.true_robot import TrueRobot
 from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
 
+__all__ = ["COLUMNS", "METRICS", "cell_poses", "run_task"]
+
 RANDOM = "random"
 CANDIDATES, STARTS = 1000, 2  # of a cell's design
 JUDGED_TOGETHER = 5  # campaigns: what fits the processor's cache

@@ -27,6 +27,8 @@ from lab.core.numbers import whole
 if TYPE_CHECKING:
     from distributed import Client  # of an extra
 
+__all__ = ["CONNECTING_S", "StoppedError", "cluster_executor", "local_executor", "run_jobs"]
+
 IN_FLIGHT = 256  # tasks handed out at a time: enough for a hundred workers, and what memory holds
 CONNECTING_S = 10.0
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")

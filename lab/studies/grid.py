@@ -12,6 +12,8 @@ from lab.core.numbers import positive, whole
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 
+__all__ = ["ANY", "CAMPAIGNS_A_TASK", "FACTORS", "NONE", "USUAL", "Cell", "Study", "Task", "read_study", "study_from"]
+
 ANY: Final = "any"  # the scaling of what is the same in each
 NONE = "none"  # the effects of a rigid arm
 USUAL = "usual"  # the parameters that are identifiable

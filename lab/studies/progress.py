@@ -11,6 +11,8 @@ from lab.studies.run import StudyDone, run_study
 from lab.studies.store import read_campaigns
 from lab.studies.table import CampaignArray
 
+__all__ = ["study_runner"]
+
 Running = Callable[[Study, Path], tuple[CampaignArray, StudyDone]]
 
 

@@ -7,6 +7,8 @@ from typing import Any
 from lab.campaign.robot import load_robot
 from lab.core.version import __version__
 
+__all__ = ["difference", "origin_of", "other_version"]
+
 _LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")
 
 

@@ -19,6 +19,8 @@ from lab.studies.grid import Cell, Study, Task
 from lab.studies.provenance import difference, origin_of
 from lab.studies.store import Store, begin, go_on
 
+__all__ = ["StudyDone", "run_study"]
+
 Posing = Callable[[Study, Cell], Array]
 Solving = Callable[[Study, Task, Array], dict[str, Array]]
 Progress = Callable[[str, int, int], None]  # what is being made, how many there are, how many there are to be

@@ -24,6 +24,8 @@ from lab.studies.executors import StoppedError
 from lab.studies.grid import Cell, Study, Task, study_from
 from lab.studies.provenance import difference, origin_of, other_version
 
+__all__ = ["Store", "begin", "go_on", "read_campaigns", "read_store"]
+
 _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
 _TEMPORARY = ".*.partial-*"
 _TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}

@@ -12,6 +12,8 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.studies.grid import ANY, FACTORS, Cell
 
+__all__ = ["KEYS", "RESAMPLES", "CampaignArray", "CellGroup", "groups"]
+
 KEYS = ("cell", "robot", "draw", "converged")  # the columns that are no metrics
 RESAMPLES = 9999
 

@@ -13,6 +13,8 @@ from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.joints import JointSpec
 
+__all__ = ["SINGULAR", "ClosedShape", "closed_shape_of"]
+
 TAKES = 4000  # random readings by which extents are found
 GRID = 60_000  # poses, at most, of the count of what is reachable
 WALKERS, STEPS = 32, 150  # of the search for singular poses

@@ -8,6 +8,17 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 from lab.render.units import display_unit
 
+__all__ = [
+    "coefficient",
+    "joint_kind",
+    "joint_limits",
+    "limits_and_speed",
+    "per_person",
+    "printed",
+    "tidy",
+    "with_joint",
+]
+
 
 def tidy(value: float) -> float:
     """Without the last digits of a unit's conversion, and without minus zero."""

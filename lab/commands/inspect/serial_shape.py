@@ -13,6 +13,8 @@ from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
+__all__ = ["LEAST", "shape_of"]
+
 STARTS = 12  # of the search for the farthest pose
 TRIES = 200  # poses from which a singular one is sought
 ZERO = 1e-12  # of a factor (m, or a sine)

@@ -12,6 +12,8 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.payload_identification.estimate import LoadEstimate
 
+__all__ = ["LOAD_FILE", "HandLoad", "carrying", "read_hand_load"]
+
 LOAD_FILE = "load.json"  # in the folder of a run
 
 

@@ -21,6 +21,8 @@ from lab.render.skeleton import frame_origins
 from lab.render.style import RGB_MUTED, RGB_PAYLOAD, RGB_WEIGHT
 from lab.simulation.meshes import body_poses, shells
 
+__all__ = ["equivalent_ellipsoid", "record_payload"]
+
 MOST_DRAWN = 300  # rows of a run
 _BALL_KG_M3 = 7850.0  # steel, where the inertia is not known
 _WEIGHT_M_PER_N = 0.01

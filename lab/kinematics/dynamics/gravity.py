@@ -7,6 +7,8 @@ import numpy as np
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 
+__all__ = ["Loads"]
+
 BEARS = 0.1  # of the largest root mean square torque (force of slides): joints above bear the arm's weight
 LEAST_FORCE = 1e-9  # Nm or N: rounding
 _POSES = 200

@@ -15,6 +15,22 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array, skew
 from lab.kinematics.serial.arm import Motion, SerialArm, along
 
+__all__ = [
+    "LOAD",
+    "Dynamics",
+    "HandMotion",
+    "elements",
+    "hand_jacobian",
+    "hand_motion",
+    "inertia_about_centre",
+    "is_physical",
+    "load_of",
+    "pseudo_inertia",
+    "symmetric",
+    "torque_regressor",
+    "wrench_regressor",
+]
+
 Dynamics = Callable[[Array, Array, Array], Array]
 """Joints, speeds and accelerations ``(n, J)`` to an arm's torques ``(n, J)``, Nm (N of a slide)."""
 

@@ -14,6 +14,8 @@ from lab.kinematics.effects.effect import Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter, names_of
 
+__all__ = ["Arm", "ArmWithEffects", "affected"]
+
 
 @dataclass(frozen=True)
 class ArmWithEffects:

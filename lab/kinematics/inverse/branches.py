@@ -15,6 +15,8 @@ from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 
+__all__ = ["NominalInverse", "nearest_whole_turns", "ordered"]
+
 SAMPLES = 20_000  # random poses among which a search starts
 SEARCHED = 8  # from the nearest of which
 DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad

@@ -16,6 +16,8 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M, WEIGHTS, pseudo_inverse
 from lab.kinematics.effects.arm import Arm
 
+__all__ = ["FREEDOMS", "PoseTarget", "reach", "shortest_step", "tool_at", "within_reach"]
+
 FREEDOMS = 6  # of a tool in space: with fewer joints an arm takes some rotations only
 MAX_STEPS = 40
 ARRIVED_M, ARRIVED_RAD = 1e-10, 1e-10  # an error below these is none

@@ -21,6 +21,8 @@ from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_para
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.kinematics.skeleton import Skeleton
 
+__all__ = ["DEFAULT_TOOL", "Motion", "SerialArm", "along", "chunks", "fill", "padded", "target_positions", "turned"]
+
 CHUNK = 2048  # poses at a time: what fits the processor's cache
 DEFAULT_TOOL = {"p1": (0.030, 0.020, 0.100), "p2": (-0.025, 0.030, 0.080), "p3": (0.0, -0.040, 0.090)}
 

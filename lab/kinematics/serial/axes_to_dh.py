@@ -20,6 +20,8 @@ from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import Motion, SerialArm
 from lab.kinematics.serial.chain import PARALLEL_RAD, Chain, parallel_links
 
+__all__ = ["JointAxes", "Truth", "chain_from_axes", "parameters_from_axes"]
+
 MEETING_M = 0.010  # axes nearer than this meet, on the nominal model
 
 

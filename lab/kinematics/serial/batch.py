@@ -13,6 +13,8 @@ from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import BASE_PARAMETERS
 from lab.kinematics.serial.arm import Motion, SerialArm, along, fill
 
+__all__ = ["Stacked", "StackedArm", "stacked"]
+
 
 class Stacked(Protocol):
     """What fits of many campaigns need of arms of one nominal model."""

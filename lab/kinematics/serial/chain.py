@@ -17,6 +17,8 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 
+__all__ = ["COLUMNS", "PARALLEL_RAD", "Chain", "Convention", "parallel_links"]
+
 Convention = Literal["distal", "craig"]
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
 PARALLEL_RAD = 0.035  # neighbouring axes within 2 degrees are nominally parallel: a beta, no d

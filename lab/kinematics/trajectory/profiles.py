@@ -13,6 +13,19 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
+__all__ = [
+    "SLACK",
+    "Axis",
+    "Span",
+    "check_rates",
+    "lasts",
+    "possible_spans",
+    "quickest_ramps",
+    "rest_to_rest",
+    "rest_to_rest_seconds",
+    "stretches_and_blends",
+]
+
 SLACK = 1e-13  # relative: a limit or a duration missed by less is met, but for rounding
 ROUNDS = 100  # of slowing down single stretches, before what is left slows down the whole path
 TINY = 1e-300  # in place of a zero divisor under a zero

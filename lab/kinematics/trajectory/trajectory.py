@@ -27,6 +27,17 @@ from lab.kinematics.trajectory.profiles import (
     stretches_and_blends,
 )
 
+__all__ = [
+    "Trajectory",
+    "blended",
+    "check_within",
+    "common_phases",
+    "joined",
+    "own_phases",
+    "possible_seconds",
+    "through",
+]
+
 EXACT = 1e-9  # rad or m, or per s: by how much a joint position may pass its limit, or two ends miss each other
 
 Law = Callable[[JointSpec, Array, Array, Array, Array], "Trajectory"]

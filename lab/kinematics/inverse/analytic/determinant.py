@@ -8,6 +8,8 @@ import numpy as np
 
 from lab.core.se3 import Array
 
+__all__ = ["Determinant", "Factor", "Term", "determinant", "real_part"]
+
 NONE = 1e-12  # of a coefficient (m): it is left out
 DIGITS = 6  # of a number in a text
 

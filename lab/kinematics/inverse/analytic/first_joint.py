@@ -17,6 +17,8 @@ from lab.kinematics.inverse.analytic.determinant import Term
 from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, Roots, type_2
 from lab.kinematics.inverse.analytic.protocol import Axes, in_plane
 
+__all__ = ["Carried", "Carrier", "FirstJoint", "Named", "turned_back"]
+
 Named = tuple[str, Sequence[Term]]
 
 

@@ -19,6 +19,8 @@ from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, Roots, type
 from lab.kinematics.inverse.analytic.khalil_two_unknowns import type_5, type_8
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, in_plane, plane_across
 
+__all__ = ["BEND", "Elbow", "Lift", "Telescope"]
+
 BEND = 0.03  # rad, from the straight elbow: a start for Newton's method where the nominal model does not reach
 
 

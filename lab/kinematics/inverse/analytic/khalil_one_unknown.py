@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lab.core.se3 import Array
 
+__all__ = ["ROUNDING", "TINY", "Roots", "same_shape", "type_1", "type_2", "type_3", "type_9", "type_10", "unless_tiny"]
+
 ROUNDING = 1e-12  # of the coefficients: a root missed by less is a double root
 TINY = 1e-13  # m, or of a unit vector: a coefficient below this is none
 

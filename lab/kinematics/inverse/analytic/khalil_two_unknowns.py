@@ -20,6 +20,8 @@ from lab.kinematics.inverse.analytic.khalil_one_unknown import (
     unless_tiny,
 )
 
+__all__ = ["type_4", "type_5", "type_6", "type_7", "type_8"]
+
 Pair = tuple[ArrayLike, ArrayLike]
 
 

@@ -11,6 +11,8 @@ from lab.kinematics.inverse.analytic.determinant import Determinant
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
+__all__ = ["EXACT", "Axes", "ClosedForm", "Solutions", "in_plane", "plane_across"]
+
 EXACT = 1e-9  # m or rad: by how much a nominal model may miss the shape that is asked for
 
 

@@ -17,6 +17,8 @@ from lab.kinematics.inverse.analytic.khalil_two_unknowns import type_8
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions, in_plane, plane_across
 from lab.kinematics.serial.chain import Chain
 
+__all__ = ["Scara"]
+
 
 @dataclass(frozen=True)
 class Scara:

@@ -22,6 +22,8 @@ from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, type_2
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions
 from lab.kinematics.serial.chain import Chain
 
+__all__ = ["SphericalWrist"]
+
 Number = TypeVar("Number", np.float64, np.bool_)
 CHUNK = 1024  # poses at a time: what fits the processor's cache
 
