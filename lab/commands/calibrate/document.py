@@ -49,7 +49,7 @@ _MOST_ALIASES = 4
 _VALIDATED = {
     "fresh": "on {count} points at validation poses without noise",
     "holdout": "on {count} points of the hold-out set",
-    "file": "on {count} points of the validation file",
+    "file": "on {count} points of the validation measurements",
     "cross-validation": "by cross-validation on {count} points",
 }
 _VERDICTS = {
