@@ -72,7 +72,6 @@ def _run_command(command: Command, arguments: list[str]) -> int:
 
     from lab.commands.command_line import parsed
     from lab.commands.run_folder import free_name, input_files, run_folder
-    from lab.commands.unconverted import exit_code, tell, values, warnings, write
 
     asked, place = parsed(command, arguments), None
     with contextlib.ExitStack() as stack:
@@ -82,11 +81,15 @@ def _run_command(command: Command, arguments: list[str]) -> int:
             folder = stack.enter_context(run_folder(place, input_files(asked.options)))
         result = command(asked.options)
         if command.folder:
-            write(folder, command.name, result)
-    for warning in warnings(command.name, result):
+            result.write(folder)
+    for warning in result.warnings:
         print(f"lab: warning: {warning}", file=sys.stderr)
     if asked.json:
-        print(json.dumps(values(command.name, result), allow_nan=False))
+        print(json.dumps(result.to_dict(), allow_nan=False))
     else:
-        tell(command.name, result, place)
-    return exit_code(command.name, result)
+        from lab.render.terminal import print_document
+
+        print_document(result.document(), warnings=False)
+        if place is not None:
+            print(f"run: {place}")
+    return result.exit_code

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from lab.commands.run_folder import config
 from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
-from lab.render.html import Html, command, element, paragraph, section, table, together
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -46,32 +45,6 @@ def _written(value: Any) -> str:
     if isinstance(value, tuple):
         return ",".join(_written(each) for each in value)
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def how_it_was_made(name: str, options: "DataclassInstance", model_sha256: str, again: str = "") -> Html:
-    """The section on what was done: enough to do it again.
-
-    Args:
-        again: how to, in words, for a command that does not take a ``config.json``.
-    """
-    made = config(name, options, model_sha256)
-    versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
-    usual = "Every option that is not given was as usual; config.json holds them all"
-    rows = [
-        *([key, str(made["options"][key])] for key in _SHOWN if made["options"].get(key) is not None),
-        ["versions", versions],
-        ["model (SHA-256)", element("code", model_sha256)],
-    ]
-    if name in _AGAIN:
-        again = f"lab {name} --config config.json gives the same numbers again"
-    return section(
-        "What was done",
-        [
-            command(command_line(name, options)),
-            paragraph(f"{usual}{'; ' + again if again else ''}."),
-            together([table(["", ""], rows)]),
-        ],
-    )
 
 
 def provenance_section(name: str, options: "DataclassInstance", model_sha256: str, again: str = "") -> Section:

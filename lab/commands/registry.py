@@ -100,7 +100,7 @@ COMMANDS = (
     ),
     Command(
         "study",
-        "Run many virtual campaigns: a grid of factors, times robots, times draws of the noise.",
+        "Run many simulated calibrations: a grid of factors, times robots, times draws of the noise.",
         "lab.commands.study.options:StudyOptions",
         "lab.commands.study.run:study",
     ),

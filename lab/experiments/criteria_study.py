@@ -3,7 +3,7 @@
 First tables IV.2 and IV.3 of Mahdadi & Bouafia (2020) as the thesis computed them: what they compare is three aliased
 errors and one draw of the noise. Then the question itself: the 27 parameters of the canonical gauge, poses chosen by
 each criterion in each scaling, or at random; 100 virtual arms, each measured 100 times, the same arms and the same
-noise for every criterion; judged by the parameters' errors and on fresh poses.
+noise for every criterion; validated on the parameters' errors and on validation poses.
 """
 
 import time

@@ -24,32 +24,35 @@ from lab.experiments.global_or_sequential import (
 )
 from lab.experiments.script import Answer, paragraphs, write_rows
 from lab.render.document import Document
+from lab.render.style import FIGURE_STYLE, MUTED, REFERENCE, SERIES
 from lab.render.svg import save_figure
 
 __all__ = ["answer", "picture", "report"]
 
 
 def picture(rows: Sequence[dict[str, float]], curve: Array, alone_mm: float, title: str) -> Figure:
-    """Errors on fresh poses against the orientations' noise: points simulated, lines ``(2, CURVE_RAD)`` predicted."""
+    """Errors on validation poses against the orientations' noise.
+
+    Points are simulated, lines ``(2, CURVE_RAD)`` predicted.
+    """
     noise = [row["noise_mrad"] for row in rows]
-    with matplotlib.rc_context({"axes.grid": True, "grid.color": "#e5e7eb", "axes.axisbelow": True}):
+    with matplotlib.rc_context(FIGURE_STYLE):
         figure = Figure(figsize=(8.5, 5.5), layout="constrained")
         axes = figure.add_subplot(xscale="log", yscale="log", title=title)
-        axes.spines[["top", "right"]].set_visible(False)
         for name, colour, mark, size, line in (
-            ("sequential", "#9d174d", "s--", 6.5, curve[1]),
-            ("global", "#0369a1", "o-", 5, curve[0]),
+            ("sequential", SERIES[1][0], "s--", 6.5, curve[1]),
+            ("global", SERIES[2][0], "o-", 5, curve[0]),
         ):
             mean, lower, upper = (np.array([row[f"{name}_mm{e}"] for row in rows]) for e in ("", "_lower", "_upper"))
             axes.plot(1e3 * CURVE_RAD, line, mark[1:], color=colour, label=f"{name}: predicted")
             axes.errorbar(noise, mean, [mean - lower, upper - mean], fmt=mark[0], color=colour, markersize=size,
-                          ecolor="#111827", capsize=5, label=f"{name}: simulated, 95 % interval")  # fmt: skip
+                          ecolor=REFERENCE, capsize=5, label=f"{name}: simulated, 95 % interval")  # fmt: skip
         repaired = [row["one_step_mm"] for row in rows]
-        axes.plot(noise, repaired, "o", color="#111827", fillstyle="none", markersize=13,
+        axes.plot(noise, repaired, "o", color=REFERENCE, fillstyle="none", markersize=13,
                   label="sequential, then one global step")  # fmt: skip
-        axes.axhline(alone_mm, color="#6b7280", linestyle=":", label="positions alone: global")
+        axes.axhline(alone_mm, color=MUTED, linestyle=":", label="positions alone: global")
         parting = 1e3 * crossing_rad(curve[1] / curve[0], WORSE)
-        axes.axvline(parting, color="#6b7280", linewidth=1)
+        axes.axvline(parting, color=MUTED, linewidth=1)
         words = f"from {parting:.2f} mrad on sequential\nis {100 * (WORSE - 1):.0f} % worse and more"
         axes.text(parting / 1.05, 0.6, words, transform=axes.get_xaxis_transform(), ha="right")
         for axis, ticks in ((axes.xaxis, (0.01, 0.03, 0.1, 0.3, 1)), (axes.yaxis, (0.05, 0.07, 0.1, 0.2, 0.3, 0.4))):

@@ -1,4 +1,4 @@
-"""What other searches would have chosen: the poses of a study's cells by other seeds, and the errors they promise.
+"""What other searches would have chosen: the poses of a study's cells by other seeds, and their predicted errors.
 
 A study's intervals are for the poses that it has. Another search by the same criterion ends at other poses; how much
 that matters is predicted to first order, for the nominal arm.
@@ -22,7 +22,7 @@ __all__ = ["other_searches", "predicted_rms"]
 
 
 def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
-    """Root mean square position error (m, per m of noise) at the study's fresh poses, of designs ``(n, joints)``."""
+    """Root mean square position error (m, per m of noise) at the study's validation poses, of designs ``(n, joints)``."""
     robot = load_virtual(study.robot)
     model, arm = robot.model, robot.arm(study.targets)
     values = model.values_before(arm, model.T_world_tracker)

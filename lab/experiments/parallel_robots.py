@@ -137,7 +137,7 @@ class Bench:
         return found, {**row, **self.errors(model, found.values)}
 
     def errors(self, model: Arm, values: Array) -> Row:
-        """On fresh poses, in µm, and at how many of these the model refuses to answer."""
+        """On validation poses, in µm, and at how many of these the model refuses to answer."""
         off = 1e6 * np.linalg.norm(model.points(self.fresh, values) - self.points, axis=2)
         return {
             "fresh_um": rms(off),

@@ -27,13 +27,13 @@ from lab.experiments.parallel_robots import (
 from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.closed.arm import ClosedArm
 from lab.render.document import Document
-from lab.render.style import FIGURE_STYLE
+from lab.render.style import BEFORE, FIGURE_STYLE, REFERENCE, TICK
 from lab.render.svg import save_figure
 from lab.studies import executors
 
 __all__ = ["answer", "picture", "report"]
 
-SINGULAR, ROBOT = "#d62728", "#4b5563"
+SINGULAR, ROBOT = BEFORE, TICK
 PIXELS, LINES = 301, (0.1, 0.2, 0.4, 0.6, 0.8)  # of the picture
 Range = tuple[float, float]
 FITS = {
@@ -66,7 +66,7 @@ def picture() -> Figure:
             within = ((joints >= chain.lower) & (joints <= chain.upper)).all(axis=1).reshape(x.shape)
             shown = axes.pcolormesh(x, y, far, vmin=0, vmax=1, rasterized=True)
             axes.contourf(x, y, within, [-0.5, 0.5], colors="white", alpha=0.65)
-            axes.contour(x, y, within, [0.5], colors="#111827", linewidths=2)
+            axes.contour(x, y, within, [0.5], colors=REFERENCE, linewidths=2)
             lines = axes.contour(x, y, np.where(within, far, np.nan), LINES, colors="white", linewidths=0.8)
             axes.clabel(lines, fontsize=9)
             axes.contour(x, y, side, [0], colors=SINGULAR, linewidths=3)
@@ -93,7 +93,7 @@ def middle(rows: Sequence[Row], key: str) -> list[float]:
 
 
 def said(rows: Sequence[Row]) -> str:
-    """Errors on fresh poses over robots, in µm, how many fits converged, and how many were found not adequate."""
+    """Errors on validation poses over robots, in µm, how many fits converged, and how many were found not adequate."""
     size, worst = "{:.2f} ({:.2f} to {:.2f})".format(*middle(rows, "fresh_um")), max(row["worst_um"] for row in rows)
     text = f"{size:22} {max(row['fresh_um'] for row in rows):6.2f} {worst:6.0f}  "
     shares = [f"{np.mean([row[key] for row in rows]):4.0%}" for key in ("converged", "inadequate") if key in rows[0]]
@@ -121,7 +121,9 @@ def report(found: Row) -> list[str]:
     tilts = f"tilts the platform by {rod['tilt_mrad']:.2f} mrad, {rod['worst_mrad']:.2f} at most"
     left = f"three rods leave {rod['fresh_um']:.1f} µm rms, {rod['worst_um']:.0f} at most"
     lines.append(f"one rod {1e3 * LONGER_M:g} mm longer than its twin, no noise: {tilts}; {left}")
-    lines += [f"no noise, {name}: {worst:.1e} m on fresh poses at most" for name, worst in found["exact_m"].items()]
+    lines += [
+        f"no noise, {name}: {worst:.1e} m on validation poses at most" for name, worst in found["exact_m"].items()
+    ]
     for name, row in found["modes"].items():
         lines.append(f"modes of {name} drawn: {', '.join(f'{key} {count}' for key, count in row.items())}")
     return lines

@@ -30,12 +30,13 @@ from lab.experiments.payload_methods import (
 from lab.experiments.script import Answer, paragraphs, write_rows
 from lab.payload_identification.excitation import predicted
 from lab.render.document import Document
+from lab.render.style import AXIS, GRID, REFERENCE, SERIES
 from lab.render.svg import save_figure
 
 __all__ = ["answer", "picture", "report"]
 
 FLOOR = 1e-3  # % and mm: smaller biases are drawn there
-COLOURS = {TORQUES: "#9d174d", RESTING: "#0369a1", MOVING: "#3f8f4f", RANDOM: "#c2410c"}
+COLOURS = dict(zip((TORQUES, RESTING, MOVING, RANDOM), (SERIES[i][0] for i in (1, 2, 3, 4)), strict=True))
 
 
 def picture(found: dict[str, Run], rows: Sequence[Row], biases: Sequence[Row]) -> Figure:
@@ -46,26 +47,26 @@ def picture(found: dict[str, Run], rows: Sequence[Row], biases: Sequence[Row]) -
     for i, (method, estimates) in enumerate(found.items()):
         row, errors = next(row for row in rows if row["method"] == method), errors_of(estimates)[:, 0]
         left.plot(i + np.linspace(0.15, 0.35, len(errors)), errors, "o", color=COLOURS[method], alpha=0.6)
-        left.errorbar(i - 0.2, 0, row["predicted"], color="#111827", **style)
+        left.errorbar(i - 0.2, 0, row["predicted"], color=REFERENCE, **style)
         left.errorbar(i, row["mean_error"], row["scatter"], color=COLOURS[method], **style)
         ticks.append(f"{method}\npredicted {row['predicted']:.2g} %\nscatter {row['scatter']:.2g} %")
-    left.grid(color="#e5e7eb")
+    left.grid(color=GRID)
     left.set_xticks(range(len(found)), ticks)
     left.set(xlim=(-0.5, 2.5), ylabel="error of the mass, %", title="1.5 kg weighed: predicted ±1 σ (black), found")
     names = ("mass", "mass_percent", "mass, % (dotted: 0.3)"), ("centre", "centre_mm", "centre of mass, mm")
     for axes, (error, name, words) in zip(right, names, strict=True):
         for y, row in enumerate(biases):
             ends, colour = [max(FLOOR, abs(row[f"{name}{end}"])) for end in ("", "_cured")], COLOURS[row["method"]]
-            axes.plot(ends, [y, y], "-", color="#9ca3af", linewidth=1)
+            axes.plot(ends, [y, y], "-", color=AXIS, linewidth=1)
             for end, x, fill in zip(("", "_cured"), ends, ("full", "none"), strict=True):
                 bar = [[0], [2 * row[f"{error}_error{end}"]]]
                 axes.errorbar(x, y, xerr=bar, fmt="o", color=colour, fillstyle=fill, markersize=9)
         axes.set(xscale="log", xlabel=f"size of the mean error of the {words}", ylim=(len(biases) - 0.5, -0.5))
         axes.set_yticks(range(len(biases)), [f"{row['what']}\n{row['method']}" for row in biases])
-        axes.grid(color="#e5e7eb")
+        axes.grid(color=GRID)
         axes.set_xticks([FLOOR, 0.01, 0.1, 1], [f"≤ {FLOOR:g}", "0.01", "0.1", "1"])
     right[1].tick_params(labelleft=False)
-    right[0].axvline(0.3, color="#111827", linestyle=":")
+    right[0].axvline(0.3, color=REFERENCE, linestyle=":")
     right[0].set_title("filled: unnoticed; hollow: cured")
     right[1].set_title("bars: up to 2 standard errors more")
     return figure

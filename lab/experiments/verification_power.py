@@ -63,7 +63,7 @@ class Options:
 
 
 def prediction_of(found: Identification) -> CalibrationPrediction:
-    """What an identification by points promises."""
+    """The predicted errors after an identification by points."""
     dof = None if found.sigma_known else found.dof
     assert isinstance(found.model, SerialArm)
     return CalibrationPrediction(found.model, found.values, found.fit.free, found.covariance, dof)

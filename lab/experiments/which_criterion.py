@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.study.text import effect_words
+from lab.commands.study.format import effect_words
 from lab.experiments.script import paragraphs
 from lab.render.document import Block, Table
 from lab.render.format import fixed

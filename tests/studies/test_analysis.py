@@ -10,12 +10,15 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from lab.commands.study.console import print_analysis, write_csv
-from lab.commands.study.figures import plot_study
-from lab.commands.study.text import effect_words, sentence, sentences
+from lab.commands.study.document import analysis_sections, comparison_sentence, sentences
+from lab.commands.study.figures import study_pictures, write_figures
+from lab.commands.study.files import write_csv
+from lab.commands.study.format import effect_words
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
+from lab.render.document import Document
+from lab.render.terminal import print_document
 from lab.studies.analysis import Analysis, Comparison, analysed, compared, means
 from lab.studies.bootstrap import holm, resampled
 from lab.studies.grid import Cell, Study
@@ -213,14 +216,14 @@ def test_a_cell_that_never_converged_has_no_rank_and_is_told() -> None:
     found = analysed(given, cells, metrics=(METRIC,))
     comparison = found.comparisons[0]
     assert 0 in comparison.group.cells and 0 not in [rank.cell for rank in comparison.ranks]
-    assert "O1 never converged where another did" in sentence(comparison, cells)
-    assert "60 of 720 campaigns did not converge" in sentences(found, METRIC)[-1]
+    assert "O1 never converged where another did" in comparison_sentence(comparison, cells)
+    assert "60 of 720 simulated calibrations did not converge" in sentences(found, METRIC)[-1]
     assert "60 of 60 (O1, 10 poses)" in sentences(found, METRIC)[-1]
 
 
 @pytest.mark.parametrize(("robots", "draws"), [(1, 1), (1, 6), (2, 3), (12, 1)])
 def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
-    """Of one or two robots no interval is told, and nothing is told apart."""
+    """Of one or two robots no interval is known, and no difference is significant."""
     found = analysis(robots=robots, draws=draws)
     few = robots < 3
     assert all(np.isfinite(mean.mean) and np.isfinite(mean.lower) != few for mean in found.means)
@@ -232,7 +235,9 @@ def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
 
 
 def test_pictures_of_one_robot_have_marks_without_intervals(tmp_path: Path) -> None:
-    assert len(plot_study(tmp_path, analysis(1, 2, ("scaling",)), METRIC)) == 3
+    pictures = study_pictures(analysis(1, 2, ("scaling",)), METRIC)
+    assert len(pictures) == 3
+    write_figures(tmp_path, pictures)
     assert "too few robots for an interval" in (tmp_path / f"{METRIC}-scaling-pairs.svg").read_text()
 
 
@@ -284,10 +289,12 @@ def test_sentences_say_who_is_best_and_what_cannot_be_told() -> None:
     first = said[0]
     assert first.startswith("scaling raw, 10 poses, by criterion: best is O1; ")
     assert "random 80" in first or "random 79" in first or "random 81" in first
-    assert "not told apart: O5 and O3" in first
+    assert "no significant difference: O5 and O3" in first
     assert any(line.startswith("O1, by poses: best is 20 poses; 10 poses 4") for line in said)
     tied = analysed(*study(), metrics=(METRIC,), factors=("scaling",))
-    assert "best are" in sentences(tied, METRIC)[0] and "which cannot be told apart" in sentences(tied, METRIC)[0]
+    assert (
+        "best are" in sentences(tied, METRIC)[0] and "which do not differ significantly" in sentences(tied, METRIC)[0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -328,13 +335,13 @@ def test_tables_read_back_as_they_were(tmp_path: Path) -> None:
 
 def test_the_terminal_fits_80_columns() -> None:
     out = io.StringIO()
-    print_analysis(analysis(), METRIC, Console(file=out, width=80))
+    found = Document("a study", analysis_sections(analysis(), (METRIC,)))
+    print_document(found, Console(file=out, width=80, highlight=False, markup=False))
     shown = out.getvalue()
-    assert "mean error on fresh poses, mm: mean (95 % interval), 12 robots" in shown
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "mean error on validation poses" in shown and "95 % intervals over 12 robots" in shown
     assert "scaling raw, 10 poses:" in shown and "2 (2 to 3)" in shown and "…" not in shown
     assert "best is O1" in shown
-    with pytest.raises(LabError, match="metric 'speed' is unknown; there are fresh_mean_mm"):
-        print_analysis(analysis(), "speed")
 
 
 def test_pictures_have_their_labels_and_the_same_bytes(tmp_path: Path) -> None:
@@ -342,13 +349,21 @@ def test_pictures_have_their_labels_and_the_same_bytes(tmp_path: Path) -> None:
     folders = [tmp_path / name for name in ("one", "two")]
     for folder in folders:
         folder.mkdir()
-        names = plot_study(folder, found, METRIC)
-    assert names == tuple(f"{METRIC}-poses-{kind}" for kind in ("means", "pairs", "ranks"))
-    for name in names:
+        pictures = study_pictures(found, METRIC)
+        write_figures(folder, pictures)
+    assert tuple(pictures) == tuple(f"{METRIC}-poses-{kind}" for kind in ("means", "pairs", "ranks"))
+    for name in pictures:
         for ending in ("png", "svg"):
             assert len({(folder / f"{name}.{ending}").read_bytes() for folder in folders}) == 1
     expected = {
-        "means": ["mean error on fresh poses, mm", "number of poses", "criterion", "scaling raw", "random", ">10<"],
+        "means": [
+            "mean error on validation poses, mm",
+            "number of poses",
+            "criterion",
+            "scaling raw",
+            "random",
+            ">10<",
+        ],
         "pairs": ["ratio to the best", "95 % interval", "O5, scaling whitened", "20 poses", "best", " % ("],
         "ranks": ["rank", "framed: 95 % set of ranks", "O3, scaling raw", "100"],
     }

@@ -1,9 +1,10 @@
-"""Still pictures of a study, as PNG and SVG: means against a factor, ratios to the best, chances of ranks.
+"""Still pictures of a study: means against a factor, ratios to the best, chances of ranks.
 
 matplotlib is slow to import: import this module where a picture is asked for.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from math import ceil, isfinite
 from pathlib import Path
 from textwrap import fill
@@ -17,48 +18,49 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.study.text import circumstances, effect_words, factor_words, level_words, metric_words, varying
-from lab.render.style import FIGURE_STYLE
+from lab.commands.study.format import circumstances, effect_words, factor_words, level_words, metric_words, varying
+from lab.render.document import Picture
+from lab.render.format import capital
+from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
 from lab.render.svg import save_figure
 from lab.studies.analysis import Analysis, Comparison, Mean, Pair
 from lab.studies.grid import ANY, Cell
 from lab.studies.table import CellGroup, groups
 
-LINES = (  # the colours rise in lightness, to differ in grey too; marks and dashes tell them apart as well
-    ("#1e1b4b", "o", "-"),
-    ("#9d174d", "s", "--"),
-    ("#0369a1", "^", "-."),
-    ("#059669", "v", ":"),
-    ("#f97316", "D", (0, (5, 1, 1, 1, 1, 1))),
-    ("#d4a106", "P", (0, (3, 3))),
-    ("#7dd3fc", "X", "-"),
-    ("#c7c9cf", "*", "--"),
-)
-_TOLD, _UNTOLD, _REFERENCE = "#0b5fa5", "#6b7280", "#111827"
+__all__ = ["study_pictures", "write_figures"]
+
 _FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
 _PALE = 2.2  # certainty is no darker than its figures can be read on
 _SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
 _LETTERS_AN_INCH = 11  # of a title
 _APART = 0.035  # of the axis, between the lines' marks at one level
-_STYLE: Any = {**FIGURE_STYLE, "axes.spines.right": False}
 
 
-def plot_study(folder: Path, analysis: Analysis, metric: str) -> tuple[str, ...]:
-    """Write a metric's means, pairs and ranks by every factor that is compared, and say the pictures' names."""
-    made = {}
+def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
+    """A metric's means, pairs and ranks by every factor that is compared, by the names of their files."""
     by_factor: dict[tuple[str, ...], list[Comparison]] = {}
     for each in analysis.comparisons:
         if each.metric == metric and each.ranks:
             by_factor.setdefault(each.group.free, []).append(each)
+    made: dict[str, Picture] = {}
     for free, comparisons in by_factor.items():
-        name = f"{metric}-{'-'.join(free)}"
-        made[f"{name}-means"] = means_figure(analysis, metric, free[0])
-        made[f"{name}-pairs"] = pairs_figure(comparisons, analysis.cells)
-        made[f"{name}-ranks"] = ranks_figure(comparisons, analysis.cells)
-    for name, figure in made.items():
-        save_figure(folder, name, figure)
-    return tuple(made)
+        draw: dict[str, Callable[[], Figure]] = {
+            "means": partial(means_figure, analysis, metric, free[0]),
+            "pairs": partial(pairs_figure, comparisons, analysis.cells),
+            "ranks": partial(ranks_figure, comparisons, analysis.cells),
+        }
+        for kind, figure in draw.items():
+            name = f"{metric}-{'-'.join(free)}-{kind}"
+            label = f"{capital(metric_words(metric, unit=False))}: {kind} by {' and '.join(map(factor_words, free))}"
+            made[name] = Picture(name.replace("_", "-"), label, figure)
+    return made
+
+
+def write_figures(folder: Path, pictures: Mapping[str, Picture]) -> None:
+    """Write pictures, by the names of their files, each as PNG and SVG."""
+    for name, picture in pictures.items():
+        save_figure(folder, name, picture.draw())
 
 
 def means_figure(analysis: Analysis, metric: str, factor: str, line: str | None = None) -> Figure:
@@ -72,16 +74,18 @@ def means_figure(analysis: Analysis, metric: str, factor: str, line: str | None 
     means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
     shown = groups(cells, [factor, line] if line else [factor])
     names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
-    places = _places([getattr(cells[i], factor) for group in shown for i in group.cells])
+    positions = _positions([getattr(cells[i], factor) for group in shown for i in group.cells])
 
     def draw(axes: Axes, group: CellGroup) -> None:
         for k, name in enumerate(names):
             mine = [
-                (places[getattr(cells[i], factor)], means[i]) for i in group.cells if _line_name(cells[i], line) == name
+                (positions[getattr(cells[i], factor)], means[i])
+                for i in group.cells
+                if _line_name(cells[i], line) == name
             ]
             if mine:
-                _line(axes, mine, k, len(names), label=name, joined=not _named(places))
-        axes.set_xticks(list(places.values()), [str(level) for level in places])
+                _line(axes, mine, k, len(names), label=name, joined=not _named(positions))
+        axes.set_xticks(list(positions.values()), [str(level) for level in positions])
         axes.set_xlim(-0.1, 1.1)
         axes.set_title(circumstances(group.shared), fontsize=10)
 
@@ -108,7 +112,7 @@ def _line_name(cell: Cell, line: str | None) -> str:
     return level_words(cell, [line]) if line else ""
 
 
-def _places(levels: Sequence[Any]) -> dict[Any, float]:
+def _positions(levels: Sequence[Any]) -> dict[Any, float]:
     """Where a factor's levels are on the axis, 0 to 1: numbers by their logarithm, names side by side."""
     levels = sorted(dict.fromkeys(levels), key=lambda level: level == ANY)
     if _named(levels):
@@ -124,7 +128,7 @@ def _named(levels: Iterable[Any]) -> bool:
 
 def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: int, *, label: str, joined: bool) -> None:
     """One level's means, moved a little aside so that intervals do not hide each other."""
-    colour, mark, dash = LINES[number % len(LINES)]
+    colour, mark, dash = SERIES[number % len(SERIES)]
     ordered = sorted(mine, key=lambda each: each[0])
     x = np.array([place for place, _ in ordered]) + _APART * (number - (lines - 1) / 2)
     y, lower, upper = np.array([(mean.mean, mean.lower, mean.upper) for _, mean in ordered]).T
@@ -149,9 +153,9 @@ def pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Fi
     most = max((pair.effect for each in comparisons for pair in _behind(each) if isfinite(pair.effect)), default=1.0)
 
     def draw(axes: Axes, each: Comparison) -> None:
-        axes.axvline(1.0 if kind == "ratio" else 0.0, color=_REFERENCE, linewidth=1)
+        axes.axvline(1.0 if kind == "ratio" else 0.0, color=REFERENCE, linewidth=1)
         for row, pair in enumerate(_behind(each), start=1):
-            colour = _TOLD if pair.told else _UNTOLD
+            colour = PREDICTED if pair.told else MUTED
             axes.hlines(row, pair.lower, pair.upper, color=colour, linewidth=2)
             axes.plot(
                 pair.effect, row, "o", color=colour, markerfacecolor=colour if pair.told else "white", markersize=5
@@ -159,7 +163,7 @@ def pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Fi
             axes.text(
                 1.02, row, effect_words(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8
             )
-        axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=_REFERENCE, markersize=5)
+        axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)
         axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         _rows(axes, each, cells)
         if kind == "ratio" and most > _FAR:
@@ -174,7 +178,9 @@ def pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Fi
     measure = (
         "ratio to the best" if kind == "ratio" else f"difference from the best, {metric_words(comparisons[0].metric)}"
     )
-    figure.supxlabel(f"{measure}, 95 % interval of each pair; hollow: not told apart (Holm, 5 %)", fontsize=10)
+    figure.supxlabel(
+        f"{measure}, 95 % interval of each pair; hollow: no significant difference (Holm, 5 %)", fontsize=10
+    )
     return figure
 
 
@@ -209,7 +215,7 @@ def ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Fi
         for row, rank in enumerate(each.ranks):
             wide = rank.highest - rank.lowest + 0.9
             corner = (rank.lowest - 1.45, row - 0.43)
-            axes.add_patch(Rectangle(corner, wide, 0.86, fill=False, edgecolor=_REFERENCE, linewidth=1.6))
+            axes.add_patch(Rectangle(corner, wide, 0.86, fill=False, edgecolor=REFERENCE, linewidth=1.6))
         axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
         _rows(axes, each, cells)
 
@@ -235,7 +241,7 @@ def _panels(
     """One panel each of what is shown, of a size in inches, side by side and below each other."""
     across = min(len(shown), _MOST_ACROSS)
     down = ceil(len(shown) / across)
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(FIGURE_STYLE):
         figure = Figure(
             figsize=(max(6.5, across * size[0] + 1), down * size[1] + 1.2),
             layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.06),

@@ -13,7 +13,7 @@ __all__ = ["StudyOptions"]
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """A study of many virtual campaigns, where it is kept, and who works it out."""
+    """A study of many simulated calibrations, where it is kept, and who works it out."""
 
     config: tyro.conf.Positional[Path]
     """The study, TOML."""

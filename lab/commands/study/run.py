@@ -1,4 +1,4 @@
-"""Many virtual campaigns: read what is asked, choose who works it out, run it, and write what came out."""
+"""Many simulated calibrations: read what is asked, choose who works it out, run it, and write what came out."""
 
 from pathlib import Path
 from typing import Any
@@ -6,25 +6,28 @@ from typing import Any
 from lab.commands.keywords import options_of, takes
 from lab.commands.run_folder import free_name
 from lab.commands.study.options import StudyOptions
+from lab.commands.study.result import StudyResult
 from lab.core.errors import LabError
 from lab.render.progress import bars
+from lab.studies.analysis import Analysis, analysed
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
 from lab.studies.grid import Study, read_study
 from lab.studies.run import StudyDone, run_study
+from lab.studies.store import read_campaigns
 
 __all__ = ["study"]
 
 
 @takes(StudyOptions)
-def study(config: str | Path | Study | StudyOptions, **options: Any) -> StudyDone:
-    """Run a study of many virtual campaigns into a folder, or go on with one that stopped.
+def study(config: str | Path | Study | StudyOptions, **options: Any) -> StudyResult:
+    """Run a study of many simulated calibrations into a folder, or go on with one that stopped.
 
     Args:
         config: the study: a TOML file, or one in memory; or all options in one object.
         options: those of ``lab study``, by name: ``out``, ``resume``, ``workers``, ``scheduler``.
 
     Returns:
-        Where its campaigns are, and what they say.
+        Where its simulated calibrations are, and their analysis.
 
     Raises:
         LabError: the study asks for what there is not, or was stopped; the message says how to go on.
@@ -36,7 +39,7 @@ def study(config: str | Path | Study | StudyOptions, **options: Any) -> StudyDon
     return _run(options_of("lab.study", StudyOptions, {"config": file, **options}), known)
 
 
-def _run(options: StudyOptions, known: Study) -> StudyDone:
+def _run(options: StudyOptions, known: Study) -> StudyResult:
     options.check()
     folder = options.out or free_name(Path("runs"), f"study-{known.name}")
     chosen = local_executor(options.workers) if options.scheduler is None else cluster_executor(options.scheduler)
@@ -47,7 +50,13 @@ def _run(options: StudyOptions, known: Study) -> StudyDone:
         raise LabError(f"{folder}: {error}") from error
     except KeyboardInterrupt as stop:
         raise KeyboardInterrupt(f"--resume goes on with what is in {folder}") from stop
-    from lab.commands.study.report import write_study  # slow to import, as all that draws
+    result = StudyResult(options, done, _analysis(done))
+    result.write(done.folder)
+    return result
 
-    write_study(done)
-    return done
+
+def _analysis(done: StudyDone) -> Analysis:
+    """What the simulated calibrations of a study say."""
+    campaigns = read_campaigns(done.folder)
+    columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
+    return analysed(columns, done.study.cells, done.study.seed)

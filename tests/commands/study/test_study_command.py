@@ -45,7 +45,7 @@ def test_the_page_says_it_and_needs_nothing_else(done) -> None:
     assert "<h1>a &lt;small&gt; one</h1>" in page and "<script" not in page
     assert not re.search(r'(src|href)="(?!#|data:)', page)
     assert page.count("<svg") == page.count("<figure") == 6
-    for words in ("60 virtual campaigns", "best is O1", "mean error on fresh poses", "numpy ", "SHA-256"):
+    for words in ("60 simulated calibrations", "best is O1", "mean error on validation poses", "numpy ", "SHA-256"):
         assert words in page
 
 
@@ -54,7 +54,7 @@ def test_again_it_prints_and_writes_the_same(done, capsys) -> None:
     flags = ["study", str(done / "grid.toml"), "--out", str(done / "out"), "--resume", "--workers", "1"]
     assert main(flags) == 0
     said = capsys.readouterr().out
-    assert "0 of 60 campaigns worked out" in said and "best is O1" in said
+    assert "0 of 60 simulated calibrations computed" in said and "best is O1" in said
     assert {path: path.read_bytes() for path in (done / "out").rglob("*") if path.is_file()} == before
     assert main([*flags, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)

@@ -1,21 +1,33 @@
-"""What a study found, in words: factors, metrics, effects with their intervals, and a sentence a comparison."""
+"""Factors, metrics, and effects with their intervals, as a person reads them."""
 
 from collections.abc import Mapping, Sequence
 from math import floor, isfinite, log10
 from typing import Any
 
-from lab.studies.analysis import Analysis, Comparison, Kind, Mean, Pair, Rank
+from lab.studies.analysis import Comparison, Kind, Mean, Pair, Rank
 from lab.studies.grid import ANY, FACTORS, Cell
 
+__all__ = [
+    "behind_words",
+    "circumstances",
+    "effect_words",
+    "factor_words",
+    "level_words",
+    "mean_words",
+    "metric_words",
+    "rank_words",
+    "varying",
+]
+
 METRICS = {
-    "fresh_mean_mm": ("mean error on fresh poses", "mm"),
-    "fresh_p95_mm": ("95 % of the errors on fresh poses", "mm"),
-    "fresh_worst_mm": ("worst error on fresh poses", "mm"),
+    "fresh_mean_mm": ("mean error on validation poses", "mm"),
+    "fresh_p95_mm": ("95 % of the errors on validation poses", "mm"),
+    "fresh_worst_mm": ("worst error on validation poses", "mm"),
     "length_rms_mm": ("RMS error of the lengths", "mm"),
     "angle_rms_mrad": ("RMS error of the angles", "mrad"),
     "mixed_rms": ("RMS error of all parameters", "mm and rad"),
-    "nees": ("squared parameter errors by their covariance, 1 expected", ""),
-    "before_mm": ("mean error on fresh poses before", "mm"),
+    "nees": ("NEES per parameter, 1 expected", ""),
+    "before_mm": ("mean error on validation poses before the calibration", "mm"),
     "steps": ("Gauss-Newton steps", ""),
 }
 _UNITS = {"poses": " poses", "position_sigma_mm": " mm", "rotation_sigma_mrad": " mrad", "noise": " times the noise"}
@@ -29,7 +41,7 @@ _NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "
 
 
 def metric_words(metric: str, unit: bool = True) -> str:
-    """A metric as people read it, e.g. "mean error on fresh poses, mm"."""
+    """A metric as people read it, e.g. "mean error on validation poses, mm"."""
     words, its_unit = METRICS.get(metric, (metric, ""))
     return f"{words}, {its_unit}" if unit and its_unit else words
 
@@ -40,7 +52,7 @@ def factor_words(factor: str) -> str:
 
 
 def circumstances(shared: Mapping[str, Any]) -> str:
-    """What a group's cells share, e.g. "10 poses, scaling whitened"; empty if nothing varies beside."""
+    """What a group's cells share, e.g. "10 poses, scaling whitened"; empty if nothing else varies."""
     shown = [(name, level) for name, level in shared.items() if level != ANY]
     return ", ".join(f"{_NAMED.get(name, '')}{level}{_UNITS.get(name, '')}" for name, level in shown)
 
@@ -93,52 +105,3 @@ def behind_words(comparison: Comparison, rank: Rank) -> str:
     """By how much a cell is worse than the first of its comparison; nothing of the first."""
     first = comparison.ranks[0].cell
     return "" if rank.cell == first else effect_words(comparison.against(first, rank.cell), comparison.kind)
-
-
-def sentences(analysis: Analysis, metric: str) -> list[str]:
-    """One for each comparison by a metric, and one for campaigns that did not converge."""
-    found = [sentence(each, analysis.cells) for each in analysis.comparisons if each.metric == metric]
-    return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
-
-
-def sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
-    """Which cell of a group is best, by how much, and what cannot be told apart."""
-    group = comparison.group
-    names = {i: level_words(cells[i], group.free) for i in group.cells}
-    where = circumstances(group.shared)
-    head = f"{where + ', ' if where else ''}by {' and '.join(group.free)}"
-    if not comparison.ranks:
-        return f"{head}: no campaign converged in two of them, so that nothing can be compared"
-    ranked = [each.cell for each in comparison.ranks]
-    leaders = [each.cell for each in comparison.ranks if each.lowest == 1]
-    said = [_leading([names[i] for i in leaders])]
-    than = f" than {names[ranked[0]]}" if len(leaders) > 1 else ""
-    for cell in ranked[1:]:
-        pair = comparison.against(ranked[0], cell)
-        many = comparison.kind == "ratio" and pair.effect >= 2
-        said.append(f"{names[cell]} {effect_words(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
-    same = [(p.first, p.second) for p in comparison.pairs if not p.told and isfinite(p.effect)]
-    apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
-    said += [f"not told apart: {', '.join(apart)}"] if apart else []
-    said += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
-    return f"{head}: {'; '.join(said)}"
-
-
-def _leading(names: Sequence[str]) -> str:
-    if len(names) == 1:
-        return f"best is {names[0]}"
-    return f"best are {', '.join(names[:-1])} and {names[-1]}, which cannot be told apart"
-
-
-def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
-    """Campaigns that were left out, and in which cells."""
-    campaigns, lost = sum(each.campaigns for each in means), sum(each.not_converged for each in means)
-    if not lost:
-        return []
-    worst = max(means, key=lambda each: each.not_converged / max(each.campaigns, 1))
-    where = circumstances({name: getattr(cells[worst.cell], name) for name in varying(cells)})
-    return [
-        f"{lost:,} of {campaigns:,} campaigns did not converge, and are left out, in a pair where either did not: "
-        f"where there are many, what is left flatters; the most are {worst.not_converged:,} of {worst.campaigns:,}"
-        f"{f' ({where})' if where else ''}"
-    ]
