@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from lab.commands.payload.result import PayloadResult
     from lab.commands.payload.run import payload
     from lab.commands.result import Result
+    from lab.commands.study.result import StudyResult
     from lab.commands.study.run import study
     from lab.commands.verify.result import VerificationResult
     from lab.commands.verify.run import verify
@@ -54,6 +55,7 @@ __all__ = [
     "PayloadResult",
     "Result",
     "Robot",
+    "StudyResult",
     "Targets",
     "VerificationResult",
     "WorldFrames",
@@ -89,6 +91,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.payload.result": ("PayloadResult",),
     "lab.commands.payload.run": ("payload",),
     "lab.commands.result": ("Result",),
+    "lab.commands.study.result": ("StudyResult",),
     "lab.commands.study.run": ("study",),
     "lab.commands.verify.result": ("VerificationResult",),
     "lab.commands.verify.run": ("verify",),

@@ -3,8 +3,8 @@
 Global: one weighted least squares of positions and orientations over 30 parameters. Sequential: 15 angles
 from orientations alone, then 15 lengths from positions, in which these are linear. The gauge has 16 angles, but to
 orientations a turn of axis 2 is one of axis 3: so the offset of axis 2 belongs to the lengths, as y3 = a3 dtheta2, a Ty
-after Tx(a3). Every answer sees the same arms, poses and noise; errors are those of positions on validation poses, without
-noise. Beside what is simulated stands what linear propagation of the noise predicts.
+after Tx(a3). Every answer sees the same arms, poses and noise; errors are those of positions on validation poses,
+without noise. Beside what is simulated stands what linear propagation of the noise predicts.
 """
 
 from collections.abc import Sequence

@@ -22,7 +22,7 @@ __all__ = ["other_searches", "predicted_rms"]
 
 
 def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
-    """Root mean square position error (m, per m of noise) at the study's validation poses, of designs ``(n, joints)``."""
+    """RMS position error (m, per m of noise) at the study's validation poses, of designs ``(n, joints)``."""
     robot = load_virtual(study.robot)
     model, arm = robot.model, robot.arm(study.targets)
     values = model.values_before(arm, model.T_world_tracker)
