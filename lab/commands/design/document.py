@@ -94,13 +94,13 @@ def _steps(values: dict[str, Any]) -> Table:
     rows = tuple(
         (
             str(step["poses"]),
-            *(f"{step[key]:.4f}" for key in ("rms_mm", "worst_mm", "promise_mm")),
+            *(short(step[key]) for key in ("rms_mm", "worst_mm", "promise_mm")),
             fixed(step["o1"], 2),
         )
         for step in values["curve"]
     )
-    columns = ("poses", "RMS", "worst pose", "95 %/95 % bound", "O1")
-    return Table(columns, rows, "Predicted error on validation poses, mm")
+    columns = ("poses", "RMS, mm", "worst pose, mm", "95 %/95 % bound, mm", "O1")
+    return Table(columns, rows, "Predicted error on validation poses")
 
 
 def _tour(result: DesignResult) -> str:

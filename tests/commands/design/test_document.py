@@ -7,13 +7,13 @@ import pytest
 from helpers.html_page import Page
 
 
-def test_a_plan_says_what_it_promises(plan_run: Path) -> None:
+def test_a_plan_says_its_predicted_errors(plan_run: Path) -> None:
     seen = Page(plan_run / "report.html")
     result = json.loads((plan_run / "result.json").read_text())
-    assert seen.headings == ["irb120: 12 poses to measure", "How many poses", "Where the poses are",
-                             "How good the choice is", "What was done"]  # fmt: skip
+    assert seen.headings == ["irb120: 12 poses to measure", "Number of poses", "Poses and tour",
+                             "Quality of the choice", "What was done"]  # fmt: skip
     assert set(seen.figures) == {"curve-figure", "poses-figure"}
-    assert f"within {result['promise_mm']:.4f} mm in 95 %" in seen.text
+    assert f"its 95 %/95 % tolerance bound is {result['promise_mm']:.4f} mm" in seen.text
     for row, step in zip(seen.table("poses", "RMS, mm"), result["curve"], strict=True):
         assert [seen.number(cell) for cell in row] == pytest.approx(list(step.values()), rel=5e-3)
     assert len(seen.table("index")) == len(result["indices"]) and "D-efficiency" in seen.text
