@@ -2,8 +2,11 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import wraps
 from inspect import Parameter, signature
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, cast, get_type_hints
+
+from threadpoolctl import threadpool_limits
 
 from lab.core.errors import LabError
 from lab.formats.structured import structured
@@ -33,9 +36,17 @@ def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Opti
 
 
 def takes(kind: type[Any]) -> Callable[[Call], Call]:
-    """A function whose ``**options`` are a command's: ``help`` and editors show them as its keywords."""
+    """A public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
+
+    It runs on one BLAS thread: for small matrices more threads wait for each other, and the bits stay the same.
+    """
 
     def mark(function: Call) -> Call:
+        @wraps(function)
+        def call(*given: Any, **options: Any) -> Any:
+            with threadpool_limits(1):
+                return function(*given, **options)
+
         shown = signature(function)
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         taken = {each.name for each in own}
@@ -44,8 +55,8 @@ def takes(kind: type[Any]) -> Callable[[Call], Call]:
             for name, (_, field, hint) in _options(kind)
             if name not in taken
         ]
-        function.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
-        return function
+        call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        return cast(Call, call)
 
     return mark
 

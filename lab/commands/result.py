@@ -99,9 +99,11 @@ class Result(ABC):
         Raises:
             LabError: the folder holds something else or an input, or cannot be written.
         """
+        from threadpoolctl import threadpool_limits
+
         from lab.commands.run_folder import run_folder
 
-        with run_folder(Path(folder), self.inputs) as draft:
+        with threadpool_limits(1), run_folder(Path(folder), self.inputs) as draft:
             self.write(draft)
         return Path(folder)
 
