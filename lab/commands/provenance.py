@@ -3,8 +3,11 @@
 import shlex
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
+import tyro
+
+from lab.commands.registry import command_named
 from lab.commands.run_folder import config
 from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
 
@@ -13,29 +16,29 @@ if TYPE_CHECKING:
 
 __all__ = ["command_line", "provenance_section"]
 
-_POSITIONAL = {"identify": ("file",), "verify": ("run", "file"), "compensate": ("targets",), "payload": ("file",)}
-_SHOWN = ("robot", "instrument", "seed")  # also where they are as usual
-_AGAIN = ("calibrate", "identify", "design")  # that take --config
+(_POSITIONAL,) = get_args(tyro.conf.Positional[str])[1:]  # the mark of an option without a flag
+_SHOWN = ("robot", "instrument", "seed")  # also where they are at their defaults
 
 
 def command_line(name: str, options: "DataclassInstance") -> str:
-    """What to type for these options: those that differ from the usual ones."""
-    given = dict(_asked(options))
-    files = [shlex.quote(given.pop(each)) for each in _POSITIONAL.get(name, ())]
-    flags = []
+    """What to type for these options: those that are not at their defaults."""
+    given, words, flags = dict(_asked(options)), ["lab", name], []
+    for option, hint in get_type_hints(type(options), include_extras=True).items():
+        if _POSITIONAL in get_args(hint) and option in given:
+            words.append(shlex.quote(given.pop(option)))
     for option, value in given.items():
         flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
-    return " ".join(["lab", name, *files, *flags])
+    return " ".join([*words, *flags])
 
 
 def _asked(options: Any) -> Iterator[tuple[str, str]]:
-    """Options that are not as usual, those of groups beside the others; no text for one that is only switched on."""
+    """Options that are not at their defaults, those of groups among them; no text for one that is only switched on."""
     for field in fields(options):
         value = getattr(options, field.name)
-        usual = field.default if field.default_factory is MISSING else field.default_factory()
+        default = field.default if field.default_factory is MISSING else field.default_factory()
         if is_dataclass(value):
             yield from _asked(value)
-        elif value != usual:
+        elif value != default:
             yield field.name, _written(value)
 
 
@@ -47,21 +50,21 @@ def _written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def provenance_section(name: str, options: "DataclassInstance", model_sha256: str, again: str = "") -> Section:
+def provenance_section(name: str, options: "DataclassInstance", model_sha256: str) -> Section:
     """The section on what was done: enough to do it again.
 
     Args:
-        again: how to, in words, for a command that does not take a ``config.json``.
+        name: of the command.
     """
     made = config(name, options, model_sha256)
     versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
     rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
-    if name in _AGAIN:
-        again = f"lab {name} --config config.json gives the same numbers again"
-    words = f"All other options were at their defaults; config.json holds every one{'; ' + again if again else ''}."
+    words = "All other options were at their defaults"
+    if command_named(name).folder:
+        words += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"
     return Section(
         "What was done",
-        (Command(command_line(name, options)), Paragraph(words), Table(("", ""), tuple(rows))),
+        (Command(command_line(name, options)), Paragraph(f"{words}."), Table(("", ""), tuple(rows))),
         shown_in=PAGE,
     )

@@ -21,7 +21,8 @@ class Result(ABC):
 
     A subclass is ``@dataclass(frozen=True, repr=False, eq=False)``: it holds arrays, which neither print shortly nor
     compare to one truth value. It says what is abstract here, overrides nothing else, and imports what is slow
-    (rendering, drawing, writing) inside its methods. ``warnings`` may be a field or a property.
+    (rendering, drawing, writing) inside its methods. ``warnings`` and ``options`` may be
+    fields or properties.
     """
 
     if TYPE_CHECKING:  # at run time a property here would be the default value of a dataclass's field
@@ -31,15 +32,15 @@ class Result(ABC):
         def warnings(self) -> tuple[str, ...]:
             """What a reader should be told, a sentence each."""
 
+        @property
+        @abstractmethod
+        def options(self) -> Any:
+            """What was asked: the options of the command."""
+
     @property
     @abstractmethod
     def exit_code(self) -> int:
         """What the command returns: 0 where the answer is good, 1 where it is bad."""
-
-    @property
-    @abstractmethod
-    def inputs(self) -> tuple[Path, ...]:
-        """Files and folders that the result was made from, which saving it never replaces."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
@@ -101,9 +102,9 @@ class Result(ABC):
         """
         from threadpoolctl import threadpool_limits
 
-        from lab.commands.run_folder import run_folder
+        from lab.commands.run_folder import input_files, run_folder
 
-        with threadpool_limits(1), run_folder(Path(folder), self.inputs) as draft:
+        with threadpool_limits(1), run_folder(Path(folder), input_files(self.options)) as draft:
             self.write(draft)
         return Path(folder)
 

@@ -90,16 +90,6 @@ class CalibrationResult(Result):
         return 1 if self.verdict.word == "bad" else 0
 
     @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The measurement files, or the plan."""
-        given = (
-            (self.options.plan,)
-            if isinstance(self.options, VirtualCampaign)
-            else (self.options.file, self.options.validate)
-        )
-        return tuple(path for path in given if path is not None)
-
-    @property
     def identification(self) -> Identification:
         """The fit of the parameters."""
         return self.fit.identification

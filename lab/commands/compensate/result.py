@@ -74,11 +74,6 @@ class CompensationResult(Result):
         return 0 if self.found.converged.all() else 1
 
     @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The targets' file and the run."""
-        return (self.options.targets, self.options.run)
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What a reader should be told."""
         gate_mm, (mean_mm, _) = self.run.options.get("gate_mm"), self.mean_and_max_mm(self.predicted_m)

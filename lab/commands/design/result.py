@@ -93,13 +93,6 @@ class DesignResult(Result):
         return 0
 
     @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The files that were read: the robot's, where it is a file, and the measurements that are added to."""
-        from lab.commands.run_folder import input_files
-
-        return input_files(self.options)
-
-    @property
     def pool_in_words(self) -> str:
         """What the certificate is for."""
         candidates = len(self.problem.candidates.joints)

@@ -46,11 +46,6 @@ class Inspection(Result):
         """0: a robot that can be read is neither good nor bad."""
         return 0
 
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """None that saving could replace: a robot's file is no file of a run."""
-        return ()
-
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints: millimetres and degrees; aliases in SI units; None where not finite."""
         return dict(self.values)

@@ -65,11 +65,6 @@ class PayloadResult(Result):
         return 0 if self.trusted else 1
 
     @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The file of samples, the sensor's description and the run."""
-        return tuple(path for path in (self.options.file, self.options.sensor, self.options.run) if path is not None)
-
-    @property
     def load(self) -> HandLoad:
         """What gravity acts on."""
         return HandLoad.of(self.estimate)

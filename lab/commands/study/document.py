@@ -104,7 +104,7 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> Table:
                 f"{first.not_converged:,} of {first.campaigns:,}",
             )
         )
-    columns = (
+    columns: tuple[str | Column, ...] = (
         *names,
         metric_words(metrics[0]),
         *(Column(metric_words(metric), PAGE) for metric in more),

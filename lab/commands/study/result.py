@@ -46,11 +46,6 @@ class StudyResult(Result):
         """Always 0: a study that cannot be finished is an error."""
         return 0
 
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The study's file, and the folder with its simulated calibrations."""
-        return (self.options.config, self.done.folder)
-
     @cached_property
     def pictures(self) -> "dict[str, Picture]":
         """All figures, by the names of their files."""

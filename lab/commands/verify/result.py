@@ -52,11 +52,6 @@ class VerificationResult(Result):
         return 0 if self.good else 1
 
     @property
-    def inputs(self) -> tuple[Path, ...]:
-        """The run and the measurement file."""
-        return (self.options.file, self.options.run)
-
-    @property
     def observed_mm(self) -> dict[str, float | int]:
         """Statistics of the observed position errors: mean, rms, p95, max (mm) and count."""
         return error_statistics(self.verified.errors).to_dict()
