@@ -15,11 +15,13 @@ Example:
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from lab.core.version import __version__
 
+TYPE_CHECKING = False  # as type checkers read it; importing typing would take longer than all the rest
 if TYPE_CHECKING:
+    from typing import Any
+
     from lab.campaign.robot import Robot, load_robot
     from lab.commands.calibrate.result import CalibrationResult
     from lab.commands.calibrate.run import calibrate, identify
@@ -102,7 +104,7 @@ _MODULES = {  # where each name is, imported when it is asked for
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     for module, names in _MODULES.items():
         if name in names:
             value = globals()[name] = getattr(import_module(module), name)

@@ -12,7 +12,6 @@ from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.core.version import PACKAGE
 from lab.formats.description import IdentifiedRobot
 from lab.formats.dh_table_toml import read_table
 from lab.formats.mechanism_toml import is_mechanism, read_mechanism
@@ -263,7 +262,7 @@ class ClosedRobot(Robot):
 
 def models_folder() -> Path:
     """Where the robots live: in the installed package, or beside it in a checkout."""
-    installed = PACKAGE / "models"
+    installed = Path(__file__).resolve().parents[1] / "models"
     return installed if installed.is_dir() else installed.parent.parent / "models"
 
 

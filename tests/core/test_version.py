@@ -3,9 +3,8 @@
 from importlib import metadata
 
 import lab
-from lab.core.version import PACKAGE, __version__
+from lab.core.version import __version__
 
 
 def test_there_is_one_version() -> None:
     assert lab.__version__ == __version__ == metadata.version("virtual-calibration-lab")
-    assert (PACKAGE / "__init__.py").samefile(lab.__file__)
