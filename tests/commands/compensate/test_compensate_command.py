@@ -291,7 +291,8 @@ def test_arms_with_few_joints_say_what_they_cannot_do(name: str, tmp_path, capsy
     code, result = compensated(capsys, tmp_path / "targets.csv", run, out)
     assert code == 0 and result["converged"] == 20 and result["schemes_apart_mm"] < 1e-5
     assert re.search(
-        r"scara has 4 joints.*positions are met, rotations missed by up to 0\.\d+° \(target t\d+\)", result["warnings"][0]
+        r"scara has 4 joints.*positions are met, rotations missed by up to 0\.\d+° \(target t\d+\)",
+        result["warnings"][0],
     )
 
 
