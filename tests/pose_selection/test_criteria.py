@@ -11,7 +11,8 @@ from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, indices
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).kept)
-NAMES = [ARM.names[i] for i in KEPT]
+PARAMETERS = [ARM.parameters[i] for i in KEPT]
+NAMES = [parameter.name for parameter in PARAMETERS]
 
 
 def jacobian(poses: int, seed: int) -> np.ndarray:
@@ -62,9 +63,9 @@ def test_o1_ranks_in_all_units_alike_and_the_others_do_not() -> None:
     designs = np.stack([jacobian(15, seed) for seed in range(200)])
     pool = jacobian(500, 1000)
     scalings = [Scaling(kind) for kind in ("raw", "unit", "length", "whitened")] + [Scaling("length", length_m=0.1)]
-    found = [indices(designs * scaling.columns(NAMES, pool)) for scaling in scalings]
+    found = [indices(designs * scaling.columns(PARAMETERS, pool)) for scaling in scalings]
     for one, scaling in zip(found, scalings, strict=True):
-        again = indices(designs * scaling.columns(NAMES, pool), pool * scaling.columns(NAMES, pool))
+        again = indices(designs * scaling.columns(PARAMETERS, pool), pool * scaling.columns(PARAMETERS, pool))
         plain = indices(designs, pool)
         np.testing.assert_allclose([again.g, again.i], [plain.g, plain.i], rtol=1e-6)  # they speak of positions
         np.testing.assert_array_equal(again.o1, one.o1)
@@ -75,13 +76,13 @@ def test_o1_ranks_in_all_units_alike_and_the_others_do_not() -> None:
 
 def test_scalings_are_what_they_say() -> None:
     pool = jacobian(300, 0)
-    raw = pool * Scaling("raw").columns(NAMES, pool)
+    raw = pool * Scaling("raw").columns(PARAMETERS, pool)
     alpha, length = NAMES.index("link3.alpha"), NAMES.index("link3.a")
     np.testing.assert_allclose(raw[..., length], pool[..., length])  # mm per mm
     np.testing.assert_allclose(raw[..., alpha], 1e3 * pool[..., alpha])  # mm per rad
-    unit = pool * Scaling("unit").columns(NAMES, pool)
+    unit = pool * Scaling("unit").columns(PARAMETERS, pool)
     np.testing.assert_allclose((unit**2).sum(axis=(0, 1)) / len(pool), 1)
-    tolerances = Scaling("whitened", tolerance_m=2e-3, tolerance_rad=1e-3).columns(NAMES, pool)
+    tolerances = Scaling("whitened", tolerance_m=2e-3, tolerance_rad=1e-3).columns(PARAMETERS, pool)
     assert tolerances[length] == 2e-3 and tolerances[alpha] == 1e-3
 
 
@@ -89,7 +90,7 @@ def test_scalings_are_what_they_say() -> None:
 def test_every_slope_is_the_derivative_of_its_score(name: str) -> None:
     rng = np.random.default_rng(1)
     test = jacobian(40, 1)
-    scale = Scaling("length").columns(NAMES, test)
+    scale = Scaling("length").columns(PARAMETERS, test)
     flat = (jacobian(20, 2) * scale).reshape(-1, 27)
     information = flat.T @ flat
     goal = criterion(name, 27, test * scale)

@@ -34,7 +34,7 @@ def test_bodies_stand_where_the_equations_put_them() -> None:
 def test_a_table_alone_becomes_a_model_with_its_joints(tmp_path) -> None:
     nothing = np.full((2, RX130.size), np.nan)
     model = table_model(tmp_path / "arm.toml", RobotTable(RX130, None, {}, None, *nothing, ()))
-    assert model.model.njnt == 6 and model.chain == RX130 and model.drawn
+    assert model.model.njnt == 6 and model.chain == RX130 and model.shapes_assumed
     assert model.model.site(FLANGE).name == FLANGE
 
 
@@ -42,10 +42,10 @@ def test_a_mechanism_off_its_nominal_dimensions_stands_elsewhere() -> None:
     robot = load_robot("rpr2")
     mechanism = robot.chain
     off = random_values(mechanism, 1e-3, 1e-3, np.random.default_rng(0))
-    assert off.shape == (len(mechanism.names),) and not np.allclose(off, mechanism.drawn)
+    assert off.shape == (len(mechanism.names),) and not np.allclose(off, mechanism.nominal_values)
     joints = mechanism.random_joints(3, np.random.default_rng(1))
     place = robot.model.T_world_tracker
     nominal, moved = (true_mechanism(robot.model, values, place).points(joints, ("p1",))
-                      for values in (mechanism.drawn, off))  # fmt: skip
+                      for values in (mechanism.nominal_values, off))  # fmt: skip
     distance = np.linalg.norm(moved - nominal, axis=2)
     assert (distance > 1e-6).all() and (distance < 0.05).all()

@@ -19,7 +19,6 @@ import pytest
 from helpers import toy_study
 from helpers.robots import ROOT
 
-import lab
 from lab.cli import main
 from lab.core.errors import LabError
 from lab.studies.executors import StoppedError, cluster_executor, local_executor, run_jobs
@@ -244,7 +243,7 @@ def test_what_can_go_on_is_the_same_study(tmp_path: Path, monkeypatch: pytest.Mo
         with pytest.raises(LabError, match=r"another study \(draws is 2000 there, 1999 here\)"):
             toy(folder, executor, other, resume=True)
         with monkeypatch.context() as patch, pytest.raises(LabError, match=r"begun with virtual-calibration-lab 0\.1"):
-            patch.setattr(lab, "__version__", "99")
+            patch.setattr("lab.studies.provenance.__version__", "99")
             toy(folder, executor, resume=True)
         with monkeypatch.context() as patch, pytest.raises(LabError, match=r"begun with another manifest\.json"):
             patch.setattr("lab.studies.grid.CAMPAIGNS_A_TASK", 4000)
@@ -312,7 +311,7 @@ def test_the_command(
     assert result["campaigns_per_second"] == pytest.approx(24 / result["seconds"])
     assert [cell["factors"]["poses"] for cell in result["cells"]] == [12, 15]
     assert main(["study", "small.toml", "--scheduler", cluster.scheduler_address]) == 0
-    assert "24 of 24 campaigns worked out" in capfd.readouterr().out
+    assert "24 simulated calibrations" in capfd.readouterr().out
     study, made = read_study(Path("small.toml")), Path("runs/study-small")
     with ThreadPoolExecutor(1) as executor:
         run_study(study, Path("alone"), executor)
