@@ -13,7 +13,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.experiments.closed_loop import ClosedLoop, Cube, VisitedPath, compensator_of
 from lab.render.scene import LARGEST_FACTOR, magnification, moved
-from lab.render.skeleton import frame_origins
+from lab.render.skeleton import skeleton
 from lab.simulation.meshes import Shell, body_poses, shells
 
 __all__ = ["HOLD", "LoopScene", "ShownCourse", "loop_scene"]
@@ -121,7 +121,7 @@ def loop_scene(outcome: CalibrationResult, loop: ClosedLoop) -> LoopScene:
         T_world_tracker,
         tuple(shells(model)),
         body_poses(model, arm, values, joints),
-        moved(model.T_world_frame0, frame_origins(arm, values, joints)),
+        moved(model.T_world_frame0, skeleton(arm, values, joints).origins),
     )
 
 

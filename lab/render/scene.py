@@ -10,7 +10,7 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.render.document import Strong, Text
-from lab.render.skeleton import Legs, legs
+from lab.render.skeleton import Legs, skeleton
 
 __all__ = [
     "LARGEST_FACTOR",
@@ -76,8 +76,8 @@ def moved(T_a_b: Array, points: Array) -> Array:
 
 def world_legs(T_world_frame0: Array, arm: RigidArm, values: Array, joints: Array) -> Legs:
     """The legs of an arm, in the world."""
-    found = legs(arm, values, joints)
-    return Legs(moved(T_world_frame0, found.ends), found.measured)
+    found = skeleton(arm, values, joints)
+    return Legs(moved(T_world_frame0, found.rods), found.measured)
 
 
 def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:

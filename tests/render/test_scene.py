@@ -15,7 +15,7 @@ from lab.render.progress import bars, status
 from lab.render.recording_layout import eye, main_view
 from lab.render.rerun_primitives import draw_legs, recording_to
 from lab.render.scene import MOST_POSES, drawn_rows, legs_legend, magnification, moved, reach_of, world_legs
-from lab.render.skeleton import Legs, frame_origins, legs, line_frames, strips
+from lab.render.skeleton import Legs, skeleton
 
 
 @given(st.floats(1e-9, 1e3), st.floats(1e-3, 1e3))
@@ -41,13 +41,13 @@ def test_the_rows_that_are_drawn(count: int) -> None:
 def test_an_arms_lines_end_at_its_frames() -> None:
     arm, joints = SerialArm(RX130, ("p1",)), RX130.random_joints(3, np.random.default_rng(0))
     values = arm.nominal()
-    lines, frames = strips(arm, values, joints), line_frames(arm, values, joints)
-    assert len(lines) == 1 and lines[0].shape[::2] == (3, 3) and legs(arm, values, joints).measured == ()
-    np.testing.assert_allclose(lines[0][:, -1], frames[:, -1], atol=1e-12)
-    assert frame_origins(arm, values, joints).shape[0] == 3
+    found = skeleton(arm, values, joints)
+    assert len(found.lines) == 1 and found.lines[0].shape[::2] == (3, 3) and found.measured == ()
+    np.testing.assert_allclose(found.lines[0][:, -1], found.frames[:, -1], atol=1e-12)
+    assert found.origins.shape[0] == 3
     turned = values.copy()
     turned[:6] = 0.3
-    np.testing.assert_allclose(strips(arm, turned, joints)[0], lines[0], atol=1e-12)  # whatever the base
+    np.testing.assert_allclose(skeleton(arm, turned, joints).lines[0], found.lines[0], atol=1e-12)  # whatever the base
 
 
 def test_legs_of_a_mechanism_in_the_world() -> None:

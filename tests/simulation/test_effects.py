@@ -90,7 +90,7 @@ def drawn_values(effects: Effects) -> dict[str, Array]:
         "harmonics_rad": effects.part(Runout).harmonics_rad,
         "coupling": effects.part(JointCoupling).coupling,
         "backlash_rad": effects.part(Play).backlash_rad,
-        "drift_per_h": effects.part(TrackerDrift).drift_per_h,
+        "drift_per_h": effects.part(TrackerDrift).motion,
     }
 
 

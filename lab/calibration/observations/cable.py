@@ -1,7 +1,7 @@
 """A draw-wire: lengths of a cable from a target of the tool to anchors whose positions are fitted."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from lab.calibration.observations.consistency import disagreement
 from lab.calibration.observations.fixture_kinds import FixtureKind, FixtureRows, refuse_blank
 from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.kind import ObservationWords
-from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -67,18 +66,7 @@ class CableKind(FixtureKind):
         names_targets=False,
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, numbers=("cable_mm",), observed="cable")
-    flags: ClassVar[type[Any] | None] = None
     model: ClassVar[type[Fixtures]] = Cable
-
-    @classmethod
-    def configured(cls, options: ObservationOptions, fit: FitInputs) -> Self:
-        """The kind has no options.
-
-        Raises:
-            LabError: an instrument or a validation file is given.
-        """
-        fit.refuse_those_of_points(cls.name)
-        return cls()
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
         """``(n,)``: those with a length."""

@@ -12,9 +12,9 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identify import IdentifyOptions, Solve
 from lab.calibration.observations.fixtures import FIXTURE, Fixtures
 from lab.calibration.observations.kind import ObservationKind
+from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -61,22 +61,19 @@ class FixtureKind(ObservationKind, ABC):
             LabError: an option of the kind does not hold for them.
         """
 
-    @property
-    def solve(self) -> Solve | None:
-        """None: all parameters are fitted at once."""
-        return None
+    @classmethod
+    def configured(cls, options: ObservationOptions, fit: FitInputs) -> Self:
+        """The kind, whose observations no instrument weighs.
+
+        Raises:
+            LabError: an instrument or a validation file is given.
+        """
+        fit.refuse_those_of_points(cls.name)
+        return cls()
 
     def targets(self, data: Measurements) -> tuple[str, ...]:
         """The target that touches or is tied, whatever points the file has."""
         return ("p1",)
-
-    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
-        """The model as it is: all observed numbers are lengths."""
-        return model
-
-    def weighed_as(self, model: Model) -> Self:
-        """The kind itself: nothing is estimated."""
-        return self
 
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
         """The fixtures that have enough rows, and these rows; a warning for each of the others.

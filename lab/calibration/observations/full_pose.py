@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, Solve, identify
@@ -274,18 +273,6 @@ class PoseKind(ObservationKind):
     def solve(self) -> Solve | None:
         """The sequential method, if it is asked for."""
         return fit_sequentially if self.sequential else None
-
-    def targets(self, data: Measurements) -> tuple[str, ...]:
-        """The measured ones."""
-        return data.targets
-
-    def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """``(n,)``: those with a measured position."""
-        return np.asarray(data.seen.any(axis=1))
-
-    def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
-        """The measurements as they are: poses do not tell where a session begins."""
-        return data
 
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
         """Positions of all targets and the orientation of the one that has some.

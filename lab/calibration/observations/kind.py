@@ -5,8 +5,9 @@ Its flags, if it has any, are in ``options``; its simulation is a module of the 
 ``lab.simulation.observations``; one line of ``lab.campaign.observation_kinds`` joins them.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,12 @@ class ObservationWords:
     names_targets: bool
 
 
-class ObservationKind(Protocol):
+@dataclass(frozen=True)
+class ObservationKind(ABC):
     """One way to measure an arm, with the options that it was given.
+
+    What most kinds have in common is here: no options, every parameter fitted at once, the measured targets, and
+    nothing that the observations tell of sessions or weights.
 
     Attributes:
         name: as ``--observe`` takes it.
@@ -55,7 +60,7 @@ class ObservationKind(Protocol):
     name: ClassVar[str]
     words: ClassVar[ObservationWords]
     columns: ClassVar[ObservedColumns]
-    flags: ClassVar[type[Any] | None]
+    flags: ClassVar[type[Any] | None] = None
     in_instrument_frame: ClassVar[bool]
 
     @classmethod
@@ -65,16 +70,20 @@ class ObservationKind(Protocol):
         Raises:
             LabError: an option of the kind makes no sense, alone or beside the fit's.
         """
+        return cls()
 
     @property
     def solve(self) -> Solve | None:
         """Another way to fit the free parameters than all at once; None for that."""
+        return None
 
     def targets(self, data: Measurements) -> tuple[str, ...]:
-        """The targets that the arm needs to predict what ``data`` holds."""
+        """The targets that the arm needs to predict what ``data`` holds: the measured ones."""
+        return data.targets
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """``(n,)``: the rows of a file that hold something of this kind."""
+        """``(n,)``: the rows of a file that hold something of this kind: here, a measured position."""
+        return np.asarray(data.seen.any(axis=1))
 
     def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
         """The file's measurements, with the sessions that the observations themselves tell where the file names none.
@@ -83,8 +92,13 @@ class ObservationKind(Protocol):
             arm: the arm, measured by points.
             data: the file's.
             nominal: ``(p,)`` nominal parameters of ``arm``.
-        """
 
+        Returns:
+            The measurements as they are, where observations do not tell where a session begins.
+        """
+        return data
+
+    @abstractmethod
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
         """The observation factory: the model that predicts what is observed, and the measurements of it.
 
@@ -107,7 +121,12 @@ class ObservationKind(Protocol):
             data: of ``observation``, those to be fitted.
             nominal: ``(p,)`` nominal parameters of ``model``.
             request: what is asked of the identification.
+
+        Returns:
+            The model as it is, where all observed numbers are lengths.
         """
+        return model
 
     def weighed_as(self, model: Model) -> Self:
         """The kind with the weights of this model given: the kind itself where nothing is estimated."""
+        return self

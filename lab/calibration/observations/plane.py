@@ -1,7 +1,7 @@
 """Touched planes: a point of the tool on planes whose positions are fitted."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from lab.calibration.observations.fixture_kinds import FixtureKind, FixtureRows, refuse_blank
 from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.kind import ObservationWords
-from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian
 from lab.formats.measurement_csv import ObservedColumns
@@ -65,26 +64,11 @@ class PlaneKind(FixtureKind):
         names_targets=False,
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, texts=("location",), observed="plane")
-    flags: ClassVar[type[Any] | None] = None
     model: ClassVar[type[Fixtures]] = Planes
-
-    @classmethod
-    def configured(cls, options: ObservationOptions, fit: FitInputs) -> Self:
-        """The kind has no options.
-
-        Raises:
-            LabError: an instrument or a validation file is given.
-        """
-        fit.refuse_those_of_points(cls.name)
-        return cls()
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
         """``(n,)``: all, as a contact needs no column of its own."""
         return np.ones(len(data), dtype=np.bool_)
-
-    def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
-        """The measurements as they are: contacts do not tell where a session begins."""
-        return data
 
     def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
         """The planes by location, else by session; one plane where nothing names any.

@@ -124,10 +124,6 @@ class SocketKind(FixtureKind):
         cells = zip(*(data.other.get(column, none) for column in _COLUMNS), strict=True)
         return np.array([all(texts) for texts in cells], dtype=np.bool_)
 
-    def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
-        """The measurements as they are: contacts do not tell where a session begins."""
-        return data
-
     def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
         """The sockets by location and name.
 

@@ -15,7 +15,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array, transform
 from lab.render.plots import SizeMap, spread_by_size
 from lab.render.scene import moved
-from lab.render.skeleton import line_frames, strips
+from lab.render.skeleton import skeleton
 
 __all__ = ["ArmPoses", "ErrorMap", "arm_poses", "error_map"]
 
@@ -107,8 +107,9 @@ def arm_poses(result: CalibrationResult) -> ArmPoses:
     rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, _MOST_ARMS)).astype(np.int_))
     arm, values = result.rigid(identification.values)
     T_world_frame0 = result.robot.model.T_world_frame0
-    lines = [moved(T_world_frame0, line) for line in strips(arm, values, fitted.joints[rows])]
-    joints = moved(T_world_frame0, line_frames(arm, values, fitted.joints[rows]))
+    shown = skeleton(arm, values, fitted.joints[rows])
+    lines = [moved(T_world_frame0, line) for line in shown.lines]
+    joints = moved(T_world_frame0, shown.frames)
     tips = _predicted(result, fitted.take(rows))
     first = int(np.argmax(np.abs(joints[:, -1, 0] - joints[:, 0, 0])))
     order = [first, *(i for i in range(len(rows)) if i != first)]

@@ -23,7 +23,7 @@ from lab.render.scene import (
     reach_of,
     world_legs,
 )
-from lab.render.skeleton import Legs, frame_origins
+from lab.render.skeleton import Legs, skeleton
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells
 
 __all__ = ["OutlierPose", "Scene", "scene", "world_of"]
@@ -103,7 +103,7 @@ def scene(outcome: CalibrationResult) -> Scene:
     measured, before, after = (moved(T_world_instrument, points) for points in (observed, before, after))
     there = seen_mask(observed)
     arm, values = outcome.rigid(identification.values)
-    places = moved(_world_frame0(outcome), frame_origins(arm, values, joints))
+    places = moved(_world_frame0(outcome), skeleton(arm, values, joints).origins)
     between = world_legs(_world_frame0(outcome), arm, values, joints)
     reach = reach_of(_world_frame0(outcome), measured[there], between)
     visible, bodies = _bodies(outcome, arm, values, joints)

@@ -12,7 +12,7 @@ from lab.formats.programs.protocol import PAUSE_S
 from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
 from lab.render.scene import MagnifiedEllipsoids, magnified, moved, reach_of, world_legs
-from lab.render.skeleton import Legs, frame_lines, frame_origins
+from lab.render.skeleton import Legs, skeleton
 from lab.simulation.meshes import Shell, body_poses, shells
 
 __all__ = ["PlanScene", "plan_scene"]
@@ -98,8 +98,8 @@ def plan_scene(plan: DesignResult) -> PlanScene:
         reach,
         visible,
         body_poses(model, arm, values, stops),
-        moved(frame0, frame_origins(arm, values, stops)),
-        tuple(moved(frame0, line[0]) for line in frame_lines(arm, values, stops[:1])),
+        moved(frame0, skeleton(arm, values, stops).origins),
+        tuple(moved(frame0, line[0]) for line in skeleton(arm, values, stops[:1]).frame_lines),
         legs,
         magnified(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
         magnified(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),

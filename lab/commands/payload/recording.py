@@ -17,7 +17,7 @@ from lab.render.markdown import to_markdown
 from lab.render.recording_layout import FAR, SUMMARY, eye, layout, main_view
 from lab.render.rerun_primitives import Times, draw_shells, markdown, recording_to
 from lab.render.scene import moved
-from lab.render.skeleton import frame_origins
+from lab.render.skeleton import skeleton
 from lab.render.style import RGB_MUTED, RGB_PAYLOAD, RGB_WEIGHT
 from lab.simulation.meshes import body_poses, shells
 
@@ -39,7 +39,7 @@ def record_payload(path: Path, result: PayloadResult) -> None:
     values = arm.nominal(result.robot.tool)
     Ts = model.T_world_frame0 @ arm.flange(shown.joints, values)
     with recording_to(path, result.robot.name, _identity(result)) as recording:
-        origins = moved(model.T_world_frame0, frame_origins(arm, values, shown.joints))
+        origins = moved(model.T_world_frame0, skeleton(arm, values, shown.joints).origins)
         reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
         recording.send_blueprint(_blueprint(result, origins, reach, timeline))
         draw_shells(recording, at, shells(model), body_poses(model, arm, values, shown.joints))

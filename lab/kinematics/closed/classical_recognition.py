@@ -111,21 +111,11 @@ class ClassicalModel(ABC):
 
 
 @dataclass(frozen=True)
-class ClassicalRpr2(ClassicalModel):
-    """A mechanism that is a 2-RPR."""
+class ClassicalLegs(ClassicalModel):
+    """A mechanism of legs in a plane, whose lengths are the joint positions."""
 
-    model: TwoLegs
-    name = "2-RPR"
+    model: TwoLegs | ThreeLegs
     is_planar = True
-
-    @property
-    def dimensions(self) -> dict[str, Array]:
-        """How far the anchors are apart."""
-        return {"span_m": np.array(self.model.span_m)}
-
-    def modes(self, joints: Array) -> Array:
-        """Both, mirrored at the line through the anchors."""
-        return self._passive(self.model.direct(self._of_legs(joints)))
 
     def inverse_solutions(self, passive: Array) -> Array:
         """One: the lengths of the legs."""
@@ -140,12 +130,28 @@ class ClassicalRpr2(ClassicalModel):
 
 
 @dataclass(frozen=True)
-class ClassicalRpr3(ClassicalModel):
+class ClassicalRpr2(ClassicalLegs):
+    """A mechanism that is a 2-RPR."""
+
+    model: TwoLegs
+    name = "2-RPR"
+
+    @property
+    def dimensions(self) -> dict[str, Array]:
+        """How far the anchors are apart."""
+        return {"span_m": np.array(self.model.span_m)}
+
+    def modes(self, joints: Array) -> Array:
+        """Both, mirrored at the line through the anchors."""
+        return self._passive(self.model.direct(self._of_legs(joints)))
+
+
+@dataclass(frozen=True)
+class ClassicalRpr3(ClassicalLegs):
     """A mechanism that is a 3-RPR."""
 
     model: ThreeLegs
     name = "3-RPR"
-    is_planar = True
 
     @property
     def dimensions(self) -> dict[str, Array]:
@@ -157,17 +163,6 @@ class ClassicalRpr3(ClassicalModel):
         found = self._passive(self.model.direct(self._of_legs(joints)))
         found[..., 2] = self.nominal[2] + wrapped(found[..., 2] - self.nominal[2])
         return found
-
-    def inverse_solutions(self, passive: Array) -> Array:
-        """One: the lengths of the legs."""
-        return self._of_joints(self.model.inverse(self._pose(passive))[:, None])
-
-    def distances(self, joints: Array, passive: Array) -> Distances:
-        """Of the pose alone."""
-        return self.model.distances(self._pose(passive))
-
-    def _parallel_matrix(self, joints: Array, passive: Array) -> Array:
-        return self.model.matrices(self._pose(passive))[0]
 
 
 @dataclass(frozen=True)

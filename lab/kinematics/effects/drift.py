@@ -2,22 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import HOUR_S, TIME, PoseConditions
+from lab.kinematics.effects.conditions import HOUR_S, TIME
 from lab.kinematics.effects.effect import (
     AXES,
     ArmFacts,
     Effect,
     FittedGroup,
-    MovesTracker,
     SimulatedEffect,
+    TrackerMotion,
     VirtualEffect,
-    in_moved_frame,
-    random_direction,
 )
 from lab.kinematics.parameter import placed_parameters
 
@@ -36,34 +34,15 @@ def drift(start_s: float = 0.0) -> Effect:
 
 
 @dataclass(frozen=True)
-class TrackerDrift(SimulatedEffect, MovesTracker):
-    """Of one campaign.
+class TrackerDrift(TrackerMotion):
+    """Of one campaign: the motion is that of an hour, steady."""
 
-    Attributes:
-        drift_per_h: ``(6,)`` motion of the tracker in its own frame in an hour, m and rad, steady.
-    """
-
-    drift_per_h: Array
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """A tracker that stays."""
-        return cls(np.zeros(6))
-
-    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The time."""
-        return (TIME,) if self.drift_per_h.any() else ()
-
-    def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
-        """In the frame of a tracker that moved in proportion to the time."""
-        if not self.drift_per_h.any():
-            return points
-        moved = self.drift_per_h * (conditions.column(TIME) / HOUR_S)[:, None]
-        return in_moved_frame(points, moved)
+    condition: ClassVar[str] = TIME
+    whole: ClassVar[float] = HOUR_S
 
     def true_parameters(self) -> dict[str, float]:
         """The tracker's motion reversed: ``p' = exp(w t) (p + v t)``."""
-        rates = {f"drift.{axis}": float(value) for axis, value in zip(AXES, -self.drift_per_h, strict=True)}
+        rates = {f"drift.{axis}": float(value) for axis, value in zip(AXES, -self.motion, strict=True)}
         return rates | {"drift.scale": 0.0}
 
 
@@ -83,7 +62,4 @@ class Drift(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Both directions are drawn."""
-        sizes = self.drift_mm_per_h / 1e3, self.drift_mrad_per_h / 1e3
-        return TrackerDrift(
-            np.concatenate([size * random_direction(rng) for size, rng in zip(sizes, rngs, strict=True)])
-        )
+        return TrackerDrift.random(self.drift_mm_per_h / 1e3, self.drift_mrad_per_h / 1e3, rngs)

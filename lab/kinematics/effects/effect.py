@@ -36,10 +36,9 @@ __all__ = [
     "ScattersJoints",
     "SessionInfo",
     "SimulatedEffect",
+    "TrackerMotion",
     "VirtualEffect",
-    "in_moved_frame",
     "levers",
-    "random_direction",
     "refuse_negative",
     "turning_joints",
 ]
@@ -166,6 +165,42 @@ class MovesTracker(ABC):
         """Points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
 
 
+@dataclass(frozen=True)
+class TrackerMotion(SimulatedEffect, MovesTracker):
+    """The tracker moves in one way, more or less of it at a pose.
+
+    Attributes:
+        motion: ``(6,)`` in its own frame, m and rad, where the share is one.
+        condition: the column of a pose's conditions that the share is read from.
+        whole: what that column holds where the share is one.
+    """
+
+    motion: Array
+    condition: ClassVar[str]
+    whole: ClassVar[float] = 1.0
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """A tracker that stays."""
+        return cls(np.zeros(6))
+
+    @classmethod
+    def random(cls, size_m: float, size_rad: float, rngs: Sequence[np.random.Generator]) -> Self:
+        """A shift and a turn of these sizes, in and about random directions."""
+        sizes = size_m, size_rad
+        return cls(np.concatenate([size * _random_direction(rng) for size, rng in zip(sizes, rngs, strict=True)]))
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """What its share depends on, where it moves."""
+        return (self.condition,) if self.motion.any() else ()
+
+    def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
+        """In the frame of the tracker where it is at each pose."""
+        if not self.motion.any():
+            return points
+        return _in_moved_frame(points, self.motion * (conditions.column(self.condition) / self.whole)[:, None])
+
+
 class ChangesJointPositions(ABC):
     """It makes the measured joint positions differ from those where the arm is."""
 
@@ -233,7 +268,7 @@ class VirtualEffect(ABC):
         """
 
 
-def in_moved_frame(points: Array, moved: Array) -> Array:
+def _in_moved_frame(points: Array, moved: Array) -> Array:
     """Points ``(m, k, 3)`` in a frame that has moved by ``(m, 6)``, m and rad, in itself."""
     Ts_first_now = se3.pose(se3.exp(moved[:, 3:]), moved[:, :3])
     return se3.transform(se3.inverse(Ts_first_now), points)
@@ -249,7 +284,7 @@ def levers(chain: JointSpec) -> Array:
     return np.where(chain.prismatic, LEVER_M, 1.0)
 
 
-def random_direction(rng: np.random.Generator) -> Array:
+def _random_direction(rng: np.random.Generator) -> Array:
     """A unit vector ``(3,)``, any direction as likely."""
     vector = rng.standard_normal(3)
     unit: Array = vector / np.linalg.norm(vector)

@@ -3,24 +3,22 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.measurements import SESSION
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import BUMPED, PoseConditions
+from lab.kinematics.effects.conditions import BUMPED
 from lab.kinematics.effects.effect import (
     AXES,
     ArmFacts,
     Effect,
     FittedGroup,
-    MovesTracker,
     SimulatedEffect,
+    TrackerMotion,
     VirtualEffect,
-    in_moved_frame,
-    random_direction,
 )
 from lab.kinematics.parameter import placed_parameters
 
@@ -48,31 +46,14 @@ def _fitted(arm: ArmFacts) -> Effect:
 
 
 @dataclass(frozen=True)
-class TrackerBump(SimulatedEffect, MovesTracker):
-    """Of one campaign.
+class TrackerBump(TrackerMotion):
+    """Of one campaign: the motion is that of all at once in its middle."""
 
-    Attributes:
-        bump: ``(6,)`` motion of the tracker in its own frame, m and rad, all at once in the middle of a campaign.
-    """
-
-    bump: Array
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """A tracker that nobody touches."""
-        return cls(np.zeros(6))
-
-    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """Which poses are after the bump."""
-        return (BUMPED,) if self.bump.any() else ()
-
-    def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
-        """In the tracker's new frame where that is the condition."""
-        return in_moved_frame(points, self.bump * conditions.column(BUMPED)[:, None]) if self.bump.any() else points
+    condition: ClassVar[str] = BUMPED
 
     def true_parameters(self) -> dict[str, float]:
         """The tracker's motion reversed."""
-        return {f"session.2.{axis}": float(value) for axis, value in zip(AXES, -self.bump, strict=True)}
+        return {f"session.2.{axis}": float(value) for axis, value in zip(AXES, -self.motion, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -93,7 +74,4 @@ class Bump(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Both directions are drawn."""
-        sizes = self.bump_mm / 1e3, self.bump_mrad / 1e3
-        return TrackerBump(
-            np.concatenate([size * random_direction(rng) for size, rng in zip(sizes, rngs, strict=True)])
-        )
+        return TrackerBump.random(self.bump_mm / 1e3, self.bump_mrad / 1e3, rngs)
