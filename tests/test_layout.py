@@ -71,6 +71,29 @@ def test_no_module_and_no_function_is_too_long() -> None:
     assert long == []
 
 
+def public_names(path: Path) -> list[str] | None:
+    """What a module says in ``__all__``; None where it says nothing."""
+    for node in tree_of(path).body:
+        if isinstance(node, ast.Assign) and [ast.unparse(each) for each in node.targets] == ["__all__"]:
+            return list(ast.literal_eval(node.value))
+    return None
+
+
+def test_modules_take_of_each_other_what_is_public() -> None:
+    inner = {name: path for name, path in MODULES.items() if path.stem not in ("__init__", "__main__")}
+    public = {name: public_names(path) for name, path in inner.items()}
+    assert [name for name, names in public.items() if names is None] == []
+    taken = [
+        f"{path.relative_to(ROOT)}: {node.module}.{each.name}"
+        for path in MODULES.values()
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.ImportFrom) and node.module in public
+        for each in node.names
+        if each.name not in (public[node.module] or ())
+    ]
+    assert taken == []
+
+
 def test_no_test_module_imports_another() -> None:
     """What tests share are fixtures of a ``conftest.py`` and ``tests/helpers``."""
     modules = {path.stem for path in TESTS if path.name.startswith("test_")}

@@ -15,6 +15,7 @@ __all__ = [
     "Alias",
     "Direction",
     "aliases",
+    "column_scale",
     "condition_of",
     "enough_poses",
     "poses_needed",

@@ -22,7 +22,7 @@ from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.structured import structured
 from lab.formats.toml import is_number, read_toml
 
-__all__ = ["Limits", "read_loads", "read_mounting", "write_loads", "write_mounting"]
+__all__ = ["WRENCH", "Limits", "read_loads", "read_mounting", "write_loads", "write_mounting"]
 
 RUNS = ("loaded", "unloaded")
 WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")

@@ -10,6 +10,8 @@ from lab.core.se3 import Array
 
 __all__ = [
     "BASE_PARAMETERS",
+    "TOLERANCE_M",
+    "TOLERANCE_RAD",
     "Kind",
     "Parameter",
     "indices_of_groups",

@@ -29,6 +29,7 @@ __all__ = [
     "Inline",
     "Paragraph",
     "Picture",
+    "Row",
     "Section",
     "Strong",
     "Table",

@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from lab.core import se3
@@ -129,3 +132,34 @@ def test_rounded_direction_cosines_give_a_rotation() -> None:
     np.testing.assert_allclose(rounded, rotations, atol=2e-4)
     np.testing.assert_allclose(rounded @ rounded.swapaxes(1, 2), np.broadcast_to(np.eye(3), (200, 3, 3)), atol=1e-14)
     np.testing.assert_allclose(np.linalg.det(rounded), 1, atol=1e-14)
+
+
+VECTORS = arrays(np.float64, 3, elements=st.floats(-1e3, 1e3))
+SMALL_AND_LARGE = st.one_of(VECTORS, VECTORS.map(lambda v: v * 1e-160), VECTORS.map(lambda v: v * 1e-9))
+
+
+@given(SMALL_AND_LARGE)
+def test_every_rotation_vector_has_one_rotation_and_a_shortest_vector(vector: Array) -> None:
+    rotation = se3.exp(vector)
+    np.testing.assert_allclose(rotation, Rotation.from_rotvec(vector).as_matrix(), atol=1e-12)
+    shortest = se3.log(rotation)
+    assert np.linalg.norm(shortest) <= np.pi + 1e-15
+    np.testing.assert_allclose(se3.exp(shortest), rotation, atol=1e-12)
+    np.testing.assert_allclose(se3.rotation_from_roll_pitch_yaw(se3.roll_pitch_yaw(rotation)), rotation, atol=1e-12)
+
+
+@given(SMALL_AND_LARGE, VECTORS, VECTORS)
+def test_a_pose_and_its_inverse_bring_every_point_back(vector: Array, position: Array, point: Array) -> None:
+    T = se3.pose(se3.exp(vector), position)
+    np.testing.assert_allclose(se3.transform(se3.inverse(T), se3.transform(T, point[None])), point[None], atol=1e-10)
+
+
+@given(VECTORS, VECTORS)
+def test_the_smallest_rotation_between_directions_turns_one_into_the_other(a: Array, b: Array) -> None:
+    if min(np.linalg.norm(a), np.linalg.norm(b)) < 1e-3:
+        return
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    rotation = se3.rotation_between(a, b)
+    np.testing.assert_allclose(rotation @ a, b, atol=3e-6)  # within the angle below which opposite is opposite
+    angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+    np.testing.assert_allclose(np.linalg.norm(se3.log(rotation)), angle, atol=3e-6)

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.robots import IRB120, VERSATRAN, data_file
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, measured
 from lab.formats.measurement_csv import ObservedColumns, read_measurements, write_measurements
 
 NAMES, SLIDES = IRB120.chain.joint_names, IRB120.chain.prismatic
@@ -42,6 +44,24 @@ def test_what_is_written_reads_back_to_the_bit(tmp_path) -> None:
         assert list(back.conditions) == list(data.conditions)
         for name, column in data.conditions.items():
             np.testing.assert_array_equal(back.conditions[name], column)
+
+
+TEXTS = st.text(st.characters(exclude_categories=["C"], exclude_characters="\ufeff"), min_size=1).map(str.strip)
+NUMBERS = st.floats(-1e3, 1e3, allow_subnormal=True)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(TEXTS.filter(bool), NUMBERS, NUMBERS), min_size=1, max_size=5, unique_by=lambda row: row[0]))
+def test_whatever_ids_and_numbers_are_they_read_back(tmp_path, rows: list[tuple[str, float, float]]) -> None:
+    ids, angles, lengths = zip(*rows, strict=True)
+    joints = np.tile(np.array(angles)[:, None] / 1e3, (1, 6))
+    points = np.tile(np.array(lengths)[:, None, None], (1, 1, 3))
+    data = replace(measured(NAMES, joints, ("p1",), points), ids=ids)
+    write_measurements(tmp_path / "data.csv", data, SLIDES)
+    back = read_measurements(tmp_path / "data.csv", NAMES, SLIDES)
+    assert back.ids == data.ids
+    np.testing.assert_array_equal(back.joints, joints)
+    np.testing.assert_array_equal(back.points, points)
 
 
 def test_units_come_from_names(tmp_path) -> None:

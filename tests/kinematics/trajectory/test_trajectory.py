@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import ruckig
 from helpers.robots import chain_of
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -282,6 +284,23 @@ def test_at_rest_the_closed_form_is_the_best() -> None:
         times = np.linspace(0, found.seconds, 20)
         share = found.at(times)[0] / moved
         np.testing.assert_allclose(share, np.repeat(share[:, :1], 6, axis=1), atol=1e-12)  # a straight line
+
+
+RATES = st.floats(1e-3, 1e3)
+
+
+@given(st.lists(st.tuples(st.floats(-1e3, 1e3), RATES, RATES), min_size=1, max_size=7))
+def test_moves_between_rests_keep_the_limits_of_every_joint_and_waste_nothing(joints) -> None:
+    moved, speed, acceleration = (np.array(column) for column in zip(*joints, strict=True))
+    tau, between = rest_to_rest(moved, speed, acceleration)
+    if between == 0:
+        assert not moved.any() and tau == 0
+        return
+    cruise = np.abs(moved) / between  # ramps of tau around between - tau of cruise
+    assert 0 <= tau <= between * (1 + 1e-12)
+    assert (cruise <= speed * (1 + 1e-12)).all() and (cruise <= acceleration * tau * (1 + 1e-9) + 1e-300).all()
+    at_a_limit = (cruise >= speed * (1 - 1e-9)) | (np.abs(moved) >= acceleration * between**2 * (1 - 1e-9))
+    assert at_a_limit.any()
 
 
 def test_a_short_ramp_keeps_to_the_acceleration() -> None:
