@@ -89,25 +89,25 @@ class Campaigns:
     """Arms with the poses they are measured and judged at.
 
     Attributes:
-        drawing: as the identifier has it.
+        nominal: as the identifier has it.
         exact: the measured poses without noise.
         noise: standard normal numbers ``(b, n, 6)``: of positions, then of rotations.
-        fresh: readings ``(b, m, joints)``.
+        validation: joint positions ``(b, m, joints)``.
         points: where they truly lead, ``(b, m, 3)`` m.
     """
 
-    drawing: StackedPoseArm
+    nominal: StackedPoseArm
     exact: MeasuredPoses
     noise: Array
-    fresh: Array
+    validation: Array
     points: Array
 
     @property
     def start(self) -> Array:
-        """The drawing's parameters, for every arm."""
-        return np.tile(self.drawing.nominal(), (len(self.exact), 1))
+        """The nominal parameters, for every arm."""
+        return np.tile(self.nominal.nominal(), (len(self.exact), 1))
 
-    def seen(self, sigma_m: float, sigma_rad: float | Array) -> MeasuredPoses:
+    def measured(self, sigma_m: float, sigma_rad: float | Array) -> MeasuredPoses:
         """With noise, per axis; that of rotations about the axes of the target's frame."""
         points = self.exact.points + sigma_m * self.noise[..., :3]
         return replace(
@@ -116,7 +116,7 @@ class Campaigns:
 
     def errors_mm(self, values: Array) -> Array:
         """Mean length of the position error on validation poses ``(b,)``."""
-        points = self.drawing.poses(self.fresh, values)[0]
+        points = self.nominal.poses(self.validation, values)[0]
         return np.asarray(1e3 * np.linalg.norm(points - self.points, axis=2).mean(axis=1))
 
 
@@ -125,17 +125,17 @@ def campaigns(options: Options) -> Campaigns:
     if options.poses < FEWEST or options.robots < 2:
         raise LabError(f"give --poses {FEWEST} or more, for 27 unknowns from positions alone, and two --robots or more")
     arm = load_robot("rx130").serial_arm(("p1",))
-    real, drawing = StackedPoseArm(arm), StackedPoseArm(SerialArm(with_y3(arm.chain)))
+    real, nominal = StackedPoseArm(arm), StackedPoseArm(SerialArm(with_y3(arm.chain)))
     size, seed = options.robots, options.seed
     off = np.where([each.is_angle for each in (*arm.parameters, *ROTATION_PARAMETERS)], OFF_RAD, OFF_M)
     truth = real.nominal() + off * rng_for(seed, "arm").standard_normal((size, len(off)))
-    joints, fresh = (
+    joints, validation = (
         arm.chain.random_joints(size * count, rng).reshape(size, count, -1)
         for rng, count in ((rng_for(seed, "poses"), options.poses), (rng_for(seed, "fresh"), options.fresh))
     )
     noise = rng_for(seed, "noise").standard_normal((size, options.poses, 6))
     exact = MeasuredPoses(still(joints), *real.poses(joints, truth))
-    return Campaigns(drawing, exact, noise, still(fresh), real.poses(fresh, truth)[0])
+    return Campaigns(nominal, exact, noise, still(validation), real.poses(validation, truth)[0])
 
 
 def with_y3(chain: Chain) -> Chain:
@@ -167,7 +167,7 @@ def still(joints: Array) -> Array:
 
 def fitted(
     campaign: Campaigns,
-    seen: MeasuredPoses,
+    measured: MeasuredPoses,
     start: Array,
     names: Sequence[str],
     sigma_m: float = np.inf,
@@ -175,9 +175,15 @@ def fitted(
     steps: int = MAX_STEPS,
 ) -> Array:
     """Least squares over these parameters; positions or orientations without a sigma are left out."""
-    model, weight = campaign.drawing, 1 / np.asarray(sigma_rad)
+    model, weight = campaign.nominal, 1 / np.asarray(sigma_rad)
     found = fit_poses(
-        model, seen, start, model.columns(names), position_weight=1 / sigma_m, rotation_weight=weight, max_steps=steps
+        model,
+        measured,
+        start,
+        model.columns(names),
+        position_weight=1 / sigma_m,
+        rotation_weight=weight,
+        max_steps=steps,
     )
     if steps == MAX_STEPS and not found.converged.all():
         raise LabError(f"Gauss-Newton did not settle for {(~found.converged).sum()} robots: give more --poses")
@@ -185,28 +191,28 @@ def fitted(
 
 
 def sequential(
-    campaign: Campaigns, seen: MeasuredPoses, sigma_rad: float | Array = 1.0, *, literal: bool = False
+    campaign: Campaigns, measured: MeasuredPoses, sigma_rad: float | Array = 1.0, *, literal: bool = False
 ) -> Array:
     """Angles from orientations alone, then lengths from positions alone; literally 16 angles, then 14 lengths."""
     angles, lengths = ((*ANGLES, OFFSET), [name for name in LENGTHS if name != Y3]) if literal else (ANGLES, LENGTHS)
-    turned = fitted(campaign, seen, campaign.start, angles, sigma_rad=sigma_rad)
-    return fitted(campaign, seen, turned, lengths, sigma_m=1.0)
+    turned = fitted(campaign, measured, campaign.start, angles, sigma_rad=sigma_rad)
+    return fitted(campaign, measured, turned, lengths, sigma_m=1.0)
 
 
-def alternated(campaign: Campaigns, seen: MeasuredPoses) -> tuple[Array, Array]:
-    """Errors of angles and lengths from positions alone, in turn from the drawing: after one round, and after ten."""
+def alternated(campaign: Campaigns, measured: MeasuredPoses) -> tuple[Array, Array]:
+    """Errors of angles and lengths from positions alone, in turn from the nominal: after one round, and after ten."""
     values, errors = campaign.start, []
     for _ in range(ROUNDS):
         for names in (ANGLES[:-3], LENGTHS):
-            values = fitted(campaign, seen, values, names, sigma_m=1.0)
+            values = fitted(campaign, measured, values, names, sigma_m=1.0)
         errors.append(campaign.errors_mm(values))
     return errors[0], errors[-1]
 
 
 def ranks(campaign: Campaigns) -> dict[str, int]:
-    """Of the first arm's poses, at the drawing: what each step can identify, and what both can together."""
-    free, k = campaign.drawing.columns((*ALL, OFFSET)), len(ANGLES)
-    _, _, moves, turns = campaign.drawing.observe(campaign.exact.joints[:1], campaign.start[:1], free)
+    """Of the first arm's poses, at the nominal: what each step can identify, and what both can together."""
+    free, k = campaign.nominal.columns((*ALL, OFFSET)), len(ANGLES)
+    _, _, moves, turns = campaign.nominal.observe(campaign.exact.joints[:1], campaign.start[:1], free)
     moves, turns = moves.reshape(-1, len(free)), turns.reshape(-1, len(free))
 
     def rank(rows: Array) -> int:
@@ -226,9 +232,9 @@ def predicted_mm(campaign: Campaigns, sigmas_rad: Sequence[float], robots: int) 
     Small changes a of angles and l of lengths move positions by A a + L l, and turn orientations by O a. Global: the
     inverse of the information. Sequential: a from O alone, and then l = L^+ (noise of positions - A a).
     """
-    free, k, start = campaign.drawing.columns(ALL), len(ANGLES), campaign.start[:robots]
-    _, _, moves, turns = campaign.drawing.observe(campaign.exact.joints[:robots], start, free)
-    fresh = campaign.drawing.observe(campaign.fresh[:robots], start, free)[2]
+    free, k, start = campaign.nominal.columns(ALL), len(ANGLES), campaign.start[:robots]
+    _, _, moves, turns = campaign.nominal.observe(campaign.exact.joints[:robots], start, free)
+    fresh = campaign.nominal.observe(campaign.validation[:robots], start, free)[2]
     moves, turns = (each.reshape(len(start), -1, len(free)) for each in (moves, turns))
     by_position, by_rotation = moves.swapaxes(1, 2) @ moves, turns.swapaxes(1, 2) @ turns
     alone, lengths = np.linalg.inv(by_rotation[:, :k, :k]), np.linalg.inv(by_position[:, k:, k:])
@@ -272,12 +278,12 @@ def table_of(campaign: Campaigns, seed: int) -> list[dict[str, float]]:
     rows = []
     predicted = predicted_mm(campaign, SIGMAS_RAD, len(campaign.exact)).mean(axis=2)
     for sigma, (least, apart) in zip(SIGMAS_RAD, predicted.T.tolist(), strict=True):
-        seen = campaign.seen(SIGMA_M, sigma)
-        first = sequential(campaign, seen)
+        measured = campaign.measured(SIGMA_M, sigma)
+        first = sequential(campaign, measured)
         answers = {
-            "global_mm": fitted(campaign, seen, campaign.start, ALL, SIGMA_M, sigma),
+            "global_mm": fitted(campaign, measured, campaign.start, ALL, SIGMA_M, sigma),
             "sequential_mm": first,
-            "one_step_mm": fitted(campaign, seen, first, ALL, SIGMA_M, sigma, steps=1),
+            "one_step_mm": fitted(campaign, measured, first, ALL, SIGMA_M, sigma, steps=1),
         }
         errors = {name: campaign.errors_mm(values) for name, values in answers.items()}
         ratio = errors["sequential_mm"] / errors["global_mm"]
@@ -294,16 +300,16 @@ def table_of(campaign: Campaigns, seed: int) -> list[dict[str, float]]:
 
 def beside(campaign: Campaigns, seed: int) -> dict[str, Interval]:
     """The splits without noise, positions alone, and poses from three points on a circle: errors in mm."""
-    seen = campaign.seen(SIGMA_M, 0.0)
+    measured = campaign.measured(SIGMA_M, 0.0)
     # Of three points on a circle, each with a noise s, the centre has s/sqrt(3), the plane's tilt s/(r sqrt(3/2)), and
     # a turn in the plane s/(r sqrt(3)).
     centre, turn = SIGMA_M / np.sqrt(3), SIGMA_M / CIRCLE_M / np.sqrt([1.5, 1.5, 3.0])
-    three, circle = campaign.seen(centre, turn), f"three points on a circle of {1e3 * CIRCLE_M:g} mm"
-    first, last = alternated(campaign, seen)
+    three, circle = campaign.measured(centre, turn), f"three points on a circle of {1e3 * CIRCLE_M:g} mm"
+    first, last = alternated(campaign, measured)
     answers = {
         "exact split, no noise": sequential(campaign, campaign.exact),
         "literal split, no noise": sequential(campaign, campaign.exact, literal=True),
-        "positions alone, global": fitted(campaign, seen, campaign.start, (*ANGLES[:-3], *LENGTHS), SIGMA_M),
+        "positions alone, global": fitted(campaign, measured, campaign.start, (*ANGLES[:-3], *LENGTHS), SIGMA_M),
         f"{circle}, global": fitted(campaign, three, campaign.start, ALL, centre, turn),
         f"{circle}, sequential": sequential(campaign, three, turn),
     }

@@ -105,7 +105,7 @@ def answer(options: Options) -> Answer:
     found, rows, others = ranks(campaign), table_of(campaign, options.seed), beside(campaign, options.seed)
     curve = predicted_mm(campaign, CURVE_RAD.tolist(), PREDICTED).mean(axis=2)
     alone_mm = others["positions alone, global"][0]
-    words = said(rows, curve, alone_mm, float(np.abs(campaign.drawing.arm.chain.table[:, [1, 2]]).sum()))
+    words = said(rows, curve, alone_mm, float(np.abs(campaign.nominal.arm.chain.table[:, [1, 2]]).sum()))
     size = f"{options.robots} RX 130 arms, {options.poses} poses each, position noise {1e3 * SIGMA_M:g} mm"
     title = f"Global or sequential? {size}"
     options.out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What accuracy a design promises on fresh poses, before anything is measured."""
+"""What accuracy a design predicts at validation poses, before anything is measured."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from lab.core.se3 import Array
 
 __all__ = ["PredictedAccuracy", "predict", "smallest_count"]
 
-DRAWS = 2000  # of the parameter error, for the promise
-SHARE = 0.95  # of the fresh poses, and of the campaigns
+DRAWS = 2000  # of the parameter error
+SHARE = 0.95  # of the validation poses, and of the calibrations
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class PredictedAccuracy:
 
     Attributes:
         rms: ``(t,)`` sqrt(tr J C J') at each test pose.
-        reached: the error that 95 % of the fresh poses keep in 95 % of the campaigns.
+        coverage_radius: the error that 95 % of the validation poses keep in 95 % of the calibrations.
     """
 
     rms: Array
@@ -30,8 +30,8 @@ class PredictedAccuracy:
 def predict(information: Array, test: Array, rng: np.random.Generator) -> PredictedAccuracy:
     """Prediction from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
 
-    The promise is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C).
-    The marginal 95 % of all pose-draws would be kept in too few campaigns.
+    The coverage radius x is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C). The
+    marginal 95 % of all pose-draws would be kept in too few calibrations.
     """
     size = np.sqrt(np.diag(information))
     factor = np.linalg.inv(np.linalg.cholesky(information / np.outer(size, size))) / size  # C = factor' factor
@@ -46,10 +46,10 @@ def predict(information: Array, test: Array, rng: np.random.Generator) -> Predic
 
 
 def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least: int, most: int) -> int:
-    """The least number of poses whose promise is within ``wanted`` (m).
+    """The least number of poses whose coverage radius is within ``wanted`` (m).
 
     Args:
-        reached: number of poses to the promised error of a design of that size.
+        coverage_radius: number of poses to the coverage radius (m) of a design of that size.
         least, most: numbers to look between.
 
     Raises:

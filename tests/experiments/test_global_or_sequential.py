@@ -16,7 +16,6 @@ from lab.calibration.weights import Noise
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.measurements import measured
 from lab.experiments import global_or_sequential as script
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
@@ -83,7 +82,7 @@ def test_fifteen_angles_and_fifteen_lengths_make_thirty(few) -> None:
 
 def test_the_exact_split_is_exact_and_the_literal_one_is_not(few) -> None:
     values = script.sequential(few, few.exact)
-    assert np.abs(few.drawing.poses(few.fresh, values)[0] - few.points).max() < 1e-11
+    assert np.abs(few.nominal.poses(few.validation, values)[0] - few.points).max() < 1e-11
     literal = few.errors_mm(script.sequential(few, few.exact, literal=True))
     assert 0.1 < literal.mean() < 0.5  # 0.35 over 400 arms, of which each has 0.25 more or less
 
@@ -95,20 +94,20 @@ def test_the_fits_are_those_of_the_library(few) -> None:
     thousandth orientations do see a little: of 0.1 mm of noise that is less than 0.1 µm.
     """
     sigma = 3e-4
-    seen = few.seen(script.SIGMA_M, sigma)
-    joints = np.delete(seen.joints[0], 2, axis=1)
-    both = np.stack([seen.points[0], np.zeros((FEW.poses, 3))], axis=1)
-    turned = se3.quaternion_from_rotation(seen.rotations[0])
+    measured = few.measured(script.SIGMA_M, sigma)
+    joints = np.delete(measured.joints[0], 2, axis=1)
+    both = np.stack([measured.points[0], np.zeros((FEW.poses, 3))], axis=1)
+    turned = se3.quaternion_from_rotation(measured.rotations[0])
     observation = Poses(ARM, "p1", sigma / script.SIGMA_M)
     data = measured(ARM.chain.joint_names, joints, observation.targets, both)
     data = replace(data, conditions={f"p1_{part}": turned[:, i] for i, part in enumerate(QUATERNION)})
-    ours = script.fitted(few, seen, few.start, script.ALL, script.SIGMA_M, sigma), script.sequential(few, seen)
+    ours = script.fitted(few, measured, few.start, script.ALL, script.SIGMA_M, sigma), script.sequential(few, measured)
     ways = (IdentifyOptions(), IdentifyOptions(solve=fit_sequentially))
     for values, request, tolerance in zip(ours, ways, (1e-11, 1e-7), strict=True):
         found = identify(observation, data, ARM.nominal(), Noise(sigma_m=script.SIGMA_M), request)
         assert found.status == "converged"
-        points = ARM.points(np.delete(few.fresh[0], 2, axis=1), found.values[:-3])[:, 0]
-        off = np.abs(few.drawing.poses(few.fresh[:1], values[:1])[0][0] - points).max()
+        points = ARM.points(np.delete(few.validation[0], 2, axis=1), found.values[:-3])[:, 0]
+        off = np.abs(few.nominal.poses(few.validation[:1], values[:1])[0][0] - points).max()
         assert off < tolerance
 
 
