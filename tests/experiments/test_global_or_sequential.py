@@ -16,6 +16,7 @@ from lab.calibration.weights import Noise
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.measurements import measured
 from lab.experiments import global_or_sequential as script
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
@@ -94,14 +95,14 @@ def test_the_fits_are_those_of_the_library(few) -> None:
     thousandth orientations do see a little: of 0.1 mm of noise that is less than 0.1 µm.
     """
     sigma = 3e-4
-    measured = few.measured(script.SIGMA_M, sigma)
-    joints = np.delete(measured.joints[0], 2, axis=1)
-    both = np.stack([measured.points[0], np.zeros((FEW.poses, 3))], axis=1)
-    turned = se3.quaternion_from_rotation(measured.rotations[0])
+    noisy = few.measured(script.SIGMA_M, sigma)
+    joints = np.delete(noisy.joints[0], 2, axis=1)
+    both = np.stack([noisy.points[0], np.zeros((FEW.poses, 3))], axis=1)
+    turned = se3.quaternion_from_rotation(noisy.rotations[0])
     observation = Poses(ARM, "p1", sigma / script.SIGMA_M)
     data = measured(ARM.chain.joint_names, joints, observation.targets, both)
     data = replace(data, conditions={f"p1_{part}": turned[:, i] for i, part in enumerate(QUATERNION)})
-    ours = script.fitted(few, measured, few.start, script.ALL, script.SIGMA_M, sigma), script.sequential(few, measured)
+    ours = script.fitted(few, noisy, few.start, script.ALL, script.SIGMA_M, sigma), script.sequential(few, noisy)
     ways = (IdentifyOptions(), IdentifyOptions(solve=fit_sequentially))
     for values, request, tolerance in zip(ours, ways, (1e-11, 1e-7), strict=True):
         found = identify(observation, data, ARM.nominal(), Noise(sigma_m=script.SIGMA_M), request)
