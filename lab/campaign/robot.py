@@ -226,7 +226,11 @@ class ClosedRobot(Robot):
 
     @property
     def serial_model(self) -> SerialModel:
-        """There is none."""
+        """There is none.
+
+        Raises:
+            LabError: always: a robot with loops has no serial model.
+        """
         raise LabError(
             f"robot {self.name} has loops: this is for serial arms alone; its identified dimensions are in "
             "calibrated.toml"
@@ -240,7 +244,11 @@ class ClosedRobot(Robot):
         """Nothing bends it, so none are asked for."""
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueMechanism:
-        """A copy with every dimension off."""
+        """A copy with every dimension off.
+
+        Raises:
+            LabError: an error that only serial arms have is asked for.
+        """
         if errors.table_alone or errors.joint_offset_sigma:
             raise LabError(
                 f"--dh-only and --offset-sigma-mrad are of serial arms; of {self.name} every dimension is off, "

@@ -77,7 +77,12 @@ def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
 
 
 def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
-    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings."""
+    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings.
+
+    Raises:
+        LabError: the plan has nothing to measure, a pose in collision, an empty condition, or a payload beside the
+            option.
+    """
     model = robot.model
     if options.plan is None:
         return random_poses(model, options.poses, rng_for(options.seed, "poses")), {}, ()

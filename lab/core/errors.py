@@ -16,7 +16,11 @@ class IncompleteColumnError(LabError):
 
 @contextmanager
 def error_context(context: object) -> Iterator[None]:
-    """Say in what happens here which file or option it comes from."""
+    """Say in what happens here which file or option it comes from.
+
+    Raises:
+        LabError: one that is raised within, with the context before its message.
+    """
     try:
         yield
     except LabError as error:

@@ -110,6 +110,9 @@ class Mounting:
                 out of where its z points up.
             gravity: m/s^2.
             turn_rad: ``(3,)``, a rotation vector from the last frame to the sensor.
+
+        Raises:
+            LabError: the gravity is not one that there is on Earth.
         """
         if gravity < 0:
             raise LabError(f"gravity is {gravity:g} m/s^2; give its size, {LEAST_GRAVITY:g} to {MOST_GRAVITY:g}")

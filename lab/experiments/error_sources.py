@@ -88,7 +88,11 @@ def answer(options: Options) -> Answer:
 
 
 def studies(robots: int, draws: int, cases: tuple[str, ...]) -> list[Study]:
-    """The base with each effect; then one study for every other change. All have the same arms and noise."""
+    """The base with each effect; then one study for every other change. All have the same arms and noise.
+
+    Raises:
+        LabError: a case is unknown.
+    """
     if strange := [name for name in cases if name not in {**EFFECTS, **OTHERS}]:
         raise LabError(f"--cases: '{strange[0]}' is none; there are {', '.join((*EFFECTS, *OTHERS))}")
     effects = {name: each for name, each in EFFECTS.items() if name in cases}

@@ -121,7 +121,11 @@ class Campaigns:
 
 
 def campaigns(options: Options) -> Campaigns:
-    """Every parameter of the arms off, base and tool too; random poses within the limits."""
+    """Every parameter of the arms off, base and tool too; random poses within the limits.
+
+    Raises:
+        LabError: too few poses or robots.
+    """
     if options.poses < FEWEST or options.robots < 2:
         raise LabError(f"give --poses {FEWEST} or more, for 27 unknowns from positions alone, and two --robots or more")
     arm = load_robot("rx130").serial_arm(("p1",))
@@ -174,7 +178,11 @@ def fitted(
     sigma_rad: float | Array = np.inf,
     steps: int = MAX_STEPS,
 ) -> Array:
-    """Least squares over these parameters; positions or orientations without a sigma are left out."""
+    """Least squares over these parameters; positions or orientations without a sigma are left out.
+
+    Raises:
+        LabError: a fit did not converge.
+    """
     model, weight = campaign.nominal, 1 / np.asarray(sigma_rad)
     found = fit_poses(
         model,

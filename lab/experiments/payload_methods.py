@@ -140,7 +140,11 @@ def by_resting_sensor(joints: Array, speeds: Array, accelerations: Array) -> Arr
 
 
 def planned(options: Options) -> Plan:
-    """The torques' D-optimal path and one by chance, the sensor's D-optimal poses, within limits with the load."""
+    """The torques' D-optimal path and one by chance, the sensor's D-optimal poses, within limits with the load.
+
+    Raises:
+        LabError: fewer than two runs.
+    """
     if options.runs < 2:
         raise LabError("give two --runs or more: a scatter is asked for")
     limits, strain = Limits.of(MODEL.chain, torque=PEAK), CarryingArm(MODEL, MOUNTING.gravity, LOAD).torques

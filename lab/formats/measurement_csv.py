@@ -121,7 +121,11 @@ class PoseReader(CsvTable):
         self.warnings: list[str] = []
 
     def read(self, need_points: bool) -> Measurements:
-        """The whole file as measurements."""
+        """The whole file as measurements.
+
+        Raises:
+            LabError: no point is measured, or a cell or column is not what it should be; with file, line and column.
+        """
         n = len(self.rows)
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()

@@ -46,7 +46,11 @@ class Section:
         return self.content.get(key, default)
 
     def optional(self, quantity: str, units: dict[str, float]) -> float | None:
-        """A number in one of some units, in SI; None where there is none."""
+        """A number in one of some units, in SI; None where there is none.
+
+        Raises:
+            LabError: it is given in two units, or is no finite number.
+        """
         keys = [f"{quantity}_{unit}" for unit in units if f"{quantity}_{unit}" in self.content]
         if len(keys) > 1:
             raise LabError(f"{self.where}: {' and '.join(keys)} are both there; keep one")
@@ -58,21 +62,33 @@ class Section:
         return float(number) * units[keys[0].removeprefix(quantity + "_")]
 
     def value(self, quantity: str, units: dict[str, float]) -> float:
-        """A number that must be there."""
+        """A number that must be there.
+
+        Raises:
+            LabError: it is missing, or no finite number.
+        """
         found = self.optional(quantity, units)
         if found is None:
             raise LabError(f"{self.where}: {quantity} is missing; give {quantity}_{' or _'.join(units)}")
         return found
 
     def positive(self, quantity: str, units: dict[str, float]) -> float:
-        """A number above zero; NaN where there is none."""
+        """A number above zero; NaN where there is none.
+
+        Raises:
+            LabError: it is not above zero.
+        """
         found = self.optional(quantity, units)
         if found is not None and not found > 0:
             raise LabError(f"{self.where}: {quantity} is {found:g}; give more than zero, or leave it out")
         return np.nan if found is None else found
 
     def flag(self, key: str) -> bool:
-        """Whether something is so; false where it is not said."""
+        """Whether something is so; false where it is not said.
+
+        Raises:
+            LabError: it is neither true nor false.
+        """
         said = self.take(key, False)
         if not isinstance(said, bool):
             raise LabError(f"{self.where}: {key} is {said!r}; write true or false")
@@ -106,14 +122,22 @@ class JointSection(Section):
         return self.positive("force", {"n": 1.0}) if self.prismatic else self.positive("torque", {"nm": 1.0})
 
     def sign(self) -> float:
-        """+1 or -1: how the joint's position counts."""
+        """+1 or -1: how the joint's position counts.
+
+        Raises:
+            LabError: it is neither 1 nor -1.
+        """
         sign = self.take("sign", 1)
         if sign not in (1, -1) or isinstance(sign, bool):
             raise LabError(f"{self.where}: sign is {sign!r}; write 1 or -1")
         return float(sign)
 
     def limits(self, warnings: list[str]) -> tuple[float, float]:
-        """The lower and the upper one; ``warnings`` takes what is assumed."""
+        """The lower and the upper one; ``warnings`` takes what is assumed.
+
+        Raises:
+            LabError: a slide has none, or the lower one is not below the upper one.
+        """
         units = LENGTHS if self.prismatic else ANGLES
         low, high = self.optional("lower", units), self.optional("upper", units)
         absent = [end for end, value in (("lower", low), ("upper", high)) if value is None]
@@ -128,7 +152,11 @@ class JointSection(Section):
 
 
 def read_height(path: Path, document: dict[str, Any]) -> float | None:
-    """``height_mm``, in m."""
+    """``height_mm``, in m.
+
+    Raises:
+        LabError: it is no finite number.
+    """
     height = document.get("height_mm")
     if height is not None and not (is_number(height) and height >= 0):
         raise LabError(f"{path}: height_mm is {height!r}; give frame 0's height above the floor, or leave it out")
@@ -145,7 +173,11 @@ def refuse_doubled_names(path: Path, names: list[str]) -> None:
 
 
 def read_base(path: Path, section: Any) -> Array:
-    """``[base]``, ``(6,)`` m and rad."""
+    """``[base]``, ``(6,)`` m and rad.
+
+    Raises:
+        LabError: a part is not three numbers.
+    """
     parts = ("position_m", "rotation_vector_rad")
     numbers = [section.get(part) if isinstance(section, dict) else None for part in parts]
     for part, number in zip(parts, numbers, strict=True):
@@ -155,7 +187,11 @@ def read_base(path: Path, section: Any) -> Array:
 
 
 def read_tool(path: Path, section: Any) -> dict[str, Array]:
-    """``[tool]``: targets (m)."""
+    """``[tool]``: targets (m).
+
+    Raises:
+        LabError: it is no section, or a target is not three numbers.
+    """
     if not isinstance(section, dict):
         raise LabError(f"{path}: tool is {section!r}; write a [tool] section with a line p1 = [x, y, z]")
     tool = {}

@@ -78,7 +78,11 @@ def base_set(
 
 
 def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[int, ...]:
-    """Indices of the parameters that some names or patterns mean, in the order of the model."""
+    """Indices of the parameters that some names or patterns mean, in the order of the model.
+
+    Raises:
+        LabError: a name or pattern means no parameter.
+    """
     found: set[int] = set()
     for pattern in patterns:
         hits = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]

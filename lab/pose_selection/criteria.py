@@ -129,7 +129,11 @@ class Criterion:
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
-    """The criterion of that name for ``size`` parameters; G and I need ``test`` ``(t, r, p)``."""
+    """The criterion of that name for ``size`` parameters; G and I need ``test`` ``(t, r, p)``.
+
+    Raises:
+        LabError: the name is unknown.
+    """
     if name not in CRITERIA:
         raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(CRITERIA)}")
     if name == "O1":

@@ -129,7 +129,11 @@ def _judge(
 
 
 def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
-    """A callable: whether the tracker sees every one of the targets at joint positions ``(n, joints)``."""
+    """A callable: whether the tracker sees every one of the targets at joint positions ``(n, joints)``.
+
+    Raises:
+        LabError: the robot has no such target.
+    """
     for target in targets:
         if target not in robot.tool:
             raise LabError(f"target '{target}' is unknown: robot {robot.chain.name} has {', '.join(robot.tool)}")

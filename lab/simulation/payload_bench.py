@@ -94,7 +94,11 @@ class LoadBench:
         self._noise_nm = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
 
     def moving(self, path: Path, seconds: float, rate_hz: float, rng: np.random.Generator) -> PayloadSamples:
-        """A loaded and then an unloaded run along a path, sampled at a rate from time zero on."""
+        """A loaded and then an unloaded run along a path, sampled at a rate from time zero on.
+
+        Raises:
+            LabError: there are too few samples in that time.
+        """
         times = np.arange(round(seconds * rate_hz)) / rate_hz
         if len(times) < 2:
             raise LabError(f"{seconds:g} s at {rate_hz:g} Hz are {len(times)} samples; ask for more")

@@ -214,7 +214,11 @@ class TrueSerialRobot(TrueRobot):
 
 
 def true_robot(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Array) -> TrueSerialRobot:
-    """The robot with its bodies off, before a tracker."""
+    """The robot with its bodies off, before a tracker.
+
+    Raises:
+        LabError: a body is unknown, or there is not one offset for each joint.
+    """
     model = copy.deepcopy(robot.model)
     known = perturbed_bodies(robot)
     if unknown := [name for name in perturbation.bodies if name not in known]:

@@ -95,7 +95,11 @@ class CampaignArray:
         return cls(tuple(cells), columns, shape, place, drawn.astype(float))
 
     def values(self, metric: str) -> Array:
-        """A metric ``(cells, robots, draws)``; NaN where there is no campaign, it did not converge or is not finite."""
+        """A metric ``(cells, robots, draws)``; NaN where there is no campaign, it did not converge or is not finite.
+
+        Raises:
+            LabError: the metric is unknown.
+        """
         if metric not in self.columns:
             raise LabError(f"metric '{metric}' is unknown; there are {', '.join(self.columns)}")
         given = np.asarray(self.columns[metric], dtype=float)

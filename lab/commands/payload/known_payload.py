@@ -46,7 +46,11 @@ class HandLoad:
         (folder / LOAD_FILE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
     def carried_by(self, robot: Robot) -> Robot:
-        """The robot with payloads' centre of mass where this load's is."""
+        """The robot with payloads' centre of mass where this load's is.
+
+        Raises:
+            LabError: the robot has no masses.
+        """
         if robot.loads is None:
             raise LabError(f"--load: robot {robot.name} has no masses, so nothing bends under a load; give its masses")
         return replace(robot, loads=replace(robot.loads, payload_at_m=self.centre_m))

@@ -44,7 +44,11 @@ class LinkBending(SimulatedEffect):
         return {f"joint{i + 1}.compliance": float(value) for i, value in enumerate(self.bending_rad_per_nm)}
 
     def refuse_unfit(self, chain: JointSpec) -> None:
-        """What carries a slide is stiff."""
+        """What carries a slide is stiff.
+
+        Raises:
+            LabError: a slide is to bend.
+        """
         if self.bending_rad_per_nm[list(chain.prismatic)].any():
             raise LabError(f"robot {chain.name}: a slide has no bending_rad_per_nm; give it zeros")
 

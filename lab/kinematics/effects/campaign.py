@@ -20,7 +20,11 @@ class Payloads(VirtualEffect):
     """Payloads at the flange, one of which each pose has."""
 
     def check(self) -> None:
-        """Refuse no payload at all."""
+        """Refuse no payload at all.
+
+        Raises:
+            LabError: with the option.
+        """
         if not self.payload_kg:
             raise LabError("--payload-kg: give at least one payload, e.g. 0,3")
 

@@ -143,7 +143,11 @@ class Compliance(VirtualEffect):
             positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The same stiffness for every joint that bears the arm's weight."""
+        """The same stiffness for every joint that bears the arm's weight.
+
+        Raises:
+            LabError: the arm has no masses.
+        """
         at = np.zeros(3) if arm.loads is None else arm.loads.payload_at_m
         if self.stiffness_nm_per_rad is None:
             return JointSprings(np.zeros(arm.chain.size), at)

@@ -46,7 +46,11 @@ class Lag(VirtualEffect):
     """Share of the last move that the joint positions still lack, from 0 to below 1."""
 
     def check(self) -> None:
-        """Refuse a joint that never moves."""
+        """Refuse a joint that never moves.
+
+        Raises:
+            LabError: with the option.
+        """
         if not self.lag < 1:
             raise LabError(f"--lag {self.lag:g}: give a share from 0 to below 1")
 

@@ -15,6 +15,9 @@ def mobility(bodies: int, joints_freedoms: Sequence[int], planar: bool = False) 
     Args:
         bodies: how many there are, the base among them.
         joints_freedoms: of each joint: a hinge or a slide 1, a universal joint 2, a ball joint 3.
+
+    Raises:
+        LabError: there is no body, or a joint has freedoms that no joint has.
     """
     most = 3 if planar else 6
     if bodies < 1 or not all(0 < freedoms < most for freedoms in joints_freedoms):
