@@ -4,14 +4,12 @@ On a busy machine small matrices wait a hundred times longer for a second thread
 """
 
 import os
-import sys
-import types
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Generator, Iterator
+from contextlib import nullcontext
 
 import pytest
+from helpers.drawing import nothing_drawn
 from hypothesis import settings
-from markupsafe import Markup
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
@@ -19,23 +17,12 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 settings.register_profile("quick", max_examples=25, derandomize=True, deadline=None, database=None)
 settings.load_profile("quick")
 
-_WRITES = {
-    "lab.commands.calibrate.recording": "record",
-    "lab.commands.design.recording": "record_plan",
-}  # by module: the function that writes a file
 
-
-@pytest.fixture(scope="module")
-def nothing_drawn() -> Iterator[None]:
-    """Recordings are empty files, and pages and plans have no pictures."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, function in _WRITES.items():
-            module = types.ModuleType(name)
-            setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
-            patch.setitem(sys.modules, name, module)
-        patch.setattr("lab.render.svg.inline_svg", lambda picture: Markup())
-        patch.setattr("lab.commands.design.figures.write_figures", lambda folder, plan: None)
-        yield
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Only tests marked ``figures`` draw and record, fixtures that they are the first to ask for included."""
+    with nullcontext() if item.get_closest_marker("figures") else nothing_drawn():
+        return (yield)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields, is_dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -132,9 +133,13 @@ def config(
     model_sha256: str,
 ) -> dict[str, Any]:
     """Every option, and what else the numbers depend on."""
-    versions = {name: metadata.version(name) for name in _LIBRARIES}
-    versions |= {"python": platform.python_version(), "virtual-calibration-lab": __version__}
+    versions = _library_versions() | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
     return {"command": command, "options": asdict(options), "model_sha256": model_sha256, "versions": versions}
+
+
+@cache
+def _library_versions() -> dict[str, str]:
+    return {name: metadata.version(name) for name in _LIBRARIES}
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
+from helpers.drawing import nothing_drawn
 
 from lab.campaign.options import VirtualCampaign
 from lab.cli import main
@@ -12,8 +13,8 @@ from lab.commands.calibrate.run import calibrate
 
 
 @pytest.fixture
-def folder(nothing_drawn: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder, with a good robot of each kind and good measurements; nothing is drawn."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with a good robot of each kind and good measurements."""
     monkeypatch.chdir(tmp_path)
     for name, text in {"arm.toml": ARM_TOML, "arm.xml": ARM_XML, "arm.urdf": ARM_URDF, "good.csv": csv()}.items():
         (tmp_path / name).write_text(text)
@@ -27,20 +28,27 @@ def seven() -> CalibrationResult:
 
 
 @pytest.fixture(scope="session")
-def seven_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of that run, as the command writes it."""
+def seven_run(tmp_path_factory: pytest.TempPathFactory, seven: CalibrationResult) -> Path:
+    """The folder of that calibration, without pictures."""
+    with nothing_drawn():
+        return seven.save(tmp_path_factory.mktemp("runs") / "seven")
+
+
+@pytest.fixture(scope="session")
+def drawn_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of that calibration as the command writes it, for tests marked ``figures``."""
     return _written(tmp_path_factory, "run", "calibrate", "--seed", "7")
 
 
 @pytest.fixture(scope="session")
-def plan_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a small plan."""
+def drawn_plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small plan, for tests marked ``figures``."""
     return _written(tmp_path_factory, "plan", "design", "--candidates", "200", "--starts", "1", "--poses", "12")
 
 
 @pytest.fixture(scope="session")
-def study_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a small study."""
+def drawn_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small study, for tests marked ``figures``."""
     grid = 'name = "grid"\nrobots = 4\ndraws = 4\nfresh = 20\n[factors]\ncriterion = "random"\nposes = [12, 20]\n'
     file = tmp_path_factory.mktemp("grid") / "grid.toml"
     file.write_text(grid)

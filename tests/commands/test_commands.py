@@ -17,8 +17,6 @@ from lab.formats.dh_table_toml import read_table
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
 
-pytestmark = pytest.mark.usefixtures("nothing_drawn")
-
 FILES = {
     "config.json",
     "measurements.csv",

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from helpers.html_page import Page
 
+pytestmark = pytest.mark.figures
+
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 LOOK = """<script>
 const told = {wide: document.documentElement.scrollWidth, room: document.documentElement.clientWidth};
@@ -47,9 +49,9 @@ def browser(tmp_path_factory):
 
 
 @pytest.fixture
-def pages(seven_run: Path, plan_run: Path, study_run: Path) -> dict[str, Path]:
+def pages(drawn_run: Path, drawn_plan: Path, drawn_study: Path) -> dict[str, Path]:
     """The pages of runs by their names."""
-    return {folder.name: folder / "report.html" for folder in (seven_run, plan_run, study_run)}
+    return {folder.name: folder / "report.html" for folder in (drawn_run, drawn_plan, drawn_study)}
 
 
 @pytest.mark.parametrize(

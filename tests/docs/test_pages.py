@@ -28,8 +28,6 @@ from lab.simulation.payload import RigidLoad
 from lab.simulation.payload_bench import LoadBench, RunErrors
 from lab.studies.grid import read_study
 
-pytestmark = pytest.mark.usefixtures("nothing_drawn")
-
 SCRIPTS = {path.read_text(encoding="utf-8"): path.stem for path in (ROOT / "scripts").glob("*.py")}
 LANGUAGES = {"sh", "text", "python", "toml"}
 named = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -142,6 +142,7 @@ def test_what_a_user_named_is_text_everywhere() -> None:
         assert code or re.search(r"(?<!\\)[<*`\[\]]", line.replace("**", "")) is None, line
 
 
+@pytest.mark.figures
 def test_a_page_needs_nothing_but_itself_and_has_the_same_bytes() -> None:
     document = Document("t", (Paragraph("p", "lead"), Figure("f", (picture(), picture("other")), "two lines")))
     page = to_html(document)

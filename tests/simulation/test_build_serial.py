@@ -20,8 +20,6 @@ from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, random_poses, standing
 from lab.simulation.link_shapes import DENSITY, link_rods, reach_of
 
-pytestmark = pytest.mark.usefixtures("nothing_drawn")
-
 RANKS = {
     "irb120": 27, "rx130": 27, "tx40": 27, "versatran": 23, "scemi": 27, "scara": 17, "course2r": 11,
     "ur10.toml": 27, "panda.toml": 31, "rx130.urdf": 27,

@@ -28,8 +28,6 @@ from lab.verification.hypotheses import refitted
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 from lab.verification.test import verify
 
-pytestmark = pytest.mark.usefixtures("nothing_drawn")
-
 SIGMA = 5e-6
 NAMES = IRB120.chain.joint_names
 

@@ -14,8 +14,6 @@ from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.calibrate.run import calibrate
 from lab.core.errors import LabError
 
-pytestmark = pytest.mark.usefixtures("nothing_drawn")
-
 SOFT = ("--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3", "--model", "compliance+drift", "--hours", "1")
 
 

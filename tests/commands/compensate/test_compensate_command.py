@@ -20,8 +20,6 @@ from lab.formats.dh_table_toml import read_table
 from lab.formats.target_csv import read_targets
 from lab.kinematics.differential import singular_distance
 
-pytestmark = pytest.mark.usefixtures("nothing_drawn")
-
 FILES = {
     "config.json", "result.json", "report.html", "joints.csv", "cartesian.csv", "nominal.toml", "program.mod",
     "calibrated.xml", "calibrated.urdf", "calibrated.toml",

@@ -1,8 +1,6 @@
 """``lab design`` as a user calls it: what it prints, what it writes, and that the other commands read it."""
 
-import contextlib
 import csv
-import io
 import json
 import re
 from dataclasses import replace
@@ -11,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bad_input import ARM_XML, contents, run, swapped, the_line
+from helpers.drawing import nothing_drawn
 from helpers.recordings import column, needs_vulkan, rrd, statics, views_of
 from helpers.robots import IRB120, SCARA
 
@@ -36,22 +35,25 @@ INDICES = {"o1", "o2", "o3", "o4", "o5", "condition", "a", "g", "i"}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("plans") / "plan"
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        assert run(f"{ASKED} --json --out {out}") == 0
-    assert json.loads(printed.getvalue()) == json.loads((out / "result.json").read_text())
-    return out
-
-
-@pytest.fixture(scope="module")
 def plan():
     return design(DesignOptions(candidates=300, starts=1, poses=POSES, seed=3))
 
 
+@pytest.fixture(scope="module")
+def folder(plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the plan, without pictures."""
+    with nothing_drawn():
+        return plan.save(tmp_path_factory.mktemp("plans") / "plan")
+
+
+@pytest.fixture(scope="module")
+def drawn(plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The whole folder of the plan, for tests marked ``figures``."""
+    return plan.save(tmp_path_factory.mktemp("plans") / "drawn")
+
+
 def test_the_result_holds_what_was_asked_for(folder: Path) -> None:
     result = json.loads((folder / "result.json").read_text())
-    assert {path.name for path in folder.iterdir()} == FILES
     assert (result["poses"], result["parameters"], result["criterion"]) == (POSES, 27, "O1")
     assert set(result["indices"]) == INDICES
     for index in result["indices"].values():
@@ -71,13 +73,14 @@ def test_the_result_holds_what_was_asked_for(folder: Path) -> None:
     assert all(step["rms_mm"] < step["worst_mm"] < step["promise_mm"] for step in curve)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_a_person_reads_the_plan(
-    folder: Path,
+@pytest.mark.figures
+def test_the_command_writes_the_same_bytes_and_a_person_reads_the_plan(
+    drawn: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     home,
 ) -> None:
-    """And a person, who wants no JSON, reads the plan."""
+    """As the call with the same seed; and a person, who wants no JSON, reads the plan."""
     again = tmp_path / "again"
     assert run(f"{ASKED} --out {again}") == 0
     printed = " ".join(capsys.readouterr().out.split())
@@ -89,11 +92,12 @@ def test_the_same_seed_gives_the_same_bytes_and_a_person_reads_the_plan(
         "The tour has",
     ):
         assert words in printed
+    assert {path.name for path in again.iterdir()} == FILES
     for name in FILES - {"result.json", "recording.rrd"}:
-        assert (again / name).read_bytes() == (folder / name).read_bytes(), name
-    first, second = (json.loads((place / "result.json").read_text()) for place in (folder, again))
+        assert (again / name).read_bytes() == (drawn / name).read_bytes(), name
+    first, second = (json.loads((place / "result.json").read_text()) for place in (drawn, again))
     assert first.pop("seconds") > 0 and second.pop("seconds") > 0 and first == second
-    done = rrd(home, "compare", "--unordered", folder / "recording.rrd", again / "recording.rrd")
+    done = rrd(home, "compare", "--unordered", drawn / "recording.rrd", again / "recording.rrd")
     assert done.returncode == 0, done.stderr
 
 
@@ -188,14 +192,16 @@ def test_a_set_measured_already_is_added_to(folder: Path, tmp_path: Path, capsys
     given = f"--poses 5 --candidates 300 --starts 1 --seed 4 --extend {folder / 'plan.csv'}"
     assert run(f"design {given} --out {out} --json") == 0
     more, first = json.loads(capsys.readouterr().out), json.loads((folder / "result.json").read_text())
+    assert more == json.loads((out / "result.json").read_text())
     assert (more["poses"], more["measured_already"]) == (5, POSES)
     assert more["promise_mm"] < first["promise_mm"]
     ids = [line.split(",")[0] for line in (out / "plan.csv").read_text().splitlines()[1:]]
     assert ids == [str(POSES + i) for i in range(1, 6)]  # one file can hold both
 
 
-def test_the_recording_is_the_tour(folder: Path, plan, home) -> None:
-    path, shown = folder / "recording.rrd", plan_scene(plan)
+@pytest.mark.figures
+def test_the_recording_is_the_tour(drawn: Path, plan, home) -> None:
+    path, shown = drawn / "recording.rrd", plan_scene(plan)
     assert rrd(home, "verify", path).returncode == 0
     here = np.array(column(path, "/world/targets/here", "Points3D:positions", "stop")[1])
     np.testing.assert_allclose(here, shown.points, rtol=0, atol=1e-6)  # m, float32
@@ -222,8 +228,9 @@ def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, h
 
 
 @needs_vulkan
-def test_no_view_of_the_plan_complains(folder: Path, home) -> None:
-    views = views_of(folder / "recording.rrd", home, "stop")
+@pytest.mark.figures
+def test_no_view_of_the_plan_complains(drawn: Path, home) -> None:
+    views = views_of(drawn / "recording.rrd", home, "stop")
     assert {view.name for view in views} >= {"Tour", "Sensitivity ellipsoid", "Summary"}
     assert [(view.name, view.reports) for view in views if view.reports] == []
 

@@ -7,9 +7,10 @@ import pytest
 from helpers.html_page import Page
 
 
-def test_a_plan_says_its_predicted_errors(plan_run: Path) -> None:
-    seen = Page(plan_run / "report.html")
-    result = json.loads((plan_run / "result.json").read_text())
+@pytest.mark.figures
+def test_a_plan_says_its_predicted_errors(drawn_plan: Path) -> None:
+    seen = Page(drawn_plan / "report.html")
+    result = json.loads((drawn_plan / "result.json").read_text())
     assert seen.headings == ["irb120: 12 poses to measure", "Number of poses", "Poses and tour",
                              "Quality of the choice", "What was done"]  # fmt: skip
     assert set(seen.figures) == {"curve-figure", "poses-figure"}

@@ -22,8 +22,6 @@ from lab.simulation.elastic import FlexibleArm
 from lab.simulation.payload import RigidLoad
 from lab.simulation.payload_bench import LoadBench, RunErrors
 
-pytestmark = pytest.mark.usefixtures("nothing_drawn")
-
 TX40 = load_virtual("tx40")
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5, 26, 12.5]) * 1e-4)
 MOUNTING = Mounting.tilted(np.zeros(2), sign=-1.0)

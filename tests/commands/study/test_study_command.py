@@ -8,6 +8,8 @@ import pytest
 
 from lab.cli import main
 
+pytestmark = pytest.mark.figures
+
 GRID = """
 name = "a <small> one"
 robots = 6

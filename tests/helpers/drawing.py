@@ -1,0 +1,30 @@
+"""Pictures and recordings left out: drawing them takes most of a command's time."""
+
+import sys
+import types
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from markupsafe import Markup
+
+_WRITES = {
+    "lab.commands.calibrate.recording": "record",
+    "lab.commands.design.recording": "record_plan",
+    "lab.commands.payload.recording": "record_payload",
+}  # by module: the function that writes a file
+
+
+@contextmanager
+def nothing_drawn() -> Iterator[None]:
+    """Recordings are empty files, pages have empty pictures, plans write none, and studies have none."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, function in _WRITES.items():
+            module = types.ModuleType(name)
+            setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
+            patch.setitem(sys.modules, name, module)
+        patch.setattr("lab.render.svg.inline_svg", lambda picture: Markup())
+        patch.setattr("lab.commands.design.figures.write_figures", lambda folder, plan: None)
+        patch.setattr("lab.commands.study.result.StudyResult.pictures", {})
+        yield
