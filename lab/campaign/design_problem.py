@@ -1,13 +1,13 @@
 """What a measuring day is planned for: the arm before the nominal tracker, candidates, sensitivities."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import whitening
 from lab.campaign.options import DesignOptions
+from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.campaign.robot import Robot, load_virtual
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument
@@ -18,35 +18,15 @@ from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.pose_selection.criteria import Criterion, Scaling, criterion
-from lab.pose_selection.exchange import Feasible, Sensitivity, information
-from lab.pose_selection.tour import FreePath
-from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, path_check
-from lab.simulation.collisions import collides, random_poses
+from lab.pose_selection.exchange import Sensitivity, information
+from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility
+from lab.simulation.collisions import collides, random_poses, unchecked
 from lab.simulation.model import RobotModel
 
 __all__ = ["PoseProblem", "pose_problem"]
 
 TEST_POSES = 500
 MEASURED_SLACK = 1e-3  # rad or m: how far joint positions may lie beyond a data sheet's limits
-HUBS = 20  # candidates tried as poses to pass through on the way to others
-
-
-@dataclass(frozen=True)
-class ReachabilityGraph:
-    """Where the arm may be, and go.
-
-    Attributes:
-        hubs: ``(h, joints)``, home (zero joint positions, or what is nearest and touches nothing) and poses with a
-            free way to it.
-        free: whether the joint path between two poses is free of collisions.
-        reachable: whether a free way leads from a hub to joint positions ``(n, joints)``.
-        feasible: whether they are feasible as well.
-    """
-
-    hubs: Array
-    free: FreePath
-    reachable: Feasible
-    feasible: Feasible
 
 
 @dataclass(frozen=True)
@@ -92,6 +72,8 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
         LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
     """
     robot = load_virtual(options.robot if robot is None else robot)
+    if options.no_check:
+        robot = replace(robot, model=unchecked(robot.model))
     device, scaling = _noisy(options.instrument), Scaling(options.scaling)
     model = robot.model
     arm = robot.arm(options.targets)
@@ -137,11 +119,15 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
         goal=criterion(options.criterion, len(kept), test[::5] * factors),
         scaling=scaling,
         test=test,
-        access=_access(model, home, candidates.joints, feasibility(model, options.targets, device)),
+        access=reachability(model, home, candidates.joints, feasibility(model, options.targets, device)),
         already=already,
         before=jacobians(already) * factors,
-        warnings=(*robot.warnings, *warnings),
+        warnings=(*robot.warnings, *warnings, *_unchecked(options)),
     )
+
+
+def _unchecked(options: DesignOptions) -> tuple[str, ...]:
+    return ("nothing was checked for collisions: --no-check",) if options.no_check else ()
 
 
 def _finite(numbers: Array) -> Array:
@@ -161,11 +147,10 @@ def _home(
     """What is asked for; else the robot's home, or a pose near it if the arm touches itself there."""
     if options.home:
         return _asked_home(options.home, chain, model), ()
-    home = chain.home
-    if not collides(model, home[None])[0]:
+    home = free_home(model, candidates)
+    if np.array_equal(home, chain.home):
         return home, ()
-    nearest = candidates[np.argmin(np.abs(candidates - home).max(axis=1))]
-    return nearest, (
+    return home, (
         f"robot {chain.name} touches something at zero joint positions: the tour starts from a pose near them",
     )
 
@@ -184,33 +169,6 @@ def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> 
     if collides(model, home[None])[0]:
         raise LabError(f"{said}: the arm touches itself or its surroundings there; start elsewhere")
     return home
-
-
-def _access(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> ReachabilityGraph:
-    """Hubs among the first candidates, and what can be reached from them."""
-    free = path_check(model)
-    found = [home]
-    for pose in candidates[:HUBS]:
-        if any(free(hub, pose) for hub in found):
-            found.append(pose)
-
-    known: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
-
-    def leads_to(pose: Array) -> bool:
-        key = pose.tobytes()
-        if key not in known:
-            known[key] = any(free(hub, pose) for hub in found)
-        return known[key]
-
-    def reachable(joints: Array) -> NDArray[np.bool_]:
-        return np.array([leads_to(pose) for pose in joints], dtype=bool)
-
-    def feasible(joints: Array) -> NDArray[np.bool_]:
-        fine = allowed(joints)
-        fine[fine] = reachable(joints[fine])
-        return fine
-
-    return ReachabilityGraph(np.array(found), free, reachable, feasible)
 
 
 def _measured_before(options: DesignOptions, robot: Robot) -> Array:

@@ -93,6 +93,8 @@ class DesignOptions:
     home: Numbers = ()
     """Where the measuring day starts and ends: joint positions in deg (mm of a slide); zero if not given, or the
     nominal configuration of a mechanism."""
+    no_check: Flag = False
+    """Check nothing for collisions: neither the poses nor the ways between them."""
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
 

@@ -8,13 +8,13 @@ finds for X_C. The last two are how elastic errors are compensated (e.g. Khalil 
 An arm with fewer than six joints is brought to the place, and as near to the rotation as it can be turned there.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.compensation.ik_results import LIMIT_SLACK, Attempts
+from lab.compensation.ik_results import LIMIT_SLACK, Attempts, Texts
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -24,17 +24,20 @@ from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, shortest_step, tool_at, within_reach
 
-__all__ = ["CLEAR_RAD", "Compensation", "Compensator"]
+__all__ = ["CLEAR_RAD", "Compensation", "Compensator", "Refusals"]
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
 _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Newton's method begins
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
+_NO_OTHER = "; no other solution of the inverse is free of that and within limits"
+_ASKED_FOR = "; the row's joint positions ask for this solution, so leave them empty to have others tried"
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
 Moved = Callable[
     [NDArray[np.int_], Array, Array], Array
 ]  # rows, their joint positions, what is missing: to new joint positions
+Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why the arm may not be there; "" if it may
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class Compensation:
         steps: ``(n,)`` of scheme (a), from the nominal model's inverse.
         unturned_rad: ``(n,)`` by how much the rotation is missed because it takes more joints than the arm has; zero
             where it has six, where any rotation will do, and where a target is not reached.
+        passed_over: one each: why the solution that was nearest is not the one that is given; empty where it is.
     """
 
     joints: Array
@@ -68,6 +72,7 @@ class Compensation:
     singular_joint: NDArray[np.int_]
     steps: NDArray[np.int_]
     unturned_rad: Array
+    passed_over: tuple[str, ...]
 
     @property
     def converged(self) -> NDArray[np.bool_]:
@@ -80,8 +85,9 @@ class Compensator:
     """What is known of the arm, and what its controller computes with.
 
     Attributes:
-        drawing: nominal links, base and tool: the controller's.
+        nominal: nominal links, base and tool: the controller's.
         arm, values: as identified, with its effects.
+        refusals: why the arm may not stand somewhere; None where nothing is known of what it could touch.
 
     Raises:
         LabError: the arm cannot bring its tool to places all around it.
@@ -90,6 +96,7 @@ class Compensator:
     nominal: NominalInverse
     arm: Arm
     values: Array
+    refusals: Refusals | None = None
 
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
@@ -137,6 +144,7 @@ class Compensator:
             joint,
             found.steps,
             np.where(found.fits & (chain.size < FREEDOMS), np.linalg.norm(found.errors[:, 3:], axis=1), 0.0),
+            tuple(found.passed_over),
         )
 
     def _first_that_fits(self, wanted: PoseTarget, conditions: Array, reference: Array) -> Attempts:
@@ -145,14 +153,16 @@ class Compensator:
         ways = self.nominal.ways(wanted, reference)
         starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways))
         order[~wanted.turned] = -1  # found by search: of no branch
-        free = ~np.isfinite(reference).all(axis=1)
+        free = np.asarray(~np.isfinite(reference).all(axis=1))
         found = self._tried(wanted, conditions, starts[:, 0], order[:, 0])
         for rank in range(1, order.shape[1]):
             rows = np.flatnonzero(free & ~found.fits)
             if not rows.size:
                 break
             other = self._tried(wanted.take(rows), conditions[rows], starts[rows, rank], order[rows, rank])
-            found.take_better(rows, other)
+            found.take_better(rows, other, chain)
+        for i in np.flatnonzero(found.possible & ~found.fits).tolist():
+            found.refusals[i] += _NO_OTHER if free[i] else _ASKED_FOR
         return found
 
     def _near_singular(self, wanted: PoseTarget, ways: Solutions) -> NDArray[np.bool_]:
@@ -177,8 +187,12 @@ class Compensator:
             going = going[reached]
         ended = reach(self.arm, self.values, wanted, joints, conditions, self.nominal.target)
         turned = nearest_whole_turns(chain, ended.joints, start)
-        excess = chain.excess(turned)
-        return Attempts(start, branch, turned, ended.errors, ended.arrived, excess, aimings + ended.steps)
+        found = Attempts(start, branch, turned, ended.errors, ended.arrived, chain.excess(turned),
+                         aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip
+        if self.refusals is not None:
+            rows = np.flatnonzero(found.possible)
+            found.refusals[rows] = self.refusals(turned[rows])
+        return found
 
     def _differential(self, wanted: PoseTarget, conditions: Array, start: Array) -> Array:
         """Scheme (b)."""
@@ -244,6 +258,11 @@ class Compensator:
             missing[~turned, 3:] = 0.0
             apart = np.maximum(apart, np.abs(missing).max(axis=1))
         return apart
+
+
+def _no_texts(count: int) -> Texts:
+    """So many empty texts."""
+    return np.full(count, "", dtype=object)
 
 
 def _settled(missing: Array) -> NDArray[np.bool_]:

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["AGREED_M", "LIMIT_SLACK", "NEAR_RAD", "Attempts"]
+__all__ = ["AGREED_M", "LIMIT_SLACK", "NEAR_RAD", "Attempts", "Texts"]
+
+Texts = NDArray[np.object_]  # (n,) of str
 
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
@@ -27,6 +29,8 @@ class Attempts:
         arrived: ``(n,)`` whether nothing is, or nothing that so many joints could make up for.
         excess: ``(n, joints)`` beyond limits.
         steps: ``(n,)``.
+        refusals: one each: why the arm may not stand there, though it can; "" where it may.
+        passed_over: one each: why the solution that was tried first was left for another one; "" where it was not.
     """
 
     start: Array
@@ -36,28 +40,49 @@ class Attempts:
     arrived: NDArray[np.bool_]
     excess: Array
     steps: NDArray[np.int_]
+    refusals: Texts
+    passed_over: Texts
 
     @property
-    def fits(self) -> NDArray[np.bool_]:
+    def possible(self) -> NDArray[np.bool_]:
         """``(n,)``: arrived, and within limits."""
         return np.asarray(self.arrived & (self.excess.max(axis=1) <= LIMIT_SLACK))
 
-    def take_better(self, rows: NDArray[np.int_], other: "Attempts") -> None:
-        """Put what another way found for some rows in the place of what is worse."""
-        cost = [np.where(f.arrived, f.excess.max(axis=1), 1e3 + np.abs(f.errors).max(axis=1)) for f in (self, other)]
-        better = cost[1] < cost[0][rows]
-        for name in ("start", "branch", "joints", "errors", "arrived", "excess", "steps"):
+    @property
+    def fits(self) -> NDArray[np.bool_]:
+        """``(n,)``: arrived, within limits, and not refused."""
+        return np.asarray(self.possible & (self.refusals == ""))
+
+    @property
+    def cost(self) -> Array:
+        """``(n,)``: the smaller, the better: what is refused is better than what is beyond limits or not reached."""
+        beyond = np.where(self.refusals == "", self.excess.max(axis=1), 2 * LIMIT_SLACK)
+        return np.where(self.arrived, beyond, 1e3 + np.abs(self.errors).max(axis=1))
+
+    def take_better(self, rows: NDArray[np.int_], other: "Attempts", chain: JointSpec) -> None:
+        """Put what another way found for some rows in the place of what is worse, and say what was wrong with that."""
+        better = other.cost < self.cost[rows]
+        for i in rows[better].tolist():
+            self.passed_over[i] = self.passed_over[i] or self.refusals[i] or self._not_within_limits(i, chain)
+        for name in ("start", "branch", "joints", "errors", "arrived", "excess", "steps", "refusals"):
             getattr(self, name)[rows[better]] = getattr(other, name)[better]
+
+    def _not_within_limits(self, i: int, chain: JointSpec) -> str:
+        """That the solution is beyond a limit, or that none was found from there."""
+        beyond = int(self.excess[i].argmax())
+        return _beyond_limit(chain, self.joints[i], beyond) if self.arrived[i] else "no solution was found near it"
 
     def reason(self, i: int, chain: JointSpec, singular: tuple[float, int], scheme_disagreement_m: float) -> str:
         """Why a target is not reached; empty if it is.
 
         Args:
             singular: how far it is from a singularity (rad, m of a slide), and the joint that leads there.
-            apart_m: how far apart the schemes of compensation end; NaN where they were not tried.
+            scheme_disagreement_m: how far apart the schemes of compensation end; NaN where they were not tried.
         """
         if scheme_disagreement_m <= AGREED_M:
             return ""
+        if self.possible[i] and self.refusals[i]:
+            return str(self.refusals[i])
         beyond = int(self.excess[i].argmax())
         if self.arrived[i] and self.excess[i, beyond] > LIMIT_SLACK:
             return f"joint limit: {_beyond_limit(chain, self.joints[i], beyond)}"

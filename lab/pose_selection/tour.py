@@ -30,6 +30,7 @@ __all__ = [
     "FreePath",
     "RoadmapGraph",
     "Tour",
+    "fastest_way",
     "move_seconds",
     "plan_tour",
     "rated",
@@ -94,7 +95,7 @@ class RoadmapGraph:
         if self._settled[a, b]:
             return False
         a, b = min(a, b), max(a, b)
-        route = self._fastest(a, b)
+        route = self.fastest(a, b)
         self._routes[a, b] = route
         self._settled[a, b] = self._settled[b, a] = True
         self.cost[a, b] = self.cost[b, a] = sum(self._graph[i, j] for i, j in pairwise(route))
@@ -121,7 +122,7 @@ class RoadmapGraph:
             measured += [-1] * (len(route) - 2) + [b - 1]
         return Tour(np.asarray(order), self.nodes[stops], np.array(measured), seconds)
 
-    def _fastest(self, a: int, b: int) -> tuple[int, ...]:
+    def fastest(self, a: int, b: int) -> tuple[int, ...]:
         """The places on the fastest free way; looks only at moves on ways that would be the fastest."""
         while True:
             route = self._shortest(a, b)
@@ -157,6 +158,24 @@ class RoadmapGraph:
             if not self._free(self.nodes[min(a, b)], self.nodes[max(a, b)]):
                 self._graph[a, b] = self._graph[b, a] = np.inf
         return bool(np.isfinite(self._graph[a, b]))
+
+
+def fastest_way(start: Array, end: Array, safe: Array, chain: JointSpec, free: FreePath) -> Array:
+    """The fastest free way between two joint positions ``(n,)``, straight or by way of others.
+
+    Args:
+        safe: ``(k, n)`` joint positions that a detour may pass through.
+        chain: with known rates (``rated``).
+        free: whether the straight joint path between two joint positions is free, the same both ways.
+
+    Returns:
+        Joint positions ``(s, n)``: the start, what is passed on the way, and the end.
+
+    Raises:
+        LabError: there is no free way.
+    """
+    roads = RoadmapGraph(end[None], chain.speed, chain.acceleration, free, start, safe)
+    return roads.nodes[list(roads.fastest(0, 1))]
 
 
 def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:

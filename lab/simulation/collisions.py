@@ -1,6 +1,9 @@
 """Poses a robot can take: within limits and touching nothing."""
 
+import copy
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -10,7 +13,9 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.simulation.model import RobotModel
 
-__all__ = ["at_contacts", "collides", "collision_flags", "random_poses", "standing"]
+__all__ = ["at_contacts", "collides", "collision_flags", "collisions_in_words", "random_poses", "standing", "unchecked"]
+
+Model = TypeVar("Model", bound=RobotModel)
 
 _BLOCK = 64
 _MOST_BLOCKS = 2000
@@ -55,6 +60,43 @@ def collision_flags(robot: RobotModel, joints: Array, data: mujoco.MjData | None
 def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:
     """``(n,)``: whether the nominal arm touches itself or its surroundings at joint positions ``(n, joints)``."""
     return np.fromiter(collision_flags(robot, joints), bool, len(joints))
+
+
+def collisions_in_words(robot: RobotModel, joints: Array) -> tuple[str, ...]:
+    """What the nominal arm touches, or comes too near to, at each of the joint positions ``(n, joints)``.
+
+    Returns:
+        One text for each row, of its deepest contact: "upper_arm is 12 mm deep in table"; "" where it touches nothing.
+    """
+    qpos = robot.qpos(joints)
+    lost = np.asarray(np.isnan(qpos).any(axis=1))
+    contacts = at_contacts(robot.model, qpos[~lost])
+    return tuple("its loops do not close there" if open_loop else _deepest(next(contacts), robot) for open_loop in lost)
+
+
+def _deepest(data: mujoco.MjData, robot: RobotModel) -> str:
+    """The deepest of the contacts that ``data`` holds, in words; "" without any."""
+    if not data.ncon:
+        return ""
+    deepest = int(np.argmin(data.contact.dist))
+    first, second = (_name(robot.model, int(geom)) for geom in data.contact.geom[deepest][::-1])
+    distance_mm = 1e3 * float(data.contact.dist[deepest])
+    if distance_mm > 0:
+        return f"{first} is {distance_mm:.2g} mm from {second}, nearer than the clearance"
+    return f"{first} is {-distance_mm:.2g} mm deep in {second}"
+
+
+def _name(model: mujoco.MjModel, geom: int) -> str:
+    """What a person calls a shape: the body that it belongs to, or its own name where it stands in the world."""
+    body = int(model.geom_bodyid[geom])
+    return str(model.body(body).name if body else model.geom(geom).name) or f"shape {geom} of the surroundings"
+
+
+def unchecked(robot: Model) -> Model:
+    """A copy of a robot that touches nothing, wherever it is: for who does not want collisions to be checked."""
+    model = copy.deepcopy(robot.model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    return replace(robot, model=model)
 
 
 def random_poses(robot: RobotModel, count: int, rng: np.random.Generator) -> Array:

@@ -1,5 +1,6 @@
 """Corrected targets: the schemes agree, every failure has its reason, and the file of targets is read strictly."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -325,3 +326,31 @@ def test_a_file_that_is_none_is_told_in_one_line(tmp_path, text: str, words: str
     with pytest.raises(LabError) as told:
         read(tmp_path, text)
     assert words in str(told.value) and str(told.value).startswith(str(tmp_path)) and "\n" not in str(told.value)
+
+
+def test_another_solution_is_taken_before_a_target_is_refused_and_it_is_said_why() -> None:
+    """Where an arm may not stand with its elbow as the nearest solution has it."""
+    free = compensator((), 3)
+    wanted = reachable(free, 60, 5)
+    nearest = corrected(free, wanted)
+    forbidden = nearest.joints[:, 2] > np.median(nearest.joints[:, 2])
+
+    def refused(joints: Array) -> list[str]:
+        near = np.abs(joints[:, None] - nearest.joints[forbidden]).max(axis=2).min(axis=1) < 1e-3
+        return ["collision: elbow in table" if each else "" for each in near]
+
+    found = corrected(replace(free, refusals=refused), wanted)
+    assert found.converged[~forbidden].all() and all(
+        found.passed_over[i] == nearest.passed_over[i] for i in np.flatnonzero(~forbidden)
+    )
+    other = found.converged & forbidden
+    assert other.sum() >= 10
+    assert all(found.passed_over[i] == "collision: elbow in table" for i in np.flatnonzero(other))
+    missing = wanted.errors(free.arm.tool(inputs(free, found.joints), free.values)[0])
+    assert np.abs(missing[other]).max() < 1e-8
+    assert np.abs(found.joints - nearest.joints)[other].max(axis=1).min() > 1e-2
+    for i in np.flatnonzero(~found.converged & forbidden):
+        assert found.reasons[i].startswith("collision: elbow in table; no other solution")
+    asked_for = corrected(replace(free, refusals=refused), wanted, nearest.joints)
+    assert not asked_for.converged[forbidden].any()
+    assert "so leave them empty" in asked_for.reasons[int(np.argmax(forbidden))]

@@ -213,7 +213,9 @@ def program() -> tuple[str, Array, Array, Array]:
     joints = IRB120.chain.random_joints(len(IDS), rng)
     T_frame0_instrument = se3.inverse(se3.pose(se3.exp(values[3:6]), values[:3]))
     T_last_tool = se3.pose(R_last_tool, arm.split(values)[2][0])
-    content = Rapid().target_moves(TargetMoves("a robot – ß", IDS, joints, T_last_tool, T_frame0_instrument))
+    content = Rapid().target_moves(
+        TargetMoves("a robot – ß", IDS, joints, np.arange(len(IDS)), T_last_tool, T_frame0_instrument)
+    )
     assert content.count(b"\n") == content.count(b"\r\n")
     return content.decode("ascii").replace("\r\n", "\n"), joints, values, R_last_tool
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from lab.commands.compensate.result import CompensationResult, NearSingular
 from lab.commands.provenance import provenance_section
+from lab.commands.stops import VIA
 from lab.core.se3 import Array
 from lab.render.document import (
     PAGE,
@@ -39,7 +40,10 @@ def compensation_document(result: CompensationResult) -> Document:
             Paragraph(_lead(result), "lead"),
             Paragraph(verdict),
             Warnings(result.warnings),
-            Section("What became of the targets", (*_totals(result), _failed(result), _near(result))),
+            Section(
+                "What became of the targets",
+                (*_totals(result), _failed(result), _other_solutions(result), _near(result), *_moves(result)),
+            ),
             Section("How far they were moved", (*_histograms(result), *_map(result))),
             Section("Every target", _every_target(result), shown_in=PAGE),
             provenance_section("compensate", result.options, result.run.robot.sha256),
@@ -82,6 +86,24 @@ def _totals(result: CompensationResult) -> tuple[Block, ...]:
 
 def _failed(result: CompensationResult) -> Table:
     return Table(("target", "why it is not reached"), result.failed, most_rows=MOST_LISTED)
+
+
+def _other_solutions(result: CompensationResult) -> Table:
+    header = ("target", "reached by another solution of the inverse: what is wrong with the nearest one")
+    return Table(header, result.passed_over, most_rows=MOST_LISTED)
+
+
+def _moves(result: CompensationResult) -> tuple[Block, ...]:
+    """What was checked for collisions, and on what the arm passes."""
+    if not result.checked or not len(result.reached):
+        return ()
+    passed = sum(name.startswith(VIA) for name in result.stops.names if name not in result.targets.ids)
+    text = (
+        f"The {len(result.reached)} corrected targets and the {len(result.stops.joints) - 1} moves from home through "
+        "all of them and back, each in a straight line of all joints, were checked for collisions with the arm itself "
+        "and with the surroundings that the robot's model knows."
+    )
+    return (Paragraph(text + (f" {passed} stops are only passed, to get around something." if passed else "")),)
 
 
 def _near(result: CompensationResult) -> Table:

@@ -1,15 +1,17 @@
 """The files of corrected targets: tables for people, programs for controllers, and the calibrated arm."""
 
 import csv
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.run_folder import config, write_json
+from lab.commands.stops import joint_columns
 from lab.core import se3
-from lab.core.se3 import Array
 from lab.formats.programs.protocol import TargetMoves
 from lab.formats.programs.registry import target_files
 
@@ -22,8 +24,10 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     """Write the corrected targets and the calibrated arm in every format, and ``result.json``."""
     run, rows = result.run, np.flatnonzero(result.found.converged)
     write_json(folder / "config.json", config("compensate", result.options, run.robot.sha256))
-    _write_csv(folder / JOINTS, result, rows, _joint_columns(result, rows))
-    _write_csv(folder / CARTESIAN, result, rows, _cartesian_columns(result, rows) | _joint_columns(result, rows))
+    chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
+    _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_stop_conditions(result)})
+    at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
+    _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions(result, rows)})
     nominal_inverse = run.nominal_inverse(result.target)  # what the corrected targets are for
     nominal = run.robot.description(run.robot.exact_file, nominal_inverse.arm.targets, nominal_inverse.values)
     (folder / NOMINAL).write_text(nominal, encoding="utf-8")
@@ -31,29 +35,23 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     for name in run.robot.description_files:
         (folder / name).write_text(run.robot.description(name, arm.targets, values), encoding="utf-8")
     if len(rows):
-        for name, content in target_files(run.robot.chain, _moves(result, rows)).items():
+        for name, content in target_files(run.robot.chain, _moves(result)).items():
             (folder / name).write_bytes(content)
     write_json(folder / "result.json", result.to_dict())
 
 
-def _moves(result: CompensationResult, rows: NDArray[np.int_]) -> TargetMoves:
+def _moves(result: CompensationResult) -> TargetMoves:
     """What a controller's program is made from, with the base and tool that suit the controller's links."""
     run, nominal_inverse = result.run, result.run.nominal_inverse(result.target)
     T_instrument_frame0 = nominal_inverse.arm.T_tracker_frame0(nominal_inverse.values)
-    ids = [result.targets.ids[i] for i in rows]
-    T_last_tool = se3.pose(run.R_last_tool, nominal_inverse.tools[result.target])
-    return TargetMoves(run.robot.name, ids, result.found.joints[rows], T_last_tool, se3.inverse(T_instrument_frame0))
+    T_last_tool, stops = se3.pose(run.R_last_tool, nominal_inverse.tools[result.target]), result.stops
+    T_frame0_instrument = se3.inverse(T_instrument_frame0)
+    return TargetMoves(
+        run.robot.name, stops.ids, stops.joints, stops.which, T_last_tool, T_frame0_instrument, result.checked
+    )
 
 
-def _joint_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:
-    chain, joints = result.run.robot.chain, result.found.joints[rows]
-    columns = {}
-    for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True):
-        columns[f"{name}_{'mm' if slides else 'deg'}"] = 1e3 * values if slides else np.rad2deg(values)
-    return columns
-
-
-def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Array]:
+def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
     """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
     positions, tool = 1e3 * result.found.positions[rows], result.targets.tool
     quaternions = se3.quaternion_from_rotation(result.R_targets[rows])
@@ -61,11 +59,26 @@ def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> di
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
 
 
-def _write_csv(path: Path, result: CompensationResult, rows: NDArray[np.int_], columns: dict[str, Array]) -> None:
-    """One row a target that is reached, with what was set there."""
-    every = columns | {name: column[rows] for name, column in result.targets.conditions.items()}
+def _conditions(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
+    """What was set at targets."""
+    return {name: column[rows].tolist() for name, column in result.targets.conditions.items()}
+
+
+def _stop_conditions(result: CompensationResult) -> dict[str, list[Any]]:
+    """What was set at the targets among the stops; empty where a stop is none."""
+    rows, which = np.flatnonzero(result.found.converged), result.stops.which
+    return {
+        name: [column[rows[pose]] if pose >= 0 else "" for pose in which.tolist()]
+        for name, column in result.targets.conditions.items()
+    }
+
+
+def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any]]) -> None:
+    """Every digit; a column says so where nothing was checked."""
+    if not result.checked:
+        columns = {**columns, "checked": ["no"] * len(columns["id"])}
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["id", *every])
-        for i, *values in zip(rows.tolist(), *every.values(), strict=True):
-            writer.writerow([result.targets.ids[i], *(repr(float(value)) for value in values)])
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow([value if isinstance(value, str) else repr(float(value)) for value in row])

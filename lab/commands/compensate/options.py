@@ -23,5 +23,7 @@ class CompensateOptions:
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
     """Also for a run whose verdict is bad, or that was never validated on other poses."""
+    no_check: Flag = False
+    """Check nothing for collisions: neither the corrected targets nor the ways between them."""
     load: Path | None = None
     """The folder of a run of lab payload: what the arm carries at each target (as heavy as payload_kg, where given)."""

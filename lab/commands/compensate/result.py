@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.result import Result
+from lab.commands.stops import Stops, joint_columns
 from lab.commands.values import number
 from lab.compensation.compensator import Compensation
 from lab.compensation.ik_results import NEAR_RAD
@@ -56,6 +57,9 @@ class CompensationResult(Result):
         arm_inputs: ``(n, joints + conditions)`` of the arm at its corrected joint positions.
         without_effects_m: how far geometry alone is off there (root mean square), which is all that an exported
             arm holds; None where there is nothing else.
+        stops: the targets that are reached, in their order; where it was checked, home before and after them and what
+            is passed on the way.
+        checked: whether stops and the ways between them were checked for collisions.
         notes: what a reader should be told of the inputs.
     """
 
@@ -66,6 +70,8 @@ class CompensationResult(Result):
     found: Compensation
     arm_inputs: Array
     without_effects_m: float | None
+    stops: Stops
+    checked: bool
     notes: tuple[str, ...]
 
     @property
@@ -80,7 +86,21 @@ class CompensationResult(Result):
         far: tuple[str, ...] = ()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
-        return (*self.notes, *far, *refusals(self.run.robot.chain))
+        return (*self.notes, *far, *self._unchecked, *refusals(self.run.robot.chain))
+
+    @property
+    def _unchecked(self) -> tuple[str, ...]:
+        """What was not checked for collisions, or only by assumed shapes."""
+        model = self.run.robot.model
+        if self.checked:
+            return ("collisions were checked with links drawn as rods",) if model.shapes_assumed else ()
+        return (f"nothing was checked for collisions: {'--no-check' if self.options.no_check else model.missing}",)
+
+    @property
+    def passed_over(self) -> tuple[tuple[str, str], ...]:
+        """The targets that are reached by another solution of the inverse than the nearest: id, and why."""
+        found = zip(self.targets.ids, self.found.passed_over, self.found.converged, strict=True)
+        return tuple((name, reason) for name, reason, reached in found if reason and reached)
 
     @property
     def reached(self) -> NDArray[np.int_]:
@@ -139,6 +159,9 @@ class CompensationResult(Result):
             "targets": len(self.targets),
             "converged": len(self.reached),
             "failed": [{"id": name, "reason": reason} for name, reason in self.failed],
+            "checked": self.checked,
+            "other_solution": [{"id": name, "reason": reason} for name, reason in self.passed_over],
+            "stops": self.stops.to_list(self.run.robot.chain),
             "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
             "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
             "judged_mm": self.validation_mm,
@@ -157,13 +180,9 @@ class CompensationResult(Result):
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each target that is reached: id, joint positions (deg or mm), correction and predicted error."""
         rows, chain = self.reached, self.run.robot.chain
-        joints = {
-            f"{name}_{'mm' if slides else 'deg'}": (1e3 * values if slides else np.rad2deg(values)).tolist()
-            for name, slides, values in zip(chain.joint_names, chain.prismatic, self.found.joints[rows].T, strict=True)
-        }
         return {
             "id": [self.targets.ids[i] for i in rows],
-            **joints,
+            **joint_columns(chain, self.found.joints[rows]),
             "correction_mm": (1e3 * self.correction_m[rows]).tolist(),
             "predicted_mm": (1e3 * self.predicted_m[rows]).tolist(),
         }

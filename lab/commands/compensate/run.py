@@ -7,16 +7,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.observation_kinds import kind_named
+from lab.campaign.reachability import HUBS, ReachabilityGraph, free_home, reachability, refusals, stops_in_order
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.keywords import options_of, takes
+from lab.commands.stops import Stops
 from lab.compensation.compensator import Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import asked
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.inverse.newton import PoseTarget
+from lab.pose_selection.tour import rated
+from lab.simulation.collisions import collides, random_poses
 
 __all__ = ["compensate"]
 
@@ -93,7 +98,11 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
     conditions, warnings = _conditions(run, targets, source)
     target = run.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.R_last_tool.T)
-    found = Compensator(run.nominal_inverse(target), run.arm, run.values)(wanted, conditions, targets.joints)
+    access = _access(options, run)
+    compensator = Compensator(
+        run.nominal_inverse(target), run.arm, run.values, None if access is None else refusals(run.robot.model, access)
+    )
+    found = compensator(wanted, conditions, targets.joints)
     inputs = np.concatenate([found.joints, conditions], axis=1)
     without = None
     if run.groups and found.converged.any():
@@ -114,7 +123,12 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
             f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
         )
     said = (*run.warnings, *targets.warnings, *warnings)
-    done = CompensationResult(options, run, targets, wanted, found, inputs, without, said)
+    rows = np.flatnonzero(found.converged)
+    way, which = found.joints[rows], np.arange(len(rows))
+    if access is not None:
+        way, which = stops_in_order(rated(run.robot.chain)[0], access, way)
+    stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
+    done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, access is not None, said)
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
         words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
@@ -123,6 +137,15 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
             words = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
         return replace(done, notes=(*said, words))
     return done
+
+
+def _access(options: CompensateOptions, run: Calibrated) -> ReachabilityGraph | None:
+    """Where the arm may go without touching anything; None where that is not asked, or its shapes are not known."""
+    model = run.robot.model
+    if options.no_check or model.missing:
+        return None
+    free = random_poses(model, HUBS, rng_for(0, "poses"))
+    return reachability(model, free_home(model, free), free, lambda joints: ~collides(model, joints))
 
 
 def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:

@@ -111,7 +111,17 @@ def _tour(result: DesignResult) -> str:
     moving = "".join(f" {PLAN}{each.suffix} moves at {each.speed}, which takes longer." for each in languages)
     return (
         f"The tour has {len(tour.stops) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
-        f"acceleration, home to home, and {PAUSE_S} s of waiting at each pose.{moving}"
+        f"acceleration, home to home, and {PAUSE_S} s of waiting at each pose.{moving} {_checked(result)}"
+    )
+
+
+def _checked(result: DesignResult) -> str:
+    """What was checked for collisions."""
+    if result.options.no_check:
+        return "Nothing was checked for collisions."
+    return (
+        "Every stop and every move, each in a straight line of all joints, was checked for collisions with the arm "
+        "itself and with the surroundings that the robot's model knows."
     )
 
 
@@ -130,7 +140,7 @@ def _files(result: DesignResult) -> tuple[Block, ...]:
     chain = result.problem.robot.chain
     programs = "".join(f", {PLAN}{language.suffix} for the controller" for language in languages_of(chain))
     return (
-        Paragraph(f"Files: plan.csv to measure{programs}.", shown_in=PAGE | TERMINAL),
+        Paragraph(f"Files: plan.csv with every stop, to measure or via{programs}.", shown_in=PAGE | TERMINAL),
         *(Paragraph(sentence(why), shown_in=PAGE | TERMINAL) for why in refusals(chain)),
     )
 

@@ -1,7 +1,7 @@
 """A plan of a measuring day: typed, as plain values, and as the files that a person takes there."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,7 @@ import numpy as np
 from lab.campaign.design_problem import PoseProblem
 from lab.campaign.options import DesignOptions
 from lab.commands.result import Result
+from lab.commands.stops import VIA, Stops
 from lab.commands.values import error_statistics, number
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
@@ -114,14 +115,20 @@ class DesignResult(Result):
         return int((self.tour.measured[1:-1] < 0).sum())
 
     @property
+    def stops(self) -> Stops:
+        """Every stop of the tour: home, poses to measure, what is only passed, and home."""
+        which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
+        return Stops(self.tour.stops, which, self.pose_ids, "measure")
+
+    @property
     def table(self) -> Measurements:
-        """The poses in the order of the tour, with nothing measured yet."""
-        names, n = self.problem.robot.chain.joint_names, len(self.joints)
+        """Every stop in the order of the tour, with nothing measured yet; what is only passed is not for use."""
+        names, stops, n = self.problem.robot.chain.joint_names, self.stops, len(self.tour.stops)
         points = np.full((n, len(self.options.targets), 3), np.nan)
-        data = measured(names, self.joints, self.options.targets, points)
-        return Measurements(
-            names, data.joints, data.targets, data.points, self.pose_ids, data.use, data.sessions, data.sigma_m
-        )
+        data = measured(names, stops.joints, self.options.targets, points)
+        use = tuple("skip" if purpose == VIA else "calibrate" for purpose in stops.purposes)
+        marks = {"stop": stops.purposes} | ({"checked": ("no",) * n} if self.options.no_check else {})
+        return replace(data, ids=stops.names, use=use, other=marks)
 
     @property
     def scaled_indices(self) -> dict[str, dict[str, Any]]:
@@ -163,6 +170,8 @@ class DesignResult(Result):
             "tour_seconds": float(tour.seconds),
             "moves": len(tour.stops) - 1,
             "via": self.via,
+            "checked": not self.options.no_check,
+            "stops": self.stops.to_list(self.problem.robot.chain),
             "curve": [step.to_dict() for step in self.curve],
             **plan_or_refusal(self.problem.robot.chain),
             "seconds": round(self.seconds, 4),
@@ -176,13 +185,8 @@ class DesignResult(Result):
         return design_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """The poses in the order of the tour: ``id``, and each joint's position in ``_deg`` or ``_mm``."""
-        chain = self.problem.robot.chain
-        joints = {
-            f"{name}_{'mm' if slides else 'deg'}": (1e3 * values if slides else np.rad2deg(values)).tolist()
-            for name, slides, values in zip(chain.joint_names, chain.prismatic, self.joints.T, strict=True)
-        }
-        return {"id": list(self.pose_ids), **joints}
+        """Every stop of the tour: ``id``, ``stop`` (measure, via), and joint positions in ``_deg`` or ``_mm``."""
+        return self.stops.columns(self.problem.robot.chain)
 
     def plot(self) -> "Figure":
         """Draw predicted errors and O1 against the number of poses."""
@@ -204,7 +208,7 @@ class DesignResult(Result):
         robot = self.problem.robot
         write_json(folder / "config.json", config("design", self.options, robot.sha256))
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
-        tour = MeasuringTour(robot.name, self.tour.stops, self.tour.measured, self.pose_ids)
+        tour = MeasuringTour(robot.name, self.tour.stops, self.tour.measured, self.pose_ids, not self.options.no_check)
         for name, content in plan_files(robot.chain, tour).items():
             (folder / name).write_bytes(content)
         write_json(folder / "result.json", self.to_dict())

@@ -24,31 +24,40 @@ class MeasuringTour:
         stops: ``(s, n)`` joint positions (rad, m of a slide), home first and last.
         measured: ``(s,)``, negative where a stop is only passed.
         ids: what ``plan.csv`` calls the measured poses, in the order of the tour.
+        checked: whether stops and the ways between them were checked for collisions.
     """
 
     robot: str
     stops: Array
     measured: NDArray[np.int_]
     ids: Sequence[str]
+    checked: bool = True
 
 
 @dataclass(frozen=True)
 class TargetMoves:
     """Moves to compensated targets, with the two frames that suit the controller's nominal links best.
 
+    From stop to stop all joints move in a straight line.
+
     Attributes:
         robot: the robot's name.
         ids: what the targets' file calls them, ``(t,)``.
-        joints: ``(t, n)`` joint positions (rad, m of a slide) at which the calibrated arm is at the targets.
+        stops: ``(s, n)`` joint positions (rad, m of a slide): those at which the calibrated arm is at the targets, and
+            what is passed on the way.
+        which: ``(s,)`` the target of each stop; negative where it is only passed.
         T_last_tool: pose ``(4, 4)`` (m) of the tool in the table's last frame, of the nominal arm that fits best.
         T_frame0_instrument: pose ``(4, 4)`` (m) of the instrument's frame in that arm's frame 0.
+        checked: whether stops and the ways between them were checked for collisions.
     """
 
     robot: str
     ids: Sequence[str]
-    joints: Array
+    stops: Array
+    which: NDArray[np.int_]
     T_last_tool: Array
     T_frame0_instrument: Array
+    checked: bool = True
 
 
 class Language(Protocol):

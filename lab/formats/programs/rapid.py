@@ -60,7 +60,7 @@ class Rapid:
         moves += [_move("home", "tool0"), '    TPWrite "All poses measured";']
         head = [
             f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
-            "  ! Checked free of collisions in the lab's model only: run it slowly first, in manual mode.",
+            _checked(tour.checked),
             "  ! Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
             f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
         ]
@@ -72,7 +72,7 @@ class Rapid:
         ids = moves.ids
         head = [
             f"  ! {len(ids)} corrected joint targets. The correction is in the joint angles: move with MoveAbsJ.",
-            "  ! Not checked for collisions: run it slowly first, in manual mode.",
+            _checked(moves.checked),
             f"  ! {_TOOL} and {_WORK_OBJECT} suit the controller's nominal links best. They hold where tool0 is",
             "  ! the last frame of the lab's table, and world is frame 0 of it.",
             f"  ! CalcRobT(<a target>, {_TOOL} \\WObj:={_WORK_OBJECT}) makes a robtarget of one, with its",
@@ -84,12 +84,22 @@ class Rapid:
             f'  PERS wobjdata {_WORK_OBJECT}:=[FALSE,TRUE,"",{_pose(moves.T_frame0_instrument)},{_SAME}];',
         ]
         names = _target_names(ids)
-        targets, lines = [], ["    TPErase;"]
-        for i, (name, each, joints) in enumerate(zip(names, ids, moves.joints, strict=True), start=1):
-            targets += [] if name == _PREFIX + each else [f"  ! id {each!a}"]
+        targets, lines, via = [], ["    TPErase;"], 0
+        for i, joints in zip(moves.which.tolist(), moves.stops, strict=True):
+            via += i < 0
+            name = names[i] if i >= 0 else f"via{via:03d}"
+            targets += [f"  ! id {ids[i]!a}"] if i >= 0 and name != _PREFIX + ids[i] else []
             targets.append(_joint_target(name, joints))
-            lines += [_move(name, _TOOL), f'    TPWrite "{name}: {i} of {len(ids)}";']
+            lines.append(_move(name, _TOOL))
+            lines += [f'    TPWrite "{name}: {i + 1} of {len(ids)}";'] if i >= 0 else []
         return _module(_name(f"program_{moves.robot}"), [*head, *data, *targets], "move_to_targets", lines)
+
+
+def _checked(checked: bool) -> str:
+    """What was checked, as a comment."""
+    if not checked:
+        return "  ! NOT CHECKED FOR COLLISIONS: run it slowly first, in manual mode."
+    return "  ! Checked free of collisions in the lab's model only: run it slowly first, in manual mode."
 
 
 def _target_names(ids: Sequence[str]) -> list[str]:

@@ -19,6 +19,7 @@ from lab.core.se3 import Array
 from lab.formats.dh_table_toml import read_table
 from lab.formats.target_csv import read_targets
 from lab.kinematics.differential import singular_distance
+from lab.simulation.collisions import collides
 
 FILES = {
     "config.json", "result.json", "report.html", "joints.csv", "cartesian.csv", "nominal.toml", "program.mod",
@@ -42,9 +43,10 @@ def soft(tmp_path_factory) -> Path:
 
 
 def poses(calibrated: Calibrated, count: int) -> Array:
-    """Where the calibrated arm can be, clear of singularities."""
+    """Where the calibrated arm can be, clear of singularities and of all that it could touch."""
     arm, values = calibrated.geometry
-    joints = 0.8 * arm.chain.random_joints(4 * count, np.random.default_rng(1))
+    joints = 0.8 * arm.chain.random_joints(8 * count, np.random.default_rng(1))
+    joints = joints[~collides(calibrated.robot.model, joints)]
     joints = joints[singular_distance(arm.tool(joints, values)[1])[0] > 0.05][:count]
     return arm.tool(joints, values)[0]
 
@@ -64,8 +66,10 @@ def compensated(capsys, targets: Path, run: Path, out: Path, *more: str) -> tupl
 
 def rows_of(path: Path) -> tuple[list[str], Array]:
     with path.open(encoding="utf-8") as file:
-        table = list(csv.reader(file))
-    return [row[0] for row in table[1:]], np.array([row[1:] for row in table[1:]], dtype=float)
+        table = [row for row in csv.DictReader(file) if row.get("stop") != "via"]
+    return [row["id"] for row in table], np.array(
+        [[row[key] for key in row if key not in ("id", "stop")] for row in table], dtype=float
+    )
 
 
 def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path, capsys) -> None:
@@ -116,7 +120,12 @@ def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsy
     program = (out / "program.mod").read_text(encoding="ascii")
     found = re.findall(r"jointtarget \w+:=\[\[([^\]]*)\]", program)
     _, degrees = rows_of(out / "joints.csv")
-    np.testing.assert_allclose([[float(x) for x in each.split(",")] for each in found], degrees, atol=1e-6)
+    stops = json.loads((out / "result.json").read_text())["stops"]
+    at_stops = [[stop[f"q{i}_deg"] for i in range(1, 7)] for stop in stops]
+    np.testing.assert_allclose([[float(x) for x in each.split(",")] for each in found], at_stops, atol=1e-6)
+    assert [stop["stop"] for stop in stops if stop["stop"] != "via"] == ["target"] * 3
+    assert [list(stop.values())[2:] for stop in stops if stop["stop"] == "target"] == degrees.tolist()
+    assert [stops[0]["id"], stops[-1]["id"]] == ["home", "home_again"]
     drawing = calibrated.nominal_inverse(0)
     base, _, tool = drawing.arm.split(drawing.values)  # the controller computes with the drawing, so these suit it
     tool_at = re.search(r"tooldata \w+:=\[TRUE,\[\[([^\]]*)\]", program)
@@ -142,7 +151,7 @@ def test_a_bent_arm_is_corrected_for_its_payload_and_says_what_files_cannot_hold
     assert 0.1 < result["without_effects_mm"] < 0.5
     assert "holds geometry alone: without compliance it is off by 0." in result["warnings"][0]
     header = (tmp_path / "loaded" / "joints.csv").read_text().splitlines()[0]
-    assert header == "id,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg"
+    assert header == "id,stop,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg"
     write_targets(tmp_path / "empty.csv", Ts)
     code, unloaded = compensated(capsys, tmp_path / "empty.csv", soft, tmp_path / "empty")
     assert code == 0 and unloaded["without_effects_mm"] < 0.8 * result["without_effects_mm"]

@@ -103,7 +103,14 @@ def test_the_command_writes_the_same_bytes_and_a_person_reads_the_plan(
 
 def test_plan_csv_is_exact_and_calibrate_measures_it(folder: Path, plan, tmp_path: Path, capsys) -> None:
     chain = IRB120.chain
-    read = read_measurements(folder / "plan.csv", chain.joint_names, chain.prismatic, points=False)
+    every = read_measurements(folder / "plan.csv", chain.joint_names, chain.prismatic, points=False)
+    assert (every.joints == plan.tour.stops).all() and not every.warnings  # whoever moves along it touches nothing
+    measured = plan.tour.measured >= 0
+    assert every.other["stop"] == tuple(np.where(measured, "measure", "via").tolist())
+    stops = json.loads((folder / "result.json").read_text())["stops"]
+    assert [stop["id"] for stop in stops] == list(every.ids) and every.ids[0] == "home"
+    assert [stop["stop"] for stop in stops] == list(every.other["stop"])
+    read = every.only("calibrate")
     assert (read.joints == plan.design.joints[list(plan.tour.order)]).all()
     assert read.ids == tuple(str(i) for i in range(1, POSES + 1)) and np.isnan(read.points).all()
     assert main(["calibrate", "--plan", str(folder / "plan.csv"), "--out", str(tmp_path / "run"), "--json"]) == 0
@@ -120,6 +127,7 @@ def test_identify_takes_the_filled_template_and_refuses_the_empty_one(folder: Pa
     real = true_robot(model, off, random_tracker(model, rng_for(0, "tracker")))
     points = track(real, read.joints, ("p1",), device, rng_for(0, "noise")).points
     rows = list(csv.reader((folder / "plan.csv").read_text().splitlines()))
+    assert len(rows) == 1 + len(read)
     places = [rows[0].index(f"p1_{axis}_mm") for axis in "xyz"]
     for row, point in zip(rows[1:], points[:, 0], strict=True):
         assert [row[place] for place in places] == ["", "", ""]
@@ -195,7 +203,8 @@ def test_a_set_measured_already_is_added_to(folder: Path, tmp_path: Path, capsys
     assert more == json.loads((out / "result.json").read_text())
     assert (more["poses"], more["measured_already"]) == (5, POSES)
     assert more["promise_mm"] < first["promise_mm"]
-    ids = [line.split(",")[0] for line in (out / "plan.csv").read_text().splitlines()[1:]]
+    rows = csv.DictReader((out / "plan.csv").read_text().splitlines())
+    ids = [row["id"] for row in rows if row["stop"] == "measure"]
     assert ids == [str(POSES + i) for i in range(1, 6)]  # one file can hold both
 
 

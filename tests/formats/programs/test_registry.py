@@ -48,9 +48,9 @@ def two_languages(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_language_writes_for_the_robots_that_it_can_move() -> None:
     tour = MeasuringTour("arm", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))
     assert registry.plan_files(joints(2), tour) == {"plan.txt": b"arm: 4 stops, 3, 4"}
-    moves = TargetMoves("arm", ("a", "b"), np.zeros((2, 2)), np.eye(4), np.eye(4))
+    moves = TargetMoves("arm", ("a", "b"), np.zeros((2, 2)), np.arange(2), np.eye(4), np.eye(4))
     assert registry.target_files(joints(2), moves) == {"program.txt": b"arm: a, b"}
-    six = TargetMoves("arm", ("a",), np.zeros((1, 6)), np.eye(4), np.eye(4))
+    six = TargetMoves("arm", ("a",), np.zeros((1, 6)), np.arange(1), np.eye(4), np.eye(4))
     assert list(registry.target_files(joints(6), six)) == ["program.mod"]
 
 

@@ -1,0 +1,113 @@
+"""Where an arm may be, and on what ways it gets there without touching anything."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.kinematics.joints import JointSpec
+from lab.pose_selection.exchange import Feasible
+from lab.pose_selection.tour import FreePath, fastest_way
+from lab.simulation.candidate_poses import path_check
+from lab.simulation.collisions import collides, collisions_in_words
+from lab.simulation.model import RobotModel
+
+__all__ = ["HUBS", "ReachabilityGraph", "free_home", "reachability", "refusals", "stops_in_order"]
+
+HUBS = 20  # candidates tried as poses to pass through on the way to others
+
+
+@dataclass(frozen=True)
+class ReachabilityGraph:
+    """Where the arm may be, and go.
+
+    Attributes:
+        hubs: ``(h, joints)``, home (zero joint positions, or what is nearest and touches nothing) and poses with a
+            free way to it.
+        free: whether the joint path between two poses is free of collisions.
+        reachable: whether a free way leads from a hub to joint positions ``(n, joints)``.
+        feasible: whether they are feasible as well.
+    """
+
+    hubs: Array
+    free: FreePath
+    reachable: Feasible
+    feasible: Feasible
+
+
+def free_home(model: RobotModel, candidates: Array) -> Array:
+    """The robot's home ``(joints,)``; where it touches something there, the nearest of free poses ``(m, joints)``."""
+    home = model.chain.home
+    if not collides(model, home[None])[0]:
+        return home
+    return np.asarray(candidates[np.argmin(np.abs(candidates - home).max(axis=1))])
+
+
+def reachability(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> ReachabilityGraph:
+    """Hubs among the first of the candidates ``(m, joints)``, and what can be reached from them."""
+    free = path_check(model)
+    found = [home]
+    for pose in candidates[:HUBS]:
+        if any(free(hub, pose) for hub in found):
+            found.append(pose)
+
+    known: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
+
+    def leads_to(pose: Array) -> bool:
+        key = pose.tobytes()
+        if key not in known:
+            known[key] = any(free(hub, pose) for hub in found)
+        return known[key]
+
+    def reachable(joints: Array) -> NDArray[np.bool_]:
+        return np.array([leads_to(pose) for pose in joints], dtype=bool)
+
+    def feasible(joints: Array) -> NDArray[np.bool_]:
+        fine = allowed(joints)
+        fine[fine] = reachable(joints[fine])
+        return fine
+
+    return ReachabilityGraph(np.array(found), free, reachable, feasible)
+
+
+def refusals(model: RobotModel, access: ReachabilityGraph) -> Callable[[Array], list[str]]:
+    """A callable: why the arm may not go to joint positions ``(n, joints)``, in words; "" where it may."""
+
+    def refused(joints: Array) -> list[str]:
+        said = [f"collision: {words}" if words else "" for words in collisions_in_words(model, joints)]
+        for i, words in enumerate(said):
+            if not words and not access.reachable(joints[i : i + 1])[0]:
+                said[i] = "no way that is free of collisions was found from home to it"
+        return said
+
+    return refused
+
+
+def stops_in_order(chain: JointSpec, access: ReachabilityGraph, joints: Array) -> tuple[Array, NDArray[np.int_]]:
+    """A free way from home through poses in the order in which they are given, and home again.
+
+    Args:
+        chain: with known rates.
+        joints: ``(n, joints)``, to each of which a free way leads.
+
+    Returns:
+        Joint positions ``(s, joints)`` to move to one after the other, each in a straight line of all joints, and
+        ``(s,)`` which of the poses each one is, -1 for home and for what is only passed.
+    """
+    home, known = access.hubs[0], dict[bytes, bool]()
+
+    def free(start: Array, end: Array) -> bool:
+        key = start.tobytes() + end.tobytes()
+        if key not in known:
+            known[key] = access.free(start, end)
+        return known[key]
+
+    stops, which = [home[None]], [np.array([-1])]
+    for i, (start, end) in enumerate(pairwise([home, *joints, home])):
+        way = fastest_way(start, end, access.hubs, chain, free)[1:]
+        stops.append(way)
+        which.append(np.append(np.full(len(way) - 1, -1), i if i < len(joints) else -1))
+    return np.concatenate(stops), np.concatenate(which)

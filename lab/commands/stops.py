@@ -1,0 +1,64 @@
+"""Joint positions to move to one after the other, as a person, a table and a program take them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["VIA", "Stops", "joint_columns"]
+
+VIA = "via"  # the purpose of a stop that is only passed
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Stops of a robot's way, each reached in a straight line of all joints.
+
+    Attributes:
+        joints: ``(s, n)`` rad or m.
+        which: ``(s,)`` which of the poses or targets ``ids`` each one is; -1 where it is none.
+        ids: what these are called.
+        purpose: what is done at them; every other stop is there for ``via``.
+    """
+
+    joints: Array
+    which: NDArray[np.int_]
+    ids: Sequence[str]
+    purpose: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each one is called: its pose's or target's id, ``home`` at the ends, or ``via`` and a number."""
+        last, names, via = len(self.which) - 1, list[str](), 0
+        for i, pose in enumerate(self.which.tolist()):
+            via += pose < 0 and i not in (0, last)
+            passed = "home" if i == 0 else "home_again" if i == last else f"via{via:03d}"
+            names.append(self.ids[pose] if pose >= 0 else passed)
+        return tuple(names)
+
+    @property
+    def purposes(self) -> tuple[str, ...]:
+        """What each one is for."""
+        return tuple(self.purpose if pose >= 0 else VIA for pose in self.which)
+
+    def columns(self, chain: JointSpec) -> Mapping[str, Sequence[Any]]:
+        """``id``, ``stop`` (what each is for), and each joint's position in ``_deg`` or ``_mm``."""
+        return {"id": list(self.names), "stop": list(self.purposes), **joint_columns(chain, self.joints)}
+
+    def to_list(self, chain: JointSpec) -> list[dict[str, Any]]:
+        """A mapping for each one, by the names of ``columns``."""
+        columns = self.columns(chain)
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def joint_columns(chain: JointSpec, joints: Array) -> dict[str, list[float]]:
+    """Joint positions ``(n, joints)`` (rad or m) by joint and unit, as people read them: ``<joint>_deg`` or ``_mm``."""
+    return {
+        f"{name}_{'mm' if slides else 'deg'}": (1e3 * values if slides else np.rad2deg(values)).tolist()
+        for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True)
+    }
