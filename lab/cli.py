@@ -1,56 +1,112 @@
 """The command line: arguments in, a call of the library, its result out.
 
-Exit code 0: done; 1: the answer is bad; 2: the input is bad; 130: interrupted.
+Exit code 0: done; 1: the answer is bad; 2: the input is bad; 70: a defect of the lab; 130: interrupted. It
+is told in one line, whatever it is.
 """
 
-import contextlib
-import io
-import json
 import sys
-from collections.abc import Sequence
-from pathlib import Path
 
-import lab
-from lab.commands.registry import COMMANDS, Command, command_named
-from lab.core.errors import LabError
+TYPE_CHECKING = False  # an interruption is told from the first line on: what takes time is imported inside ``main``
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from lab.commands.registry import Command
 
 __all__ = ["main"]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; the exit code."""
+def main(arguments: "Sequence[str] | None" = None) -> int:
+    """Run one command; the exit code.
+
+    Args:
+        arguments: by default those that the program was started with.
+    """
     try:
-        code = _run(sys.argv[1:] if arguments is None else list(arguments))
-        sys.stdout.flush()
+        if arguments is not None:
+            return _ended(list(arguments))
+        from lab.commands.program import interruptible, leave, plain_streams
+
+        with interruptible():
+            plain_streams()
+            _only_our_warnings()
+            code = _ended(sys.argv[1:])
+        if code == 130:
+            leave(code)
         return code
-    except LabError as error:
-        return _fail(str(error), 2)
-    except OSError as error:  # of files the library tells; what is left is the output
-        sys.stdout = io.StringIO()  # so that Python does not try once more when it ends
-        return _fail(f"the output cannot be written ({error.strerror}); look where it goes", 2)
+    except KeyboardInterrupt:  # before there was anything to write, or while that was told
+        print("lab: interrupted", file=sys.stderr)
+        return 130
+
+
+def _only_our_warnings() -> None:
+    """What libraries warn programmers of is not for who runs a program, unless asked for (python -W)."""
+    import warnings
+
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+
+
+def _ended(arguments: list[str]) -> int:
+    """Run one command, and tell in one line how it ended, if not well."""
+    from lab.commands import program
+    from lab.core.errors import LabError
+
+    try:
+        with program.output_may_close():
+            return _run(arguments)
+        return program.CLOSED
+    except Exception as error:
+        if program.was_interrupted(error) and not isinstance(error, LabError):
+            program.say("interrupted; nothing was written")
+            return program.INTERRUPTED
+        said, code = _told(arguments, error)
+        program.say(said)
+        return code
     except KeyboardInterrupt as stop:
-        return _fail(f"interrupted; {stop or 'nothing was written'}", 130)
+        program.say(f"interrupted; {str(stop) or 'nothing was written'}")
+        return program.INTERRUPTED
 
 
-def _fail(why: str, code: int) -> int:
-    print(f"lab: {why}", file=sys.stderr)
-    return code
+def _told(arguments: list[str], error: Exception) -> tuple[str, int]:
+    """What is said of an error, and the exit code."""
+    from lab.commands.program import DEFECT, drop_output, write_log
+    from lab.core.errors import LabError
+
+    if isinstance(error, LabError):
+        return str(error), 2
+    if isinstance(error, OSError) and error.filename is None:  # of files the library tells; what is left is the output
+        drop_output()
+        return f"the output cannot be written ({error.strerror or error}); look where it goes", 2
+    if isinstance(error, OSError):
+        return f"{error.filename}: cannot be used ({error.strerror or error}); check it, or give another", 2
+    if isinstance(error, MemoryError):
+        return "this needs more memory than there is; give fewer rows, poses, targets or joints", 2
+    log = write_log(arguments, error)
+    kept = f"its traceback is in {log}: please report it with that file" if log else "no log of it could be written"
+    return f"a defect of the lab, not of what you gave ({type(error).__name__}: {error}); {kept}", DEFECT
 
 
 def _run(arguments: list[str]) -> int:
+    from lab.commands.program import output_may_close
+    from lab.commands.registry import COMMANDS, command_named
+    from lab.core.errors import LabError
+
     if not arguments:
         raise LabError(f"give a command: {', '.join(each.name for each in COMMANDS)}; see lab --help")
-    if arguments[0] in ("-h", "--help"):
-        print(_help())
-        return 0
-    if arguments[0] == "--version":
-        print(f"lab {lab.__version__}")
+    if arguments[0] in ("-h", "--help", "--version"):
+        import lab
+
+        with output_may_close():
+            print(f"lab {lab.__version__}" if arguments[0] == "--version" else _help())
         return 0
     return _run_command(command_named(arguments[0]), arguments[1:])
 
 
 def _help() -> str:
     """What there is; written here, so that no parser has to be loaded for it."""
+    import lab
+    from lab.commands.registry import COMMANDS
+
     width = max(len(each.name) for each in COMMANDS) + 2
     return "\n".join(
         [
@@ -66,14 +122,21 @@ def _help() -> str:
     )
 
 
-def _run_command(command: Command, arguments: list[str]) -> int:
+def _run_command(command: "Command", arguments: list[str]) -> int:
     """Run, write and print; the exit code is the result's."""
+    import contextlib
+    import json
+    from pathlib import Path
+
     from threadpoolctl import threadpool_limits
 
     from lab.commands.command_line import parsed
+    from lab.commands.program import output_may_close, say
     from lab.commands.run_folder import free_name, input_files, run_folder
 
     asked, place = parsed(command, arguments), None
+    if (check := getattr(asked.options, "check", None)) is not None:
+        check()  # before there is a folder
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
         if command.folder:
@@ -83,13 +146,14 @@ def _run_command(command: Command, arguments: list[str]) -> int:
         if command.folder:
             result.write(folder)
     for warning in result.warnings:
-        print(f"lab: warning: {warning}", file=sys.stderr)
-    if asked.json:
-        print(json.dumps(result.to_dict(), allow_nan=False))
-    else:
-        from lab.render.terminal import print_document
+        say(f"warning: {warning}")
+    with output_may_close():
+        if asked.json:
+            print(json.dumps(result.to_dict(), allow_nan=False))
+        else:
+            from lab.render.terminal import print_document
 
-        print_document(result.document(), warnings=False)
-        if place is not None:
-            print(f"run: {place}")
+            print_document(result.document(), warnings=False)
+            if place is not None:
+                print(f"run: {place}")
     return result.exit_code

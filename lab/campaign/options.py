@@ -8,6 +8,7 @@ import tyro
 
 from lab.campaign.option_groups import ArmEffects, Fitting, Flag, Names, Numbers
 from lab.core.errors import LabError
+from lab.core.limits import CANDIDATES, POSES, READINGS, SEED, STARTS, TARGETS
 from lab.core.numbers import LARGEST, positive, whole
 
 __all__ = ["DesignOptions", "VirtualCampaign", "check_common"]
@@ -53,8 +54,9 @@ class VirtualCampaign:
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
         self.effects.check()
-        for flag, count in (("--poses", self.poses), ("--readings", self.readings)):
-            whole(flag, count, 1)
+        whole("--poses", self.poses, 1, POSES)
+        whole("--readings", self.readings, 1, READINGS)
+        TARGETS("--targets", self.targets)
         check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm)
         spreads = {
             "--position-sigma-mm": self.position_sigma_mm,
@@ -100,20 +102,22 @@ class DesignOptions:
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
-        whole("--seed", self.seed, 0)
-        whole("--starts", self.starts, 1)
+        whole("--seed", self.seed, 0, SEED)
+        whole("--starts", self.starts, 1, STARTS)
+        whole("--candidates", self.candidates, 1, CANDIDATES)
+        TARGETS("--targets", self.targets)
         if self.poses is not None:
-            whole("--poses", self.poses, 1)
+            whole("--poses", self.poses, 1, POSES)
             if self.accuracy_mm is not None:
                 raise LabError("--poses and --accuracy-mm both say how many poses to choose; give one")
-        if self.accuracy_mm is not None and not self.accuracy_mm > 0:
-            raise LabError(f"--accuracy-mm {self.accuracy_mm:g}: give an accuracy above zero")
+        if self.accuracy_mm is not None:
+            positive("--accuracy-mm", self.accuracy_mm)
 
 
 def check_common(fitting: Fitting, seed: int, gate_mm: float, noise_mm: float | None) -> None:
     """Refuse numbers that make no sense in what virtual and measured campaigns share, naming the option."""
     fitting.check()
-    whole("--seed", seed, 0)
+    whole("--seed", seed, 0, SEED)
     positive("--gate-mm", gate_mm)
     if noise_mm is not None:
         positive("--noise-mm", noise_mm)

@@ -47,6 +47,7 @@ _FILES |= {
     "report.html",
     *program_file_names(),
 }  # a folder with anything else is not replaced
+LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
 
@@ -110,6 +111,7 @@ def input_files(options: Any) -> tuple[Path, ...]:
 
 def free_name(parent: Path, stem: str) -> Path:
     """A folder that does not exist yet: the stem, or the stem with a number."""
+    stem = stem[:LONGEST_STEM]
     names = (parent / (stem if i == 1 else f"{stem}-{i}") for i in itertools.count(1))
     return next(name for name in names if not name.exists())
 

@@ -1,12 +1,13 @@
 """Plain values that the results of several commands hold: numbers that JSON can say, statistics of errors."""
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from lab.core.se3 import Array
 
-__all__ = ["ErrorStatistics", "error_statistics", "number"]
+__all__ = ["ErrorStatistics", "error_statistics", "number", "plain_numbers"]
 
 
 @dataclass(frozen=True)
@@ -39,3 +40,9 @@ def error_statistics(errors: Array) -> ErrorStatistics:
 def number(value: float) -> float | None:
     """The value, or None where it is not finite."""
     return float(value) if np.isfinite(value) else None
+
+
+def plain_numbers(values: Array | float) -> Any:
+    """An array as nested lists, a number as it is; None where not finite."""
+    array = np.asarray(values, dtype=np.float64)
+    return number(float(array)) if array.ndim == 0 else [plain_numbers(part) for part in array]

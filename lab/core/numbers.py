@@ -1,20 +1,22 @@
 """Numbers that make no sense are refused, with the flag that gave them."""
 
 from lab.core.errors import LabError
+from lab.core.limits import Limit
 
 __all__ = ["LARGEST", "LEAST", "positive", "whole"]
 
 LEAST, LARGEST = 1e-9, 1e9  # of an option in mm or mrad
 
 
-def whole(flag: str, value: int, least: int) -> None:
-    """Refuse a count that is too small.
+def whole(flag: str, value: int, least: int, most: Limit) -> None:
+    """Refuse a count that is too small or too large.
 
     Raises:
-        LabError: ``value`` is below ``least``.
+        LabError: ``value`` is below ``least``, or above the limit.
     """
     if value < least:
         raise LabError(f"{flag} {value}: give a whole number of {least} or more")
+    most(flag, value)
 
 
 def positive(flag: str, value: float) -> None:

@@ -19,6 +19,7 @@ from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.commands.calibrate.run import CalibrationResult, calibrate
 from lab.compensation.iso9283 import accuracy, repeatability
+from lab.core import limits
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import measured
@@ -64,8 +65,8 @@ def answer(options: Options) -> Answer:
     Raises:
         LabError: an option is out of range, or a payload would move nothing.
     """
-    whole("--arms", options.arms, 1)
-    whole("--targets", options.targets, 1)
+    whole("--arms", options.arms, 1, limits.ROBOTS)
+    whole("--targets", options.targets, 1, limits.POSES)
     if options.payload_kg and options.stiffness_nm_per_rad is None:
         raise LabError("--payload-kg moves nothing on a rigid arm: give --stiffness-nm-per-rad too")
     result = study(options)

@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES
 from lab.core.se3 import Array
+from lab.formats.text_file import read_text
 
 __all__ = ["LARGEST", "CsvTable"]
 
@@ -46,17 +48,14 @@ class CsvTable:
         self.unread = list(self.header)
 
     def _read(self) -> tuple[list[str], list[list[str]], list[int]]:
-        try:
-            text = self.path.read_text(encoding="utf-8-sig")
-        except OSError as error:
-            raise LabError(f"{self.path}: cannot be read ({error.strerror}); check the path") from error
-        except UnicodeDecodeError as error:
-            raise LabError(
-                f"{self.path}: not a text file in UTF-8 (byte {error.start}); save it as CSV UTF-8"
-            ) from error
+        text = read_text(self.path, TABLE_BYTES)
         if not text.strip():
             raise LabError(f"{self.path}: the file is empty; give a header line and one row a pose")
-        first = text.splitlines()[0]
+        first = text.partition("\n")[0]
+        if first.startswith("#"):
+            raise LabError(f"{self.path}: line 1 is a comment; begin the file with the header")
+        ROWS(self.path, text.count("\n") - 1)
+        LINE(f"{self.path}: line 1", first)
         if "\t" in first and "," not in first and ";" not in first:
             raise LabError(f"{self.path}: line 1: the columns are separated by tabs; separate them by commas")
         self.semicolons = ";" in first and "," not in first
@@ -78,6 +77,7 @@ class CsvTable:
         return table[0], table[1:], lines[1:]
 
     def _check_table(self, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
+        COLUMNS(f"{self.path}: line 1", header)
         for i, name in enumerate(header):
             if not name:
                 raise LabError(f"{self.path}: line 1: column {i + 1} has no name; name it or remove it")

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 from lab.core.errors import LabError
+from lab.core.limits import DEPTH, TEXT_BYTES
+from lab.formats.text_file import read_text, refuse_unbounded
 
 if TYPE_CHECKING:
     from cattrs import Converter
@@ -59,14 +61,17 @@ def read_json(path: Path, mend: str) -> Any:
         mend: what to do if it cannot be read, for the end of the message.
 
     Raises:
-        LabError: the file cannot be read, or is no JSON.
+        LabError: the file cannot be read, is no JSON, or holds numbers that are not finite.
     """
+    text = read_text(path, TEXT_BYTES, mend)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise LabError(f"{path}: cannot be read ({error.strerror}); {mend}") from error
+        content = json.loads(text)
+    except RecursionError as error:
+        raise LabError(f"{path}: more than {DEPTH.most} {DEPTH.what}; {mend}") from error
     except ValueError as error:
         raise LabError(f"{path}: not JSON ({error}); {mend}") from error
+    refuse_unbounded(path, content)
+    return content
 
 
 @cache

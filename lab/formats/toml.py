@@ -1,28 +1,39 @@
 """TOML files as plain values."""
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from lab.core.errors import LabError
+from lab.core.limits import DEPTH, TOML_BYTES
+from lab.formats.text_file import read_text, refuse_unbounded
 
 __all__ = ["is_number", "read_toml"]
 
 _LARGEST = 1e15  # of any number; squares of more overflow
+_PART = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_DEEP = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{DEPTH.most}}}")  # dotted names: the parser's memory is their square
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file.
 
     Raises:
-        LabError: it cannot be read, or is no TOML.
+        LabError: it cannot be read, is no TOML, or holds more or larger values than a description needs.
     """
+    text = read_text(path, TOML_BYTES)
+    if deep := _DEEP.search(text):
+        line = text.count("\n", 0, deep.start()) + 1
+        raise LabError(f"{path}: line {line}: a name of more than {DEPTH.most} {DEPTH.what}; give it fewer")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise LabError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise LabError(f"{path}: more than {DEPTH.most} {DEPTH.what}; give it fewer") from error
+    except ValueError as error:  # TOMLDecodeError, and Python's own of a number of too many digits
         raise LabError(f"{path}: not a TOML file: {' '.join(str(error).split())}; fix it there") from error
+    refuse_unbounded(path, content)
+    return content
 
 
 def is_number(value: Any) -> bool:

@@ -27,12 +27,13 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.batch import Stacked, stacked
+from lab.pose_selection.criteria import CRITERIA
 from lab.simulation.collisions import random_poses
 from lab.simulation.observations.points import track
 from lab.simulation.true_robot import TrueRobot
 from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
 
-__all__ = ["COLUMNS", "METRICS", "cell_poses", "run_task"]
+__all__ = ["COLUMNS", "METRICS", "cell_poses", "refuse_impossible", "run_task"]
 
 RANDOM = "random"
 CANDIDATES, STARTS = 1000, 2  # of a cell's design
@@ -57,6 +58,28 @@ COLUMNS = {  # of every campaign's row, and what they mean
 METRICS = tuple(COLUMNS)[5:-1]
 
 
+def refuse_impossible(study: Study) -> None:
+    """Refuse what cannot be before any work begins.
+
+    Raises:
+        LabError: the robot cannot be loaded, or lacks a target, a parameter or an effect of some cell; a criterion or
+            an instrument is unknown; or a cell has too few poses.
+    """
+    robot = load_virtual(study.robot)
+    robot.refuse_unknown(study.targets)
+    for cell in study.cells:
+        if cell.criterion not in (RANDOM, *CRITERIA):
+            raise LabError(f"criterion '{cell.criterion}' is unknown: choose one of {RANDOM}, {', '.join(CRITERIA)}")
+    fitted: dict[tuple[object, ...], _Fitted] = {}
+    for cell in study.cells:
+        what = (cell.parameters, cell.effects, cell.instrument)
+        if what not in fitted:
+            fitted[what] = _Fitted.of(study, cell, robot)
+            asked = VirtualCampaign(robot=study.robot, targets=study.targets, effects=fitted[what].effects)
+            perturbed_arm(robot, asked)
+        _refuse_few_poses(cell, fitted[what], study)
+
+
 def cell_poses(study: Study, cell: Cell) -> Array:
     """The poses ``(n, joints)`` that every campaign of a cell measures: of the nominal model, whatever the robot.
 
@@ -66,9 +89,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         LabError: there are fewer than the identifiable parameters need.
     """
     robot = load_virtual(study.robot)
-    needed = -(-len(_Fitted.of(study, cell, robot).free) // (3 * len(study.targets)))
-    if cell.poses < needed:
-        raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
+    _refuse_few_poses(cell, _Fitted.of(study, cell, robot), study)
     if cell.criterion == RANDOM:
         return random_poses(robot.model, cell.poses, rng_for(study.seed, "poses"))
     asked = DesignOptions(
@@ -83,6 +104,12 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         seed=study.seed,
     )
     return _designed(asked).copy()
+
+
+def _refuse_few_poses(cell: Cell, fitted: "_Fitted", study: Study) -> None:
+    needed = -(-len(fitted.free) // (3 * len(study.targets)))
+    if cell.poses < needed:
+        raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
 
 
 @lru_cache(maxsize=16)

@@ -22,6 +22,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, TypeVar
 
 from lab.core.errors import LabError
+from lab.core.limits import WORKERS
 from lab.core.numbers import whole
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
     """
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    whole("--workers", workers, 1)
+    whole("--workers", workers, 1, WORKERS)
     return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _prepare)
 
 

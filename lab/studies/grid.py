@@ -3,11 +3,13 @@
 import itertools
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from math import prod
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.core.errors import LabError, error_context
+from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, ROBOTS, SEED, TARGETS
 from lab.core.numbers import positive, whole
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
@@ -94,11 +96,13 @@ class Study:
     effects: Mapping[str, ArmEffects] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not self.name or Path(self.name).name != self.name:
+        if not self.name or Path(self.name).name != self.name or not self.name.isprintable():
             raise LabError(f"name '{self.name}': give a name without slashes")
-        whole("seed", self.seed, 0)
-        for name in ("robots", "draws", "fresh"):
-            whole(name, getattr(self, name), 1)
+        NAME("name", self.name)
+        whole("seed", self.seed, 0, SEED)
+        for name, limit in (("robots", ROBOTS), ("draws", DRAWS), ("fresh", POSES)):
+            whole(name, getattr(self, name), 1, limit)
+        TARGETS("targets", self.targets)
         for kind, values in self.factors.items():
             if kind not in FACTORS:
                 raise LabError(f"factor '{kind}' is unknown; there are {', '.join(FACTORS)}")
@@ -112,8 +116,9 @@ class Study:
                     each.check()
                 except LabError as error:
                     raise LabError(f"{kind}.{name}: {error}") from error
+        self._refuse_large()
         for cell in self.cells:
-            whole("factor poses", cell.poses, 1)
+            whole("factor poses", cell.poses, 1, POSES)
             positive("factor noise", cell.noise)
             positive("factor position_sigma_mm", cell.position_sigma_mm)
             positive("factor rotation_sigma_mrad", cell.rotation_sigma_mrad)
@@ -123,6 +128,14 @@ class Study:
                 )
             if cell.effects != NONE and cell.effects not in self.effects:
                 raise LabError(f"factor effects: '{cell.effects}' is not defined; add [effects.{cell.effects}]")
+
+    def _refuse_large(self) -> None:
+        """Refuse more than can be worked out, before any of it is listed."""
+        cells = prod(len(values) for values in self.factors.values())
+        CELLS("factors", cells)
+        CAMPAIGNS("robots, draws and factors", cells * self.robots * self.draws)
+        poses = max((each for each in self.factors.get("poses", ()) if isinstance(each, int)), default=Cell.poses)
+        DRAWN_POINTS("draws, fresh, poses and targets", self.draws * max(self.fresh, poses) * len(self.targets))
 
     @property
     def cells(self) -> tuple[Cell, ...]:
@@ -159,6 +172,8 @@ def read_study(path: Path) -> Study:
         LabError: the file cannot be read, or asks for what there is not.
     """
     content = read_toml(path)
+    if not content:
+        raise LabError(f"{path}: says nothing; give the study at least a name, or [factors]")
     with error_context(path):
         return study_from(content)
 

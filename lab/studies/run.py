@@ -11,7 +11,6 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.studies.campaigns import cell_poses, run_task
 from lab.studies.executors import StoppedError, run_jobs
@@ -80,7 +79,7 @@ def run_study(
             poses = _posed(store, executor, progress, partial(work, posing))
         except StoppedError:
             raise
-        except LabError:
+        except Exception:  # of a worker: the study cannot be
             if not resume:
                 store.discard()
             raise

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.formats.structured import read_json
 from lab.studies.campaigns import COLUMNS
 from lab.studies.executors import StoppedError
 from lab.studies.grid import Cell, Study, Task, study_from
@@ -252,12 +253,7 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_bytes())
-    except OSError as error:
-        raise LabError(f"{path}: cannot be read ({error.strerror}); give the folder of a study") from error
-    except ValueError as error:
-        raise LabError(f"{path}: not JSON ({error}); begin the study again in another folder") from error
+    content = read_json(path, "give the folder of a study, or begin it again in another")
     if not isinstance(content, dict):
         raise LabError(f"{path}: does not hold what a study writes; begin the study again in another folder")
     return content

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from lab.campaign.robot import Robot
+from lab.commands.values import plain_numbers
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.formats.structured import read_json
 from lab.payload_identification.estimate import LoadEstimate
 
 __all__ = ["LOAD_FILE", "HandLoad", "carrying", "read_hand_load"]
@@ -39,11 +41,11 @@ class HandLoad:
         """Keep it with a run."""
         content = {
             "frame": "flange",
-            "mass_kg": self.mass_kg,
-            "com_m": self.centre_m.tolist(),
-            "covariance_of_mass_and_moment": self.covariance.tolist(),
+            "mass_kg": plain_numbers(self.mass_kg),
+            "com_m": plain_numbers(self.centre_m),
+            "covariance_of_mass_and_moment": plain_numbers(self.covariance),
         }
-        (folder / LOAD_FILE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        (folder / LOAD_FILE).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
     def carried_by(self, robot: Robot) -> Robot:
         """The robot with payloads' centre of mass where this load's is.
@@ -78,13 +80,11 @@ def read_hand_load(folder: Path) -> HandLoad:
     """
     path = folder / LOAD_FILE
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path, "give a run of lab payload")
         numbers = [content[key] for key in ("mass_kg", "com_m", "covariance_of_mass_and_moment")]
         mass, centre, covariance = (np.array(number, dtype=np.float64) for number in numbers)
-    except OSError as error:
-        raise LabError(
-            f"--load {folder}: {path.name} cannot be read ({error.strerror}); give a run of lab payload"
-        ) from error
+    except LabError as error:
+        raise LabError(f"--load {error}") from error
     except (ValueError, KeyError, TypeError) as error:
         raise LabError(
             f"--load {folder}: {path.name} is not what lab payload writes ({error}); run that again"

@@ -11,7 +11,7 @@ from lab.campaign.robot import Robot
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.options import PayloadOptions
 from lab.commands.result import Result
-from lab.commands.values import number
+from lab.commands.values import number, plain_numbers
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.formats.load_csv import WRENCH
@@ -163,13 +163,7 @@ def wild_sample(estimate: LoadEstimate) -> str | None:
 
 
 def _with_width(value: Array | float, half_width: Array | float) -> dict[str, Any]:
-    return {"value": _plain(value), "half_width_95": _plain(half_width)}
-
-
-def _plain(value: Array | float) -> Any:
-    """Nested lists, with None for what is not known."""
-    array = np.asarray(value, dtype=np.float64)
-    return number(float(array)) if array.ndim == 0 else [_plain(part) for part in array]
+    return {"value": plain_numbers(value), "half_width_95": plain_numbers(half_width)}
 
 
 def _nuisance(each: Nuisance) -> dict[str, Any]:

@@ -7,9 +7,10 @@ from lab.commands.keywords import options_of, takes
 from lab.commands.run_folder import free_name
 from lab.commands.study.options import StudyOptions
 from lab.commands.study.result import StudyResult
-from lab.core.errors import LabError
+from lab.core.errors import LabError, error_context
 from lab.render.progress import bars
 from lab.studies.analysis import Analysis, analysed
+from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
 from lab.studies.grid import Study, read_study
 from lab.studies.run import StudyDone, run_study
@@ -41,6 +42,8 @@ def study(config: str | Path | Study | StudyOptions, **options: Any) -> StudyRes
 
 def _run(options: StudyOptions, known: Study) -> StudyResult:
     options.check()
+    with error_context(options.config):
+        refuse_impossible(known)
     folder = options.out or free_name(Path("runs"), f"study-{known.name}")
     chosen = local_executor(options.workers) if options.scheduler is None else cluster_executor(options.scheduler)
     try:

@@ -1,0 +1,151 @@
+"""What surrounds a command that runs as a program: its streams, its interruption, and the log of a defect."""
+
+import codecs
+import io
+import os
+import sys
+import traceback
+import unicodedata
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
+
+__all__ = [
+    "CLOSED",
+    "DEFECT",
+    "INTERRUPTED",
+    "drop_output",
+    "interruptible",
+    "leave",
+    "output_may_close",
+    "plain_streams",
+    "say",
+    "was_interrupted",
+    "write_log",
+]
+
+DEFECT, INTERRUPTED = 70, 130  # exit codes: EX_SOFTWARE of sysexits.h; 128 + SIGINT
+CLOSED = 0  # where whoever read the output has seen enough, and there is no result to tell
+LONGEST_LINE = 1000  # characters of what is said: a name or a cell may be a million
+_ENCODING_ERRORS = "lab.plain"
+_PLAIN = {"−": "-", "→": "->", "±": "+-", "σ": "sigma", "χ": "chi", "µ": "u", "·": "*", "×": "x", "°": "deg", "≤": "<="}
+
+
+def _transliterated(error: UnicodeError) -> tuple[str, int]:
+    """Characters that an output's encoding lacks, as plain ones: a handler of encoding errors."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    found = []
+    for character in error.object[error.start : error.end]:
+        near = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
+        found.append(_PLAIN.get(character) or near or "?")
+    return "".join(found), error.end
+
+
+def plain_streams() -> None:
+    """Let no character be an error of standard output and error: one that their encoding lacks is transliterated."""
+    codecs.register_error(_ENCODING_ERRORS, _transliterated)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_ENCODING_ERRORS)
+
+
+def say(words: str) -> None:
+    """One line on standard error: what would break a line or steer a terminal is escaped, the middle of more is cut."""
+    line = " ".join(words.split())
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    if len(line) > LONGEST_LINE:
+        line = f"{line[: LONGEST_LINE // 2]} … {line[-LONGEST_LINE // 2 :]}"
+    with suppress(OSError):  # nobody is there to be told
+        print(f"lab: {line}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def output_may_close() -> Iterator[None]:
+    """Whoever reads the output may close it: what is left of it is then dropped, without an error."""
+    try:
+        try:
+            yield
+        except SystemExit:  # after help was printed
+            _flush()
+            raise
+        _flush()
+    except (OSError, SystemExit) as stop:
+        if not _closed_output(stop):
+            raise
+        drop_output()
+
+
+def _flush() -> None:
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
+def _closed_output(error: BaseException) -> bool:
+    """Whether an error is that of an output that was closed, or came of one: rich then ends the program."""
+    return isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError)
+
+
+def drop_output() -> None:
+    """Nothing more is written to standard output: Python would try once more when it ends."""
+    with suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+    sys.stdout = io.StringIO()
+
+
+def was_interrupted(error: BaseException | None) -> bool:
+    """Whether an error is an interruption, or came of one: some libraries turn it into an error of their own."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Until the block ends an interruption reaches it, wherever it comes; after it, as the program ends, none does."""
+    import _thread
+    import signal
+    import threading
+
+    def passed_on(unraisable: Any) -> None:  # of a destructor or a callback, from which nothing can be raised
+        if was_interrupted(unraisable.exc_value):
+            threading.Timer(0.01, _thread.interrupt_main).start()  # here it would be raised in vain, too
+
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing opens a window; to look for one starts another process
+    usual: Callable[[Any], Any] = sys.unraisablehook
+    sys.unraisablehook = passed_on
+    try:
+        yield
+    finally:
+        sys.unraisablehook = usual
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def leave(code: int) -> NoReturn:
+    """End the program with this exit code: after an interruption inside ``exec`` Python would end by a signal."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    os._exit(code)
+
+
+def write_log(arguments: list[str], error: BaseException) -> str:
+    """Keep a defect's traceback in a new file of the folder for temporary files; its path, "" if it cannot be kept."""
+    import tempfile
+
+    from lab.core.version import __version__
+
+    lines = [f"lab {__version__}, Python {sys.version}\n", f"arguments: {arguments!r}\n\n"]
+    lines += traceback.format_exception(error)
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", errors="backslashreplace", prefix="lab-defect-", suffix=".log", delete=False
+        ) as file:
+            file.writelines(lines)
+            return file.name
+    except OSError:
+        return ""

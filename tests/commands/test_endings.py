@@ -1,0 +1,122 @@
+"""However a command ends, one line tells it: a defect, an interruption, an output that is closed or lacks letters."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from helpers.bad_input import run, the_line
+
+from lab.commands import program, registry
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+
+def raising(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(registry, "_load", failing)
+
+
+def test_a_defect_is_told_in_one_line_and_its_traceback_kept(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    raising(ZeroDivisionError("by\nzero"), monkeypatch)
+    assert run("inspect arm.toml") == program.DEFECT == 70
+    line = the_line(capfd.readouterr().err)
+    (log,) = folder.glob("lab-defect-*.log")
+    assert str(log) in line and "ZeroDivisionError: by zero" in line
+    kept = log.read_text()
+    assert "Traceback" in kept and "in failing" in kept and "arm.toml" in kept
+
+
+def test_a_defect_without_room_for_its_log_is_told(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.NamedTemporaryFile", full)
+    raising(RuntimeError("x"), monkeypatch)
+    assert run("inspect arm.toml") == 70
+    assert "no log of it could be written" in the_line(capfd.readouterr().err)
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_an_interruption_is_130_even_where_a_library_makes_another_error_of_it(
+    wrapped: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    error: BaseException = KeyboardInterrupt()
+    if wrapped:
+        error = ImportError("cannot be loaded")
+        error.__cause__ = KeyboardInterrupt()
+    raising(error, monkeypatch)
+    assert run("inspect arm.toml") == 130
+    assert the_line(capfd.readouterr().err) == "lab: interrupted; nothing was written"
+
+
+def test_too_little_memory_is_no_defect(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    raising(MemoryError(), monkeypatch)
+    assert run("inspect arm.toml") == 2
+    assert "more memory than there is" in the_line(capfd.readouterr().err)
+
+
+class Closed(io.StringIO):
+    """An output whose reader has gone."""
+
+    def write(self, text: str) -> int:
+        raise BrokenPipeError(32, "Broken pipe")
+
+
+@pytest.mark.parametrize("arguments", ["inspect arm.toml", "inspect arm.toml --json", "--help", "inspect --help"])
+def test_a_reader_that_has_seen_enough_is_no_error(
+    arguments: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdout", Closed())
+    assert run(arguments) == 0
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
+def test_a_terminal_of_any_encoding_shows_what_it_can(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
+    program.plain_streams()
+    print("before → after: −0.003 ± 0.001 mm, σ at 30°, µm, é, \udcff, ─")
+    sys.stdout.flush()
+    shown = raw.getvalue().decode(encoding)
+    if encoding == "ascii":
+        assert shown == "before -> after: -0.003 +- 0.001 mm, sigma at 30deg, um, e, ?, ?\n"
+    else:
+        assert "0.003" in shown and "mm" in shown and ("→" in shown) == (encoding == "utf-8")
+
+
+def test_what_is_said_is_one_line_that_steers_no_terminal(capfd: pytest.CaptureFixture[str]) -> None:
+    program.say("one\ntwo \x1b[31mred\x07 " + "x" * 100_000)
+    err = capfd.readouterr().err
+    assert err.count("\n") == 1 and len(err) < 1200 and "\x1b" not in err and "\\x1b[31mred\\x07" in err
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of POSIX")
+def test_a_program_that_is_interrupted_ends_with_130_and_one_line(folder: Path) -> None:
+    before = sorted(folder.iterdir())
+    command = [
+        sys.executable,
+        "-c",
+        "from lab.cli import main; print(flush=True); raise SystemExit(main())",
+        "calibrate",
+    ]
+    with subprocess.Popen(command, cwd=folder, stdout=-1, stderr=-1, text=True, start_new_session=True) as started:
+        assert started.stdout is not None
+        started.stdout.readline()
+        time.sleep(0.05)  # it imports
+        os.killpg(started.pid, signal.SIGINT)
+        _, err = started.communicate(timeout=60)
+    assert started.returncode == 130 and the_line(err).startswith("lab: interrupted")
+    assert sorted(folder.iterdir()) == before
