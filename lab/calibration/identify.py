@@ -302,7 +302,7 @@ def _relative_spread(observation: Observation, observed: Observations, aligned: 
     values[tool] = nominal[tool]
     compared = observed.points[:, : observation.positions or None]
     predicted = observation.model.points(observed.inputs, values)[:, : observation.positions or None]
-    if not np.nan_to_num(compared).any():  # places are touched: nothing but zeros is observed
+    if not (observation.positions or np.nan_to_num(compared).any()):  # places are touched: only zeros are observed
         return 1.0
     return spread(compared) / spread(np.where(np.isnan(compared), np.nan, predicted))
 

@@ -40,6 +40,7 @@ __all__ = [
     "errors_of",
     "folds",
     "hold_out",
+    "shared_rows",
     "split_by_label",
     "validate_file",
     "validate_folds",
@@ -78,12 +79,16 @@ class Validation:
         judged_by: None where it was not.
         errors: at those poses; None where it was not validated.
         rows: those poses; None where their base or tool was placed anew.
+        fitted_share: of the poses, that were fitted too, so that they validate nothing.
+        outlier_share: of the hold-out set, that the test of outliers names.
     """
 
     judged_by: JudgedBy | None
     errors: Errors | None
     warnings: tuple[str, ...] = ()
     rows: Measurements | None = None
+    fitted_share: float = 0.0
+    outlier_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -167,6 +172,18 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
     if not len(held) or not len(fitted):
         raise LabError(f"--holdout {share:g}: {len(data)} poses leave too few to fit or to validate; change the share")
     return data.take(fitted), data.take(held)
+
+
+def shared_rows(test: Measurements, fitted: Measurements) -> float:
+    """The share of rows that were fitted too: the same joint positions with the same points, to a nanometre."""
+    common = [target for target in test.targets if target in fitted.targets]
+
+    def rows(data: Measurements) -> list[bytes]:
+        points = data.points[:, [data.targets.index(target) for target in common]].reshape(len(data), -1)
+        return [row.tobytes() for row in np.round(np.concatenate([data.joints, points], axis=1), 9) + 0.0]
+
+    known = set(rows(fitted))
+    return float(np.mean([row in known for row in rows(test)])) if common and len(test) else 0.0
 
 
 def validate_rows(identification: Identification, test: Measurements) -> Validation:

@@ -44,8 +44,10 @@ class VirtualCampaign:
     """How far the zeros of the joints are off (mm for a slide)."""
     dh_only: Flag = False
     """Perturb nothing but the Denavit-Hartenberg parameters."""
-    gate_mm: float = 1.0
-    """A larger mean error on validation poses is a bad result."""
+    gate_mm: float | None = None
+    """A larger mean error on validation poses is a bad result; by default the result is judged without a gate."""
+    require: Literal["good"] | None = None
+    """Exit with 1 also where the verdict is doubtful or nothing was validated."""
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
     effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)
@@ -114,10 +116,11 @@ class DesignOptions:
             positive("--accuracy-mm", self.accuracy_mm)
 
 
-def check_common(fitting: Fitting, seed: int, gate_mm: float, noise_mm: float | None) -> None:
+def check_common(fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None) -> None:
     """Refuse numbers that make no sense in what virtual and measured campaigns share, naming the option."""
     fitting.check()
     whole("--seed", seed, 0, SEED)
-    positive("--gate-mm", gate_mm)
+    if gate_mm is not None:
+        positive("--gate-mm", gate_mm)
     if noise_mm is not None:
         positive("--noise-mm", noise_mm)

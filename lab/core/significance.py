@@ -10,11 +10,15 @@ __all__ = [
     "PAYLOAD_RESIDUALS",
     "STUDY_COMPARISON",
     "UNSOLICITED_WARNING",
+    "VERDICT_LACK_OF_FIT",
     "VERIFICATION",
 ]
 
 LACK_OF_FIT = 0.05
 """Whether a calibrated model leaves more in the residuals than noise does."""
+
+VERDICT_LACK_OF_FIT = 0.01
+"""Whether lack of fit makes a calibration doubtful."""
 
 PAYLOAD_RESIDUALS = 0.05
 """Whether the residuals of a payload follow anything, of all tests together (Bonferroni)."""

@@ -66,10 +66,10 @@ class Strong:
 
 @dataclass(frozen=True)
 class Badge:
-    """A verdict in a word or two, green where it is good, red where it is bad, grey where it is open."""
+    """A verdict in a word or two: green where good, amber where doubtful, red where bad, else grey."""
 
     text: str
-    kind: Literal["good", "bad", "open"] = "open"
+    kind: Literal["good", "doubtful", "bad", "open"] = "open"
 
 
 Inline = str | Code | Strong | Badge

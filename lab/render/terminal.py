@@ -30,7 +30,7 @@ from lab.render.document import (
 __all__ = ["print_document", "print_json", "to_text"]
 
 _ROW_STYLES = {"before": "red", "after": "green", "quiet": "dim"}
-_BADGE_STYLES = {"good": "bold green", "bad": "bold red", "open": "bold"}
+_BADGE_STYLES = {"good": "bold green", "doubtful": "bold yellow", "bad": "bold red", "open": "bold"}
 
 
 def print_document(document: Document, console: Console | None = None, *, warnings: bool = True) -> None:

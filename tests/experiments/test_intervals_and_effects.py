@@ -51,3 +51,12 @@ def test_bad_readings_are_named_whole() -> None:
     found = answer_in_processes("bad_readings.py")
     assert found["above_clean"] <= 0.08 and found["large_named"] >= 0.99 and found["small_named"] >= 0.90
     assert 0.005 <= found["named_there"] <= 0.015
+
+
+@pytest.mark.parametrize("campaigns", [15, pytest.param(2000, marks=pytest.mark.slow)])
+def test_the_verdict_is_seldom_wrong(campaigns: int) -> None:
+    """Campaigns of known quality, a fifth of them of another robot, in other units or with other signs."""
+    found = answer_of("verdict_quality.py", "--campaigns", campaigns)
+    assert sum(sum(of.values()) for of in found["confusion"].values()) == campaigns
+    assert min(sum(of.values()) for of in found["confusion"].values()) >= campaigns // 10
+    assert found["false_good"] <= 0.01 and found["false_alarm"] <= (0.05 if campaigns > 100 else 0.2)

@@ -224,7 +224,8 @@ def test_what_would_be_noticed_is() -> None:
 
 
 KEYS = {
-    "run", "robot", "poses", "targets", "good", "p", "level", "statistic", "freedom", "sigma_freedom", "observed_mm",
+    "run", "run_verdict", "robot", "poses", "targets", "good", "p", "level", "statistic", "freedom", "sigma_freedom",
+    "observed_mm",
     "promised_mm", "moved", "words", "hypotheses", "refit", "would_notice", "warnings",
 }  # fmt: skip
 REAL = perturbed_arm(IRB120, VirtualCampaign(seed=3))

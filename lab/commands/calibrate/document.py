@@ -7,7 +7,7 @@ import numpy as np
 from lab.calibration.identifiability import Direction
 from lab.calibration.identify import ILL_CONDITIONED
 from lab.calibration.observations.kind import ObservationWords
-from lab.calibration.verdict import Verdict, rotation_noise_rad
+from lab.calibration.verdict import Verdict, Word, gate_words, rotation_noise_rad
 from lab.commands.calibrate.error_map import arm_poses, error_map
 from lab.commands.calibrate.figures import (
     arm_views,
@@ -16,7 +16,7 @@ from lab.commands.calibrate.figures import (
     has_correction,
     singular_value_picture,
 )
-from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs, predicted_rms, weak_directions_of
+from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs, weak_directions_of
 from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.provenance import provenance_section
@@ -27,6 +27,7 @@ from lab.render.document import (
     PAGE,
     Badge,
     Block,
+    Bullets,
     Code,
     Column,
     Document,
@@ -34,6 +35,7 @@ from lab.render.document import (
     Paragraph,
     Row,
     Section,
+    Strong,
     Table,
     Warnings,
 )
@@ -41,7 +43,7 @@ from lab.render.format import capital, fixed, short
 from lab.render.plots import MOST_POINTS, size_maps
 from lab.render.units import display_unit
 
-__all__ = ["document_of", "parameters_table"]
+__all__ = ["document_of", "parameters_table", "verdict_blocks"]
 
 _MOST_LISTED = 12  # rows of a table
 _MOST_PARTS = 5  # parameters of a direction
@@ -52,10 +54,11 @@ _VALIDATED = {
     "file": "on {count} points of the validation measurements",
     "cross-validation": "by cross-validation on {count} points",
 }
-_VERDICTS = {
+_VERDICTS: dict[Word, Badge] = {
     "good": Badge("good", "good"),
+    "doubtful": Badge("doubtful", "doubtful"),
     "bad": Badge("bad", "bad"),
-    "not judged": Badge("not validated"),
+    "not judged": Badge("not judged"),
 }
 _STATUS = {
     "identified": "identified",
@@ -71,8 +74,8 @@ def document_of(result: CalibrationResult) -> Document:
     return Document(
         _title(result),
         (
+            *verdict_blocks(result.verdict, result.options.gate_mm),
             Paragraph(_lead(result, words), "lead"),
-            _verdict(result.verdict, result.fit.adequacy.adequate),
             Warnings(result.warnings),
             _errors(result, words),
             Section("Where in the workspace the errors are", _where(result, words)),
@@ -90,7 +93,7 @@ def _title(result: CalibrationResult) -> str:
     """Robot, errors before and after, verdict."""
     name, before, after = result.robot.name, result.before, result.after
     if before is None or after is None:
-        return f"{name}: {'bad' if result.verdict.word == 'bad' else 'identified, not validated'}"
+        return f"{name}: identified, {result.verdict.word}"
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
 
 
@@ -116,10 +119,18 @@ def _validated_on(result: CalibrationResult) -> str:
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
 
-def _verdict(verdict: Verdict, adequate: bool | None) -> Paragraph:
-    doubt = "lack of fit (see below)" if adequate is False else ""
-    why = "; ".join(part for part in (verdict.reason, doubt) if part)
-    return Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" – {why}" if why else ""))
+def verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]:
+    """The word with its gate, the reasons where it is not good, and the three answers."""
+    because = (Paragraph("Because:"), Bullets(tuple(map(capital, verdict.reasons)))) if verdict.reasons else ()
+    answers = tuple(
+        (Strong(f"{capital(name)}: {each.standing}."), f" {capital(each.words)}.")
+        for name, each in verdict.answers.items()
+    )
+    return (
+        Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_words(gate_mm)})")),
+        *because,
+        Bullets(answers),
+    )
 
 
 def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
@@ -178,7 +189,7 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
 
 def _noise(result: CalibrationResult) -> str:
     found = result.identification
-    sigma_m, rotation, predicted = found.sigma_m, rotation_noise_rad(found), predicted_rms(found)
+    sigma_m, rotation, predicted = found.sigma_m, rotation_noise_rad(found), result.verdict.workspace.rms_m
     if not np.isfinite(sigma_m):
         return "The noise is unknown, so the parameters have no uncertainty."
     rotations = f" and {short(1e3 * rotation)} mrad" if np.isfinite(rotation) else ""

@@ -7,11 +7,8 @@ import numpy as np
 
 from lab.calibration.identifiability import Direction, aliases, column_scale, weak_directions
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
-from lab.calibration.uncertainty import position_covariance
 from lab.commands.values import number
 from lab.core.measurements import Measurements
-from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
@@ -23,7 +20,6 @@ __all__ = [
     "correlated_pairs",
     "direction_to_dict",
     "estimated_parameters",
-    "predicted_rms",
     "stiffnesses",
     "weak_directions_of",
 ]
@@ -178,13 +174,3 @@ def direction_to_dict(direction: Direction) -> dict[str, Any]:
         "moved_mm": 1e3 * direction.moved,
         "parts": dict(direction.parts),
     }
-
-
-def predicted_rms(identification: Identification) -> float:
-    """Predicted position error (m) over the workspace by the covariance: sqrt(tr J C J'), RMS over random poses."""
-    model = identification.model
-    inputs = model.structure_joints(200, rng_for(0, "structure"))
-    if not observation_of(model).positions:
-        return float("nan")
-    squares = np.trace(position_covariance(identification, inputs), axis1=1, axis2=2)
-    return float(np.sqrt(squares.mean()))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from lab.calibration.verdict import gate_words
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
 from lab.core import se3
@@ -50,6 +51,22 @@ class Findings:
     adequate: bool | None
     adequacy: str
     after_mm: Mapping[str, float] | None = None
+    reasons: tuple[str, ...] = ()
+    gate_mm: float | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether others may build on the run: it is good, or doubtful for reasons that they are told."""
+        return self.verdict in ("good", "doubtful")
+
+    @property
+    def words(self) -> str:
+        """The verdict with its gate, for a person."""
+        return f"{self.verdict}, {gate_words(self.gate_mm)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the result of whoever builds on the run holds of its verdict."""
+        return {"verdict": self.verdict, "reasons": list(self.reasons), "gate_mm": self.gate_mm}
 
 
 @dataclass(frozen=True)
@@ -125,7 +142,9 @@ class Calibrated:
         """What whoever builds on the run should be told of it."""
         result, said = self.result, [*self.robot.warnings]
         if result.verdict != "good":
-            said.append(f"the verdict of the run is '{result.verdict}': its predicted error is not to be believed")
+            why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
+            belief = "may be too small" if result.usable else "is not to be believed"
+            said.append(f"the verdict of the run is '{result.verdict}'{why}: its predicted error {belief}")
         if result.adequate is False:
             said.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
         if self.left_out:
@@ -133,9 +152,9 @@ class Calibrated:
         return tuple(said)
 
     def refuse_unfit(self, what: str) -> None:
-        """A LabError for a run whose verdict is not good: ``what`` is not to be built on it."""
+        """A LabError for a run whose verdict is bad or not judged: ``what`` is not to be built on it."""
         word, reason = self.result.verdict, self.result.reason
-        if word != "good":
+        if not self.result.usable:
             why = f" ({reason})" if reason else ""
             mend = "measure poses to validate it on" if word == "not judged" else "mend what is bad"
             raise LabError(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -39,8 +39,10 @@ class _MeasurementFile:
     """Judge by this file."""
     refit: Names = ()
     """What each session of that file may place anew: base, tool, or base,tool."""
-    gate_mm: float = 1.0
-    """A larger mean error on poses not fitted is a bad result."""
+    gate_mm: float | None = None
+    """A larger mean error on poses not fitted is a bad result; by default the result is judged without a gate."""
+    require: Literal["good"] | None = None
+    """Exit with 1 also where the verdict is doubtful or nothing was validated."""
     observe: KindName = "points"
     """Which of the file's columns are the measurements."""
 

@@ -1,7 +1,7 @@
 """What ``lab calibrate`` and ``lab identify`` end with: the identified parameters, and how well they predict."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.validation import TruthComparison, Validation
 from lab.calibration.verdict import Verdict, rotation_noise_rad
+from lab.calibration.workspace_prediction import Distance
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.findings import (
@@ -24,7 +25,6 @@ from lab.commands.calibrate.findings import (
     correlated_pairs,
     direction_to_dict,
     estimated_parameters,
-    predicted_rms,
     stiffnesses,
     weak_directions_of,
 )
@@ -86,8 +86,9 @@ class CalibrationResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """1 where the verdict is bad."""
-        return 1 if self.verdict.word == "bad" else 0
+        """1 where the verdict is bad, or not the one that is required."""
+        required = self.options.require
+        return 1 if self.verdict.word == "bad" or required not in (None, self.verdict.word) else 0
 
     @property
     def identification(self) -> Identification:
@@ -150,6 +151,9 @@ class CalibrationResult(Result):
             "seconds": round(self.seconds, 4),
             "verdict": self.verdict.word,
             "reason": self.verdict.reason,
+            "reasons": list(self.verdict.reasons),
+            "gate_mm": self.options.gate_mm,
+            "answers": {name: asdict(each) for name, each in self.verdict.answers.items()},
             "judged_by": self.validation.judged_by,
             "before_mm": None if before is None else before.to_dict(),
             "after_mm": None if after is None else after.to_dict(),
@@ -158,7 +162,9 @@ class CalibrationResult(Result):
             "noise_known": identification.sigma_known,
             "residual_mm": number(1e3 * identification.residual_sigma_m),
             "freedom": identification.dof,
-            "predicted_mm": number(1e3 * predicted_rms(identification)),
+            "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
+            "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
+            "farthest_link": _distance_to_dict(self.verdict.farthest),
             "model": "+".join(("geometric", *self.fit.groups)),
             "groups": [_group_to_dict(group) for group in self.groups],
             "adequate": self.fit.adequacy.adequate,
@@ -245,6 +251,14 @@ def _group_to_dict(group: GroupTrial) -> dict[str, Any]:
         "chosen": group.chosen,
         "why_not": group.infeasibility_reason,
     }
+
+
+def _distance_to_dict(found: Distance | None) -> dict[str, Any] | None:
+    """The link that is farthest from its nominal value, in mm or mrad and in tolerances."""
+    if found is None:
+        return None
+    unit = "mrad" if found.is_angle else "mm"
+    return {"name": found.name, f"distance_{unit}": 1e3 * found.size, "tolerances": found.tolerances}
 
 
 def _outlier_to_dict(pose: Named) -> dict[str, Any]:

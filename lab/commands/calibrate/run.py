@@ -17,6 +17,7 @@ from lab.calibration.validation import (
     compare_with_truth,
     errors_of,
     hold_out,
+    shared_rows,
     validate_file,
     validate_folds,
     validate_rows,
@@ -197,7 +198,10 @@ def _judged_by_rows(fitter: Fitter, fit: FitReport, held: Measurements | None, o
             f"session {name} was not fitted, so the place of its frame is unknown: not used for validation"
             for name in strange
         ]
-        return replace(validation, warnings=(*validation.warnings, *sorted(said)))
+        named = sum(pose.held_out for pose in fit.outliers)
+        return replace(
+            validation, warnings=(*validation.warnings, *sorted(said)), outlier_share=named / max(len(held), 1)
+        )
     with error_context(options.file):
         again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
         return validate_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
@@ -207,6 +211,7 @@ def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options
     model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in CAMPAIGN_SPECIFIC])
     with error_context(options.validate):
         validation = validate_file(fit.identification, model, other, options.refit)
+        validation = replace(validation, fitted_share=shared_rows(other, fit.rows))
     if set(CAMPAIGN_SPECIFIC) & set(fit.groups) and "base" not in options.refit:
         said = f"{options.validate}: validated in the frame as it was at the start; --refit base if it has moved since"
         validation = replace(validation, warnings=(*validation.warnings, said))
@@ -280,7 +285,8 @@ def _outcome(
     bad: frozenset[str] = frozenset(),
 ) -> CalibrationResult:
     robot, data, identification = fitter.robot, fitter.data, fit.identification
-    word = verdict(identification, validation, options.gate_mm / 1e3)
+    gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
+    word = verdict(identification, validation, gate_m, goodness=fit.adequacy, tolerance=fitter.tolerance)
     warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")

@@ -10,6 +10,7 @@ from lab.render.document import (
     PAGE,
     Badge,
     Block,
+    Bullets,
     Document,
     Figure,
     Paragraph,
@@ -18,7 +19,7 @@ from lab.render.document import (
     Table,
     Warnings,
 )
-from lab.render.format import fixed, short
+from lab.render.format import capital, fixed, short
 from lab.render.plots import SizeMap, Spread, histograms, size_maps, spread_by_size
 from lab.render.style import AFTER, PREDICTED
 from lab.render.svg import cube
@@ -32,13 +33,14 @@ MOST_LISTED = 100  # targets, in each table
 def compensation_document(result: CompensationResult) -> Document:
     """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
     failed = len(result.failed)
-    verdict = Badge(f"{failed} not reached", "bad") if failed else Badge("all reached", "good")
+    verdict = Badge(f"{failed} not reached" if failed else "all reached", result.verdict)
     count = f"{len(result.reached)} of {len(result.targets)}"
     return Document(
         f"{result.run.robot.name}: {count} targets of {result.targets.tool} corrected",
         (
+            Paragraph((verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.words})")),
+            Bullets(tuple(map(capital, result.reasons))),
             Paragraph(_lead(result), "lead"),
-            Paragraph(verdict),
             Warnings(result.warnings),
             Section(
                 "What became of the targets",

@@ -22,7 +22,7 @@ class CompensateOptions:
     orientation: AngleConvention | None = None
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
-    """Also for a run whose verdict is bad, or that was never validated on other poses."""
+    """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
     no_check: Flag = False
     """Check nothing for collisions: neither the corrected targets nor the ways between them."""
     load: Path | None = None

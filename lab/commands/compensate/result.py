@@ -3,11 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.prior import Tolerance
+from lab.calibration.verdict import MOST_TOLERANCES
+from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.result import Result
@@ -19,6 +22,7 @@ from lab.core.se3 import Array
 from lab.formats.programs.registry import refusals
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.payload_identification.sag_uncertainty import sag_uncertainty
 
 if TYPE_CHECKING:
@@ -27,6 +31,9 @@ if TYPE_CHECKING:
     from lab.render.document import Document
 
 __all__ = ["CompensationResult", "NearSingular"]
+
+
+_USUAL_TOLERANCES = {"tolerance_mm": 1e3 * TOLERANCE_M, "tolerance_mrad": 1e3 * TOLERANCE_RAD}
 
 
 @dataclass(frozen=True)
@@ -103,6 +110,36 @@ class CompensationResult(Result):
         return tuple((name, reason) for name, reason, reached in found if reason and reached)
 
     @property
+    def verdict(self) -> Literal["good", "doubtful", "bad"]:
+        """``bad`` where a target is not reached, ``doubtful`` with ``reasons``, else ``good``."""
+        return "bad" if self.failed else "doubtful" if self.reasons else "good"
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the corrected targets are not to be trusted blindly."""
+        of_run, run = self.run.result, []
+        if of_run.verdict != "good":
+            run = [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
+        moved, usual = self.correction_m[self.reached], self.tolerance_m[self.reached]
+        if not (far := moved > MOST_TOLERANCES * usual).any():
+            return tuple(run)
+        worst = int(np.argmax(moved / usual))
+        words = (
+            f"{int(far.sum())} targets are moved by more than {MOST_TOLERANCES:g} tolerances, "
+            f"{self.targets.ids[self.reached[worst]]} by {1e3 * moved[worst]:.3g} mm, which is "
+            f"{moved[worst] / usual[worst]:.3g}: is the nominal model that of this robot?"
+        )
+        return (words, *run)
+
+    @property
+    def tolerance_m(self) -> Array:
+        """``(n,)`` how far the tolerances of the links let each target be missed (m, RMS)."""
+        given = self.run.options.get("fitting", {})
+        tolerance = Tolerance(*(given.get(key, usual) / 1e3 for key, usual in _USUAL_TOLERANCES.items()))
+        jacobian = self.run.arm.observe(self.arm_inputs, self.run.values)[1][:, self.target]
+        return tolerance_rms(self.run.arm, jacobian, tolerance)
+
+    @property
     def reached(self) -> NDArray[np.int_]:
         """The rows of the targets that are reached."""
         return np.flatnonzero(self.found.converged)
@@ -154,6 +191,9 @@ class CompensationResult(Result):
         return {
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "run_verdict": self.run.result.to_dict(),
             "tool": self.targets.tool,
             "model": self.model,
             "targets": len(self.targets),

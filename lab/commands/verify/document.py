@@ -40,8 +40,9 @@ def verification_document(result: VerificationResult) -> Document:
     return Document(
         f"{robot.name}: {verdict}",
         (
-            Paragraph(sentence(found.words), "lead"),
             Paragraph((Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
+            Paragraph(sentence(found.words), "lead"),
+            Paragraph(f"The run that calibrated the arm is {result.calibrated.result.words}."),
             Warnings(result.warnings),
             Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
             Section("What alone would explain it", (_hypotheses(result), *_advice(result))),

@@ -28,7 +28,7 @@ class VerifyOptions:
     noise_mm: float | None = None
     """Their noise (1σ per axis) instead."""
     force: Flag = False
-    """Verify against a run too whose verdict is not good."""
+    """Verify against a run too whose verdict is bad or not judged."""
 
     def check(self) -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""

@@ -70,6 +70,7 @@ class VerificationResult(Result):
             "poses": len(self.measurements),
             "targets": list(self.measurements.targets),
             "good": found.good,
+            "run_verdict": self.calibrated.result.to_dict(),
             "p": found.p,
             "level": VERIFICATION,
             "statistic": found.statistic,

@@ -9,6 +9,7 @@ import pytest
 from helpers.html_page import Page
 from helpers.robots import data_file
 
+from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.error_map import error_map
@@ -18,13 +19,18 @@ from lab.commands.calibrate.run import calibrate, identify
 from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.format import short
+from lab.render.format import capital, short
 from lab.render.units import display_unit
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
             "Parameters", "Identifiability and conditioning", "The arm at its poses", "What was done"]  # fmt: skip
 FIGURES = ["errors-figure", "where", "corrections", "singular-values-figure", "arm"]
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
+
+
+def answers_of(verdict: Verdict) -> list[str]:
+    """What a page says of the three questions."""
+    return [f"{capital(name)}: {each.standing}. {capital(each.words)}." for name, each in verdict.answers.items()]
 
 
 def written(path: Path, seven) -> Page:
@@ -100,7 +106,7 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     named = replace(found.robot, model=replace(model, chain=replace(model.chain, name=NASTY)))
     found = replace(found, robot=named, warnings=(f"{NASTY} of a warning",))
     seen = written(tmp_path / "report.html", found)
-    assert seen.headings[0].startswith(NASTY) and seen.items == [f"{NASTY} of a warning"]
+    assert seen.headings[0].startswith(NASTY) and seen.items[-1:] == [f"{NASTY} of a warning"]
     assert found.fit.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
     assert f"arm at pose {NASTY}" in seen.text  # in a picture, where dollars might begin a formula
     assert f"tool.{target}.x" in [row[0] for row in seen.table("parameter")]
@@ -128,7 +134,7 @@ def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
     assert found.verdict.word == verdict
     seen = written(tmp_path / "report.html", found)
     assert set(seen.figures) == set(FIGURES) - missing and seen.headings[0].endswith(verdict)
-    assert found.verdict.reason in seen.text and seen.items == list(found.warnings)
+    assert seen.items == [*map(capital, found.verdict.reasons), *answers_of(found.verdict), *found.warnings]
     assert ("Outliers: " in " ".join(seen.headings)) is bool(found.fit.outliers)
 
 
@@ -137,7 +143,9 @@ def test_a_run_that_is_not_judged(seven, tmp_path: Path) -> None:
     write_measurements(file, seven.measurements.take(range(11)), seven.robot.chain.prismatic)
     options = MeasuredCampaign(file)
     seen = written(tmp_path / "report.html", identify(options))
-    assert seen.headings[0] == "irb120: identified, not validated" and "Verdict: not validated" in seen.text
+    assert (
+        seen.headings[0] == "irb120: identified, not judged" and "Verdict: not judged (no gate was given)" in seen.text
+    )
     assert list(seen.figures) == FIGURES[1:]
 
 

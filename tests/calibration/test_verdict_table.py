@@ -1,0 +1,166 @@
+"""The table of verdicts: calibrations whose quality is known, with the word and the reason that each must get."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.judged import Case, campaign, errors
+from helpers.robots import table_robot
+
+from lab.calibration.identify import IdentifyOptions
+from lab.calibration.validation import Validation
+from lab.calibration.verdict import verdict
+from lab.campaign.robot import load_robot
+from lab.kinematics.serial.arm import SerialArm
+
+GATE = 1e-3
+clean = cache(campaign)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a calibration is, under which gate (m), and what the verdict must say of it."""
+
+    made: Callable[[], Case]
+    gate_m: float | None
+    word: str
+    reason: str = ""
+
+
+def judged_by(errors_before, errors_after, made: Callable[[], Case] = clean, **more) -> Callable[[], Case]:
+    """A campaign with other errors at the validation poses (mm)."""
+    return lambda: replace(made(), validation=Validation("holdout", errors(errors_before, errors_after), **more))
+
+
+def validated(**more) -> Callable[[], Case]:
+    """A good campaign with something else about its validation."""
+    return lambda: replace(clean(), validation=replace(clean().validation, **more))
+
+
+def scattered(sigma_m: float) -> Callable:
+    """Points that no arm would make."""
+    return lambda points, rng: points + sigma_m * rng.normal(size=points.shape)
+
+
+def made(**options) -> Callable[[], Case]:
+    return lambda: campaign(**options)
+
+
+def unconverged() -> Case:
+    case = clean()
+    return replace(case, found=replace(case.found, fit=replace(case.found.fit, status="not converged")))
+
+
+def joint_that_never_moved() -> Case:
+    still = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 1.0])
+    return campaign(moved_as=lambda q: q * still)
+
+
+RNG = np.random.default_rng(0)
+SPREAD = np.sort(RNG.gamma(9.0, size=200))
+SPREAD /= SPREAD.mean()
+GROWN = 0.276 * SPREAD + 1e-3 * np.where(np.arange(200) < 199, -1.0, 199.0)  # the same mean, a larger maximum
+TABLE = {
+    # good, or good because what is amiss does not matter
+    "clean, with a gate": Row(clean, GATE, "good"),
+    "clean, without a gate": Row(clean, None, "good"),
+    "noise estimated, but far below the gate": Row(made(known=False), GATE, "good"),
+    "lack of fit, but far below the gate": Row(made(points_as=scattered(50e-6)), GATE, "good"),
+    "a link 16 tolerances off, but sure, and below the gate": Row(made(change={"link3.a": 8e-3}), GATE, "good"),
+    "condition 500, but predicted below the gate": Row(made(poses=12, range_share=0.2), GATE, "good"),
+    "the noise is given too large": Row(made(sigma_m=0.0), None, "good"),
+    "nothing differs from nominal": Row(
+        judged_by(0.018 * SPREAD, 0.018 * SPREAD), None, "good"
+    ),
+    # doubtful
+    "noise estimated, and no gate": Row(made(known=False), None, "doubtful", "lack of fit cannot be tested"),
+    "lack of fit, and no gate": Row(made(points_as=scattered(50e-6)), None, "doubtful", "lack of fit: the residuals"),
+    "lack of fit, and errors near the gate": Row(
+        made(points_as=scattered(50e-6)), 60e-6, "doubtful", "lack of fit: the residuals"
+    ),
+    "condition 2,700, lack of fit and millimetres predicted": Row(
+        made(poses=12, range_share=0.1, validated_share=0.1, points_as=scattered(0.2e-3)), None, "doubtful",
+        "the predicted 95 % error over the workspace is",
+    ),
+    "the same under a gate": Row(
+        made(poses=12, range_share=0.1, validated_share=0.1, points_as=scattered(0.2e-3)), GATE, "doubtful",
+        "the predicted 95 % error over the workspace is",
+    ),
+    "condition 2,600, noise alone, predicted above the gate": Row(
+        made(poses=12, range_share=0.1, validated_share=0.1), GATE, "doubtful", "above 1.01 mm, half"
+    ),
+    "0.280 to 0.276 mm, and the largest error grew": Row(
+        judged_by(0.280 * SPREAD, GROWN), GATE, "doubtful",
+        "hardly better than the nominal model: 0.28 mm before, 0.276 mm after, and the largest error grew",
+    ),
+    "0.280 to 0.276 mm": Row(judged_by(0.280 * SPREAD, 0.276 * SPREAD), None, "doubtful", "hardly better"),
+    "a link 16 tolerances off, and no gate": Row(
+        made(change={"link3.a": 8e-3}), None, "doubtful", "link3.a is estimated 7.85 mm from its nominal value (16 tol"
+    ),
+    "a tenth of the validation poses were fitted": Row(
+        validated(fitted_share=0.1), GATE, "doubtful", "10 % of the validation poses were fitted"
+    ),
+    "8 % of the hold-out set are outliers": Row(
+        validated(outlier_share=0.08), GATE, "doubtful", "8 % of the hold-out set are outliers"
+    ),
+    # not judged
+    "no poses to validate on": Row(
+        lambda: replace(clean(), validation=Validation(None, None)), GATE, "not judged"
+    ),
+    "a file validated on itself": Row(
+        validated(fitted_share=1.0), GATE, "not judged", "100 % of the validation poses are those that were fitted"
+    ),
+    # bad
+    "the mean is above the gate": Row(clean, 5e-6, "bad", "above the gate of 0.005 mm"),
+    "worse than nominal": Row(judged_by(0.2 * SPREAD, 0.3 * SPREAD), GATE, "bad", "worse than the nominal one"),
+    "no gate, but worse than tolerances alone": Row(
+        judged_by(9 * SPREAD, 3 * SPREAD), None, "bad", "within its tolerances that was never calibrated"
+    ),
+    "all measured points are zero": Row(
+        made(points_as=lambda points, _: 0 * points), GATE, "bad", "the same in every pose: wrong column?"
+    ),
+    "the same point in every pose": Row(
+        made(points_as=lambda points, _: 0 * points + points[:1]), GATE, "bad", "the same in every pose"
+    ),
+    "metres taken for millimetres": Row(
+        made(points_as=lambda points, _: 1e-3 * points), GATE, "bad", "wrong unit, or another robot"
+    ),
+    "radians taken for degrees": Row(made(poses=15, joints_as=np.deg2rad), None, "bad", "wrong unit, or another robot"),
+    "points of nothing": Row(
+        made(poses=15, points_as=lambda p, rng: 0.4 * rng.normal(size=p.shape)), GATE, "bad", "does not fit"
+    ),
+    "another robot of the same reach": Row(
+        lambda: campaign(model=SerialArm(load_robot("scemi").chain)), GATE, "bad", "90° from its nominal value"
+    ),
+    "another robot, twice as large": Row(
+        lambda: campaign(model=SerialArm(table_robot("ur10.toml").chain)), GATE, "bad", "another robot"
+    ),
+    "all joints negated": Row(made(joints_as=np.negative), GATE, "bad", "180° from its nominal value"),
+    "the last joint negated": Row(
+        made(joints_as=lambda q: q * [1, 1, 1, 1, 1, -1]), GATE, "bad", "180° from its nominal value"
+    ),
+    "two joints exchanged": Row(
+        made(joints_as=lambda q: q[:, [0, 1, 2, 4, 3, 5]]), GATE, "bad", "from its nominal value"
+    ),
+    "link6.a 253 mm off": Row(
+        made(change={"link6.a": 0.253}, request=IdentifyOptions(fix=("tool.p1.x",), free=("link6.a",))), GATE, "bad",
+        "link6.a is estimated 253 mm from its nominal value",
+    ),
+    "a joint's zero 20° off": Row(
+        made(change={"link3.theta": np.deg2rad(20)}), None, "bad", "link3.theta is estimated 20° from its nominal value"
+    ),
+    "not converged": Row(unconverged, GATE, "bad", "did not converge"),
+    "a joint that never moved": Row(joint_that_never_moved, GATE, "bad", "not identifiable from these poses"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_the_table(name: str) -> None:
+    row = TABLE[name]
+    case = row.made()
+    found = verdict(case.found, case.validation, row.gate_m, goodness=case.goodness)
+    assert found.word == row.word, found.reasons
+    assert row.reason in found.reason
+    assert found.gate_m == row.gate_m and (found.word != "good" or not found.reasons)
