@@ -114,7 +114,7 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
 
 
 CASES = {
-    "exact, without a known noise": (VirtualCampaign(seed=1, poses=9, instrument="exact"), "good", set()),
+    "exact, with nothing left over": (VirtualCampaign(seed=1, poses=9, instrument="exact"), "doubtful", set()),
     "bad": (VirtualCampaign(seed=1, gate_mm=1e-4), "bad", set()),
     "three targets, robust": (
         VirtualCampaign(
