@@ -15,8 +15,9 @@ from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.parameter import Parameter, names_of
-from lab.kinematics.serial.arm import Motion, SerialArm
+from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
+from lab.kinematics.serial.walk import Motion
 
 __all__ = ["MeasuredPoses", "PoseBatch", "StackedPoseArm", "fit_poses"]
 

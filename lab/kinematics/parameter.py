@@ -20,11 +20,12 @@ __all__ = [
     "link_parameter",
     "names_of",
     "placed_parameters",
+    "section_parameter",
     "targets_of",
     "tool_parameters",
 ]
 
-Kind = Literal["length", "angle", "ratio", "compliance", "mass", "length rate", "angle rate", "ratio rate"]
+Kind = Literal["length", "angle", "ratio", "compliance", "section", "mass", "length rate", "angle rate", "ratio rate"]
 
 TOLERANCE_M, TOLERANCE_RAD = 0.5e-3, 1.5e-3  # one standard deviation of a link's manufacture, unless said otherwise
 UNITS: Final[Mapping[Kind, str]] = {
@@ -32,6 +33,7 @@ UNITS: Final[Mapping[Kind, str]] = {
     "angle": "rad",
     "ratio": "",
     "compliance": "rad/Nm",
+    "section": "1/(N m^2)",
     "mass": "kg",
     "length rate": "m/h",
     "angle rate": "rad/h",
@@ -42,6 +44,7 @@ EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only ke
     "angle": 1e-3,
     "ratio": 1e-3,
     "compliance": 1e-4,
+    "section": 1e-4,
     "mass": 10.0,
     "length rate": 1e-2,
     "angle rate": 1e-2,
@@ -155,6 +158,11 @@ def joint_parameter(
     """
     size = EFFECT_SCALES[kind] if scale is None else scale
     return Parameter(f"joint{joint + 1}", symbol, group, kind, unit or UNITS[kind], size, joint=joint)
+
+
+def section_parameter(group: str, link: int, symbol: str) -> Parameter:
+    """A compliance of a link's section, 1/EI or 1/GJ; the link counts from 0 here and from 1 in its name."""
+    return Parameter(f"link{link + 1}", symbol, group, "section", UNITS["section"], EFFECT_SCALES["section"])
 
 
 def is_reserved_owner(name: str) -> bool:

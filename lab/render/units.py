@@ -22,6 +22,7 @@ _UNITS: Final = {
     "rad": DisplayUnit(180 / np.pi, "°", 5),
     "rad/Nm": DisplayUnit(1e6, "µrad/Nm", 3),
     "": DisplayUnit(1e6, "ppm", 2),
+    "1/(N m^2)": DisplayUnit(1e6, "1/(MN m²)", 3),
     "m/N": DisplayUnit(1e6, "µm/N", 3),
     "kg": DisplayUnit(1.0, "kg", 3),
     "m/h": DisplayUnit(1e3, "mm/h", 4),

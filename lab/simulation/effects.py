@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.effects.bending import LinkBending
+from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import JointSprings
 from lab.kinematics.effects.conditions import BUMPED, PAYLOAD, TIME, PoseConditions, approach_of, in_order
 from lab.kinematics.effects.effect import (
@@ -74,8 +74,8 @@ class Effects:
     @property
     def is_elastic(self) -> bool:
         """Whether the arm gives way under its load."""
-        springs, bending = self.part(JointSprings), self.part(LinkBending)
-        return bool(springs.compliance_rad_per_nm.any() or bending.bending_rad_per_nm.any())
+        springs, links = self.part(JointSprings), self.part(ElasticLinks)
+        return bool(springs.compliance_rad_per_nm.any() or links.compliances.any())
 
     @property
     def varies(self) -> bool:
@@ -193,8 +193,7 @@ def random_conditions(
 def true_parameters(effects: Effects) -> dict[str, float]:
     """What an identifier should find, by its parameters' names; joints count from 1.
 
-    Shares of several effects in one parameter add up: a joint's compliance has its carrier's bending in it, which
-    about the joint's axis is the same to first order. ``drift.*`` is how what is measured moves in an hour,
+    Shares of several effects in one parameter add up. ``drift.*`` is how what is measured moves in an hour,
     ``p' = exp(w t) (p + v t)``: the tracker's motion reversed. What an effect obscures is not in.
     """
     truth: dict[str, float] = {}

@@ -8,21 +8,16 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.model import at_zero
 from lab.simulation.serial_model import SerialModel
 
-__all__ = ["loads_of"]
+__all__ = ["bodies_of_links", "loads_of"]
 
 
 def loads_of(robot: SerialModel) -> Loads:
     """What turns with each joint of the nominal model: its body and all that is welded to it, later joints' aside."""
     model, chain = robot.model, robot.chain
     data = at_zero(model)
-    jointed = [int(model.body(name).id) for name in robot.bodies]
     mass, moment = np.zeros(chain.size), np.zeros((chain.size, 3))
-    for body in range(1, model.nbody):
-        carrier = body
-        while carrier and carrier not in jointed:
-            carrier = int(model.body_parentid[carrier])
-        if carrier:
-            link = jointed.index(carrier)
+    for link, bodies in enumerate(bodies_of_links(robot)):
+        for body in bodies:
             mass[link] += model.body_mass[body]
             moment[link] += model.body_mass[body] * data.xipos[body]
     centre = moment / np.maximum(mass, 1e-300)[:, None]
@@ -36,3 +31,17 @@ def loads_of(robot: SerialModel) -> Loads:
     ]
     gravity = robot.T_world_frame0[:3, :3].T @ model.opt.gravity
     return Loads(chain, mass, np.array(placed), gravity)
+
+
+def bodies_of_links(robot: SerialModel) -> list[list[int]]:
+    """Of each joint the bodies that turn with it and with no later one: its own first, then what is welded to that."""
+    model = robot.model
+    jointed = [int(model.body(name).id) for name in robot.bodies]
+    found: list[list[int]] = [[] for _ in jointed]
+    for body in range(1, model.nbody):
+        carrier = body
+        while carrier and carrier not in jointed:
+            carrier = int(model.body_parentid[carrier])
+        if carrier:
+            found[jointed.index(carrier)].append(body)
+    return found

@@ -12,7 +12,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.effects.bending import LinkBending
+from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import JointSprings
 from lab.kinematics.effects.conditions import PAYLOAD, PoseConditions
 from lab.kinematics.serial.arm import SerialArm
@@ -190,9 +190,9 @@ class TrueSerialRobot(TrueRobot):
         if not self.effects.is_elastic:
             return super()._stand(driven, sites, payload_kg)
         springs = self.effects.part(JointSprings)
-        arm = FlexibleArm(self.model, self.robot, springs.payload_at_m)
-        compliance, bending = springs.compliance_rad_per_nm, self.effects.part(LinkBending).bending_rad_per_nm
-        return arm.positions(arm.settled(driven + self.joint_offset, compliance, bending, payload_kg), sites)
+        arm = FlexibleArm(self.model, self.robot, springs.payload_at_m, self.effects.part(ElasticLinks).compliances)
+        settled = arm.settled(driven + self.joint_offset, springs.compliance_rad_per_nm, payload_kg)
+        return arm.positions(settled, sites)
 
     def _qpos(self, driven: Array) -> Array:
         return coordinates(self.model, self.robot.chain.joint_names, driven + self.joint_offset)

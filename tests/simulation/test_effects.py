@@ -16,7 +16,6 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.backlash import Play
 from lab.kinematics.effects.bad_readings import Displaced
-from lab.kinematics.effects.bending import LinkBending
 from lab.kinematics.effects.compliance import JointSprings, compliances
 from lab.kinematics.effects.conditions import PoseConditions
 from lab.kinematics.effects.coupling import JointCoupling
@@ -51,7 +50,8 @@ ALL = EffectOptions(
     backlash_mrad=0.1,
     repeatability_mrad=0.02,
     lag=1e-4,
-    bending_mrad_per_knm=1.0,
+    link_ei=(1e5,),
+    link_gj=(8e4,),
     drift_mm_per_h=0.02,
     drift_mrad_per_h=0.01,
     growth_ppm_per_h=10.0,
@@ -171,16 +171,13 @@ def test_gravity_torques_are_those_of_the_facts() -> None:
     assert -links[1] == pytest.approx(22.7, abs=0.05)
 
 
-def test_loads_do_the_virtual_work_of_gravity() -> None:
-    """Torques and moments against central differences of MuJoCo's potential energy, with a payload, links bent."""
+def test_torques_do_the_virtual_work_of_gravity() -> None:
+    """Against central differences of MuJoCo's potential energy, with a payload."""
     model = loaded_spec(2.0).compile()
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    data, step, rng = mujoco.MjData(model), 1e-5, np.random.default_rng(0)
-    bodies = [model.body(name).id for name in MODEL.bodies]
-    turned = se3.exp(0.05 * rng.normal(size=(6, 3))) @ se3.rotation_from_quaternion(model.body_quat[bodies])
+    data, step = mujoco.MjData(model), 1e-5
 
-    def energy(joints: Array, turns: Array) -> float:
-        model.body_quat[bodies] = se3.quaternion_from_rotation(se3.exp(turns) @ turned)
+    def energy(joints: Array) -> float:
         data.qpos[:] = joints
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -189,17 +186,10 @@ def test_loads_do_the_virtual_work_of_gravity() -> None:
 
     arm = FlexibleArm(MODEL.model, MODEL)
     for joints in JOINTS[:3]:
-        still = replace(arm.straight(joints[None]), quaternions=se3.quaternion_from_rotation(turned)[None])
-        torques, moments = (load[0] for load in arm.loads(still, np.array([2.0])))
+        torques = arm.loads(arm.straight(joints[None]), np.array([2.0]))[0][0]
         for i in range(6):
-            d, zero = entry(i + 1, step), np.zeros((6, 3))
-            work = (energy(joints + d, zero) - energy(joints - d, zero)) / (2 * step)
-            assert torques[i] == pytest.approx(work, abs=1e-7)
-            for axis in range(3):
-                w = zero.copy()
-                w[i, axis] = step
-                work = (energy(joints, w) - energy(joints, -w)) / (2 * step)
-                assert moments[i, axis] == pytest.approx(-work, abs=1e-7)
+            d = entry(i + 1, step)
+            assert torques[i] == pytest.approx((energy(joints + d) - energy(joints - d)) / (2 * step), abs=1e-7)
 
 
 def test_the_outstretched_arm_sags_as_a_lever() -> None:
@@ -243,56 +233,14 @@ def test_joints_are_like_sprung_hinges() -> None:
 
 
 def test_the_settled_arm_is_in_balance() -> None:
-    """Every joint's spring holds its torque to 1e-9 Nm, by inverse dynamics of another model; links bent as loaded."""
-    compliance, bending = np.full(6, 1e-4), np.full(6, 3e-6)
+    """Every joint's spring holds its torque to 1e-9 Nm, by inverse dynamics of another model."""
+    compliance = np.full(6, 1e-4)
     arm, payload = FlexibleArm(MODEL.model, MODEL), np.array([0.0, 1.0, 3.0, 2.0])
-    stand = arm.settled(JOINTS[:4], compliance, bending, payload)
-    moments = arm.loads(stand, payload)[1]
+    stand = arm.settled(JOINTS[:4], compliance, payload)
     for i, mass in enumerate(payload):
         model = loaded_spec(max(mass, 1e-12)).compile()
-        bodies = [model.body(name).id for name in MODEL.bodies]
-        straight = se3.rotation_from_quaternion(model.body_quat[bodies])
-        model.body_quat[bodies] = stand.quaternions[i]
         spring = (JOINTS[i] - stand.joints[i]) / compliance
         np.testing.assert_allclose(spring, holding(model, stand.joints[i]), atol=1e-9)
-        bends = se3.log(se3.rotation_from_quaternion(stand.quaternions[i]) @ np.swapaxes(straight, 1, 2))
-        np.testing.assert_allclose(bends / bending[:, None], moments[i], atol=1e-9)
-
-
-def test_a_link_bends_as_a_beam_that_carries_a_weight(tmp_path) -> None:
-    """A level link with a point mass at its end: t = b m g L cos t, and a droop of L sin t."""
-    robot = xml_robot(
-        tmp_path / "beam.xml",
-        "<body name='post'><joint name='q1' axis='0 0 1' range='-2 2'/>"
-        "<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"
-        "<body name='beam' pos='0 0 1' euler='0 0 90'><joint name='q2' axis='0 -1 0' range='-2 2'/>"
-        "<inertial pos='0 -.8 0' mass='5' diaginertia='1 1 1'/><site name='tip' pos='0 -.8 0'/></body></body>",
-    )
-    b, weight, reach = 1e-3, 5 * 9.81, 0.8
-    zero = np.zeros((1, 2))
-    level = drawn(robot).points(zero, ("tip",))[0, 0]
-    np.testing.assert_allclose(level, [reach, 0, 1], atol=1e-15)
-    real = drawn(robot).with_effects(Effects.none(2).having(LinkBending(entry(2, b, 2))))
-    angle = optimize.brentq(lambda t: t - b * weight * reach * np.cos(t), 0, 1, xtol=1e-15)
-    expected = [reach * np.cos(angle), 0, 1 - reach * np.sin(angle)]
-    np.testing.assert_allclose(real.points(zero, ("tip",))[0, 0], expected, atol=1e-12)
-    foot = drawn(robot).with_effects(Effects.none(2).having(LinkBending(entry(1, b, 2))))
-    lean = optimize.brentq(lambda t: t - b * weight * (reach * np.cos(t) + np.sin(t)), 0, 1, xtol=1e-15)
-    expected = [reach * np.cos(lean) + np.sin(lean), 0, np.cos(lean) - reach * np.sin(lean)]
-    np.testing.assert_allclose(foot.points(zero, ("tip",))[0, 0], expected, atol=1e-12)  # the post leans as well
-    soft = Effects.none(2).having(sprung_by(np.full(2, 1e-3)))
-    sprung = drawn(robot).with_effects(soft).points(zero, ("tip",))[0, 0]
-    np.testing.assert_allclose(sprung, level, atol=1e-15)  # neither joint turns that way
-
-
-def test_bending_about_a_joints_own_axis_looks_like_its_compliance() -> None:
-    """As the truth says: on axis 2, outstretched, the one or the other, to first order."""
-    bent, sprung = only(LinkBending(entry(2, 1e-5))), only(sprung_by(entry(2, 1e-5)))
-    assert true_parameters(bent)["joint2.compliance"] == true_parameters(sprung)["joint2.compliance"] == 1e-5
-    level = drawn().points(OUTSTRETCHED, TARGETS)
-    by_bending, by_joint = (drawn().with_effects(e).points(OUTSTRETCHED, TARGETS) - level for e in (bent, sprung))
-    np.testing.assert_allclose(by_bending, by_joint, atol=1e-6)  # 0.2 mm of sag
-    assert by_joint[..., 2].max() < -1.9e-4
 
 
 def test_a_slide_gives_way_in_metres_per_newton(tmp_path) -> None:
@@ -303,17 +251,15 @@ def test_a_slide_gives_way_in_metres_per_newton(tmp_path) -> None:
         "<body name='lift' pos='.3 0 .5'><joint name='q2' type='slide' axis='0 0 1' range='0 1'/>"
         "<inertial pos='.1 0 0' mass='4' diaginertia='1 1 1'/></body></body>",
     )
-    sizes = EffectOptions(harmonic_mrad=1.0, bending_mrad_per_knm=1.0)
+    sizes = EffectOptions(harmonic_mrad=1.0)
     effects = random_effects(ArmFacts(robot.chain), sizes, np.random.default_rng(0))
     assert compliances(robot.chain, {2: 9e3})[1] == pytest.approx(LEVER_M**2 / 9e3)  # 1e-5 m/N
     waves = effects.part(Runout).harmonics_rad
-    assert not waves[1].any() and not effects.part(LinkBending).bending_rad_per_nm[1] and waves[0].any()
+    assert not waves[1].any() and waves[0].any()
     real = drawn(robot).with_effects(Effects.none(2).having(sprung_by(np.array([0.0, 1e-5]))))
     joints = np.array([[0.4, 0.2]])
     drop = real.points(joints, ("p1",), {"payload_kg": np.array([2.0])}) - drawn(robot).points(joints, ("p1",))
     np.testing.assert_allclose(drop[0, 0], [0, 0, -1e-5 * 6 * 9.81], atol=1e-14)
-    with pytest.raises(LabError, match="a slide has no bending_rad_per_nm"):
-        drawn(robot).with_effects(Effects.none(2).having(LinkBending(np.ones(2))))
 
 
 def test_a_payload_hangs_at_the_flange_of_a_balanced_body(tmp_path) -> None:
@@ -329,9 +275,8 @@ def test_a_payload_hangs_at_the_flange_of_a_balanced_body(tmp_path) -> None:
     )
     arm = FlexibleArm(drawn(robot).model, robot)
     still = arm.straight(np.deg2rad([[0.0, 0.0, 20.0], [0.0, 60.0, 0.0], [0.0, 0.0, 0.0]]))
-    torques, moments = arm.loads(still, np.array([2.0, 2.0, 0.0]))
+    torques, _ = arm.loads(still, np.array([2.0, 2.0, 0.0]))
     np.testing.assert_allclose(torques, [[0, -9.81, 0], [0, -9.81 / 2, 0], [0, 0, 0]], atol=1e-12)
-    np.testing.assert_allclose(moments[:, 1], [[0, 9.81, 0], [0, 9.81 / 2, 0], [0, 0, 0]], atol=1e-12)
 
 
 def test_an_arm_of_rubber_is_refused() -> None:

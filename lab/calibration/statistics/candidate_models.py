@@ -24,7 +24,8 @@ from lab.kinematics.parameter import Kind
 __all__ = ["FullModel", "ModelWith", "NominalOf", "SelectionTask"]
 
 _FLOOR_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
-_USEFUL: dict[Kind, float] = {"compliance": 1e-4, "mass": 1.0}  # largest standard deviations that tell; else WEAK
+# largest standard deviations that tell; else WEAK
+_USEFUL: dict[Kind, float] = {"compliance": 1e-4, "section": 1e-5, "mass": 1.0}
 
 ModelWith = Callable[[Sequence[str]], Model]
 NominalOf = Callable[[Model], Array]

@@ -18,7 +18,8 @@ from lab.kinematics.closed.configuration import Configuration, crossed
 from lab.kinematics.closed.loop_closure import Closed
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.parameter import Parameter, names_of, tool_parameters
-from lab.kinematics.serial.arm import chunks, padded, target_positions
+from lab.kinematics.serial.arm import chunks, target_positions
+from lab.kinematics.serial.walk import padded
 from lab.kinematics.skeleton import Skeleton
 
 __all__ = ["ClosedArm"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from lab.core.se3 import Array, exp
 from lab.kinematics.closed.structure import BASE, Rod, Tree
-from lab.kinematics.serial.arm import padded, turned
+from lab.kinematics.serial.walk import padded, turned
 
 __all__ = ["Configuration", "Dimensions", "crossed"]
 

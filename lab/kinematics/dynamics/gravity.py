@@ -7,11 +7,32 @@ import numpy as np
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["Loads"]
+__all__ = ["LinkFrames", "Loads"]
 
 BEARS = 0.1  # of the largest root mean square torque (force of slides): joints above bear the arm's weight
 LEAST_FORCE = 1e-9  # Nm or N: rounding
 _POSES = 200
+
+
+@dataclass(frozen=True)
+class LinkFrames:
+    """Where the links of an arm are at n poses, in frame 0.
+
+    Attributes:
+        axes, anchors: ``(n, joints, 3)``, of each joint; a hinge's anchor is where its link begins.
+        rotations: ``(n, joints, 3, 3)`` of each link, as ``dynamics.beam`` has its axes: z is the joint's axis of the
+            table, x the common normal that is fixed to the link.
+        centres: ``(n, joints, 3)`` m, of each link's mass.
+        payload: ``(n, 3)`` m, of a payload's mass.
+        end: ``(n, 3)`` m, the last frame's origin.
+    """
+
+    axes: Array
+    anchors: Array
+    rotations: Array
+    centres: Array
+    payload: Array
+    end: Array
 
 
 @dataclass(frozen=True)
@@ -61,7 +82,8 @@ class Loads:
             ``(n, joints)`` Nm (N of a slide), positive where gravity pushes the joint position up; and the
             symmetric ``(n, joints, joints)``.
         """
-        axes, anchors, centres, ends = self._walk(joints)
+        placed = self.frames(joints)
+        axes, anchors, centres, ends = placed.axes, placed.anchors, placed.centres, placed.payload
         size, slides = self.chain.size, self.chain.prismatic
         weight = np.zeros(len(joints), dtype=centres.dtype)
         moment = np.zeros((len(joints), 3), dtype=centres.dtype)
@@ -110,12 +132,12 @@ class Loads:
         largest = np.where(slides, size.max(where=slides, initial=0.0), size.max(where=~slides, initial=0.0))
         return tuple(int(j) for j in np.flatnonzero(size > np.maximum(BEARS * largest, LEAST_FORCE)))
 
-    def _walk(self, joints: Array) -> tuple[Array, Array, Array, Array]:
-        """Axes, anchors and the masses' centres ``(n, joints, 3)``, and the payload's ``(n, 3)``, in frame 0."""
+    def frames(self, joints: Array) -> LinkFrames:
+        """Where the links are at joint positions ``(n, joints)``."""
         count, kind = len(joints), np.result_type(joints, float)
         rotation = np.broadcast_to(np.eye(3), (count, 3, 3)).astype(kind)
         position = np.zeros((count, 3), dtype=kind)
-        axes, anchors, centres = [], [], []
+        axes, anchors, rotations, centres = [], [], [], []
         distal, sign = self.chain.convention == "distal", self.chain.sign
         for i, (theta, d, a, alpha, beta) in enumerate(self.chain.table):
             reading = sign[i] * joints[:, i]
@@ -127,11 +149,15 @@ class Loads:
             anchors.append(position)
             position = position + np.reshape(slide, (-1, 1)) * rotation[:, :, 2]
             rotation = rotation @ _about(2, angle)
+            rotations.append(rotation)
             if distal:
                 position = position + a * rotation[:, :, 0]
                 rotation = rotation @ _about(0, alpha) @ _about(1, beta)
             centres.append(position + rotation @ self.centre_m[i])
-        return np.stack(axes, 1), np.stack(anchors, 1), np.stack(centres, 1), position + rotation @ self.payload_at_m
+        payload = position + rotation @ self.payload_at_m
+        return LinkFrames(
+            np.stack(axes, 1), np.stack(anchors, 1), np.stack(rotations, 1), np.stack(centres, 1), payload, position
+        )
 
 
 def _about(axis: int, angle: Array) -> Array:

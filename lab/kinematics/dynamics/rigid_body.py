@@ -13,7 +13,8 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array, skew
-from lab.kinematics.serial.arm import Motion, SerialArm, along
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.walk import Motion, along
 
 __all__ = [
     "LOAD",

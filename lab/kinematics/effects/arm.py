@@ -1,4 +1,4 @@
-"""An arm with joint effects: the same seam as the rigid arm's, with the effects' parameters after its own."""
+"""An arm with effects: the same seam as the rigid arm's, with the effects' parameters after its own."""
 
 import itertools
 from collections.abc import Sequence
@@ -13,13 +13,15 @@ from lab.kinematics.effects.conditions import structure_values
 from lab.kinematics.effects.effect import Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter, names_of
+from lab.kinematics.serial.arm import BentArm, SerialArm
+from lab.kinematics.serial.walk import Torsors
 
 __all__ = ["Arm", "ArmWithEffects", "affected"]
 
 
 @dataclass(frozen=True)
 class ArmWithEffects:
-    """An arm whose joints stand where its effects put them.
+    """An arm whose joints stand, and whose links' ends are displaced, as its effects say.
 
     Every effect sees the readings, and their offsets add up: what one effect does to another is of
     second order (20 nm of 1 mrad). The parameters are the arm's, then each effect's.
@@ -31,6 +33,7 @@ class ArmWithEffects:
     names: tuple[str, ...] = field(init=False)
     targets: tuple[str, ...] = field(init=False)
     conditions: tuple[str, ...] = field(init=False)
+    links: tuple[int, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         parameters = (*self.arm.parameters, *itertools.chain.from_iterable(each.parameters for each in self.effects))
@@ -39,6 +42,10 @@ class ArmWithEffects:
             groups = [effect.name for effect in self.effects if twice[0] in names_of(effect.parameters)]
             raise LabError(f"--model {'+'.join(groups)}: both have {twice[0]}; choose one of them")
         conditions = dict.fromkeys(name for effect in self.effects for name in effect.conditions)
+        links = [link for effect in self.effects for link in effect.links]
+        if links and not isinstance(self.arm, SerialArm):
+            raise LabError(f"robot {self.arm.chain.name} has loops, and its links do not bend here")
+        object.__setattr__(self, "links", tuple(sorted(set(links))))
         object.__setattr__(self, "parameters", parameters)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "targets", self.arm.targets)
@@ -61,18 +68,21 @@ class ArmWithEffects:
 
     def points(self, inputs: Array, values: Array) -> Array:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at settings ``(n, joints + conditions)``."""
-        stands, frame = (moved[0] for moved in self._moved(inputs, values))
-        points = self.arm.points(stands, self._geometric(values))
-        return _seen_from(points, frame) if self._frame_moves else points
+        moved = self._moved(inputs, values)
+        points = self._bent(moved).points(moved["joints"][0], self._geometric(values))
+        return _seen_from(points, moved["frame"][0]) if self._frame_moves else points
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(n, k, 3, parameters)``."""
-        (stands, by_joint), (frame, by_frame) = self._moved(inputs, values)
-        points, rigid = self.arm.observe(stands, self._geometric(values))
-        first = rigid.shape[-1]
+        moved = self._moved(inputs, values)
+        (stands, by_joint), (frame, by_frame) = moved["joints"], moved["frame"]
+        points, rigid = self._bent(moved).observe(stands, self._geometric(values))
+        first = len(self.arm.names)
         jacobian = np.empty((*points.shape, len(self.names)), dtype=np.result_type(rigid, stands))
-        jacobian[..., :first] = rigid
-        jacobian[..., first:] = self.arm.joint_derivatives(rigid) @ by_joint[:, None]
+        jacobian[..., :first] = rigid[..., :first]
+        jacobian[..., first:] = self.arm.joint_derivatives(rigid[..., :first]) @ by_joint[:, None]
+        if self.links:
+            jacobian[..., first:] += rigid[..., first:] @ moved["links"][1][:, None]
         if self._frame_moves:
             jacobian = _seen_from(jacobian.swapaxes(2, 3), frame, shifted=False).swapaxes(2, 3)
             jacobian[..., first:] += _by_frame(points, frame) @ by_frame[:, None]
@@ -84,11 +94,16 @@ class ArmWithEffects:
 
         The derivative is the rigid arm's where its joints stand: it lacks how effects change with the readings.
         """
-        stands, frame = (moved[0] for moved in self._moved(inputs, values))
-        Ts, jacobian = self.arm.tool(stands, self._geometric(values), target)
+        moved = self._moved(inputs, values)
+        frame = moved["frame"][0]
+        Ts, jacobian = self._bent(moved).tool(moved["joints"][0], self._geometric(values), target)
         if self._frame_moves:
             Ts = se3.pose(se3.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
         return Ts, jacobian
+
+    def torsors(self, inputs: Array, values: Array) -> Torsors:
+        """How far the links' ends are displaced (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
+        return self._by_link(self._moved(inputs, values)["links"][0])
 
     def column_priority(self) -> tuple[int, ...]:
         """The arm's order of preference, then the effects'."""
@@ -112,26 +127,44 @@ class ArmWithEffects:
     def _geometric(self, values: Array) -> Array:
         return values[: len(self.arm.names)]
 
-    def _moved(self, inputs: Array, values: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Where the joints stand ``(n, joints)`` and the frame ``(n, 7)``, each with its derivatives by the effects."""
+    def _bent(self, moved: "_Moved") -> RigidArm | BentArm:
+        """The arm with its links displaced."""
+        if not isinstance(self.arm, SerialArm) or not self.links:
+            return self.arm
+        return BentArm(self.arm, self._by_link(moved["links"][0]))
+
+    def _by_link(self, torsors: Array) -> Torsors:
+        return {link: torsors[:, 6 * i : 6 * i + 6] for i, link in enumerate(self.links)}
+
+    def _moved(self, inputs: Array, values: Array) -> "_Moved":
+        """Where the joints stand ``(n, joints)``, the frame ``(n, 7)`` and the links' torsors ``(n, 6 links)``.
+
+        Each comes with its derivatives by the effects' parameters.
+        """
         size, first = self.arm.chain.size, len(self.arm.names)
         joints, conditions = inputs[:, :size], inputs[:, size:]
         kind = np.result_type(inputs, values)
-        stands, frame = joints.astype(kind), np.zeros((len(joints), 7), dtype=kind)
         total = len(self.names) - first
-        by_joint = np.zeros((len(joints), size, total), dtype=kind)
-        by_frame = np.zeros((len(joints), 7, total), dtype=kind)
+        sizes = {"joints": size, "frame": 7, "links": 6 * len(self.links)}
+        found: _Moved = {
+            what: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
+            for what, count in sizes.items()
+        }
+        found["joints"][0][:] = joints
         at = 0
         for effect in self.effects:
             part = slice(at, at + len(effect.parameters))
             asked = conditions[:, [self.conditions.index(name) for name in effect.conditions]]
             moved, derivative = effect.offsets(joints, asked, values[first:][part])
-            if effect.moves == "joints":
-                stands, by_joint[..., part] = stands + moved, derivative
-            else:
-                frame, by_frame[..., part] = frame + moved, derivative
+            sum_of, by_effects = found[effect.moves]
+            own = [6 * self.links.index(link) + i for link in effect.links for i in range(6)] or slice(None)
+            sum_of[:, own] += moved
+            by_effects[:, own, part] = derivative
             at = part.stop
-        return (stands, by_joint), (frame, by_frame)
+        return found
+
+
+_Moved = dict[str, tuple[Array, Array]]
 
 
 def _seen_from(vectors: Array, frame: Array, *, shifted: bool = True) -> Array:

@@ -1,65 +1,137 @@
-"""Links that bend under the moment of what they carry; ``simulation.elastic`` finds how the arm settles."""
+"""Links that bend and twist: each is a beam, its far end is displaced by the torsor of its loads (``dynamics.beam``).
+
+Fitted are compliances, 1/EI and 1/GJ, by the nominal model's masses at the nominal pose: the displacements are linear
+in them. What the sag changes in the loads is left out: of a sag of s over a reach of r, the share s/r.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.kinematics.dynamics.beam import COMPLIANCES
+from lab.kinematics.dynamics.link_loads import LinkLoads, link_loads
 from lab.kinematics.effects.conditions import PAYLOAD
-from lab.kinematics.effects.effect import ArmFacts, SimulatedEffect, VirtualEffect, refuse_negative
-from lab.kinematics.joints import JointSpec
+from lab.kinematics.effects.effect import (
+    ArmFacts,
+    Effect,
+    FittedGroup,
+    SimulatedEffect,
+    VirtualEffect,
+    refuse_negative,
+)
+from lab.kinematics.parameter import section_parameter
 
-__all__ = ["Bending", "LinkBending"]
+__all__ = ["Bending", "ElasticLinks", "elastic_links"]
+
+FITTED = {"bending": ("ei_y", "ei_z"), "torsion": ("gj",)}
+
+
+def elastic_links(group: str, links: LinkLoads) -> Effect:
+    """The fitted group: ``bending``, 1/EI about two axes (1/(N m^2)) of every link; ``torsion``, 1/GJ."""
+    own = [(link, COMPLIANCES.index(symbol)) for link in links.beams for symbol in FITTED[group]]
+    parameters = tuple(section_parameter(group, link, COMPLIANCES[i]) for link, i in own)
+    by_loads = [links.beams[link].by_loads[:9, i] for link, i in own]  # at rest
+
+    def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
+        loads = links.at_rest(joints, conditions[:, 0])[..., :9]
+        derivative = np.zeros((len(joints), len(links.beams), 6, len(own)), dtype=loads.dtype)
+        place = {link: at for at, link in enumerate(links.beams)}
+        for k, (link, _) in enumerate(own):
+            derivative[:, place[link], :, k] = loads[:, link] @ by_loads[k]
+        flat = derivative.reshape(len(joints), -1, len(own))
+        return flat @ values, flat
+
+    return Effect(group, parameters, offsets, (PAYLOAD,), moves="links", links=tuple(links.beams))
+
+
+def _fitted(group: str, arm: ArmFacts) -> Effect:
+    if arm.chain.has_loops:
+        raise LabError(f"--model {group}: robot {arm.chain.name} has loops, and nothing bends such a robot here")
+    if arm.loads is None:
+        raise LabError(f"--model {group}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF")
+    return elastic_links(group, link_loads(arm.loads))
 
 
 @dataclass(frozen=True)
-class LinkBending(SimulatedEffect):
-    """Of one arm.
+class ElasticLinks(SimulatedEffect):
+    """Of one arm; ``simulation.elastic`` finds how it settles.
 
     Attributes:
-        bending_rad_per_nm: ``(n,)``; the link that carries jointed body i (the stand of the arm for i = 0) bends
-            at that body's origin, by this times the moment there of the weight of all that is carried. Zero for a
-            slide.
+        compliances: ``(n, 4)`` of each link, as ``dynamics.beam.COMPLIANCES``: 1/EI about y and z and 1/GJ in
+            1/(N m^2), 1/EA in 1/N. Zero where a link is stiff.
     """
 
-    bending_rad_per_nm: Array
+    compliances: Array
 
     def __post_init__(self) -> None:
-        refuse_negative("bending_rad_per_nm", self.bending_rad_per_nm)
+        refuse_negative("compliances", self.compliances)
 
     @classmethod
     def none(cls, joints: int) -> Self:
         """Stiff links."""
-        return cls(np.zeros(joints))
+        return cls(np.zeros((joints, len(COMPLIANCES))))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """The payload."""
-        return (PAYLOAD,) if self.bending_rad_per_nm.any() else ()
+        return (PAYLOAD,) if self.compliances.any() else ()
 
     def true_parameters(self) -> dict[str, float]:
-        """About a joint's axis its carrier's bending is like its own compliance, to first order."""
-        return {f"joint{i + 1}.compliance": float(value) for i, value in enumerate(self.bending_rad_per_nm)}
-
-    def refuse_unfit(self, chain: JointSpec) -> None:
-        """What carries a slide is stiff.
-
-        Raises:
-            LabError: a slide is to bend.
-        """
-        if self.bending_rad_per_nm[list(chain.prismatic)].any():
-            raise LabError(f"robot {chain.name}: a slide has no bending_rad_per_nm; give it zeros")
+        """1/EI and 1/GJ."""
+        return {
+            f"link{link + 1}.{symbol}": float(self.compliances[link, COMPLIANCES.index(symbol)])
+            for link in range(len(self.compliances))
+            for group in FITTED.values()
+            for symbol in group
+        }
 
 
 @dataclass(frozen=True)
 class Bending(VirtualEffect):
-    """Bending links of a virtual arm."""
+    """Elastic links of a virtual arm."""
 
-    bending_mrad_per_knm: float = 0.0
-    """How far each link bends under the moment of what it carries."""
+    link_ei: tuple[float, ...] = ()
+    """Bending stiffness EI of the links, N m²: one number for all that have a length, or one each; 0 is stiff."""
+    link_gj: tuple[float, ...] = ()
+    """Torsional stiffness GJ of the links, N m²: as --link-ei."""
+
+    groups: ClassVar[tuple[FittedGroup, ...]] = (
+        FittedGroup("bending", lambda arm: _fitted("bending", arm), "links that bend under their load"),
+        FittedGroup("torsion", lambda arm: _fitted("torsion", arm), "links that twist under their load"),
+    )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Alike for what carries each hinge."""
-        return LinkBending((self.bending_mrad_per_knm / 1e6) * ~np.array(arm.chain.prismatic))
+        """Round sections: one EI about every axis across a link."""
+        compliances = ElasticLinks.none(arm.chain.size).compliances
+        for option, symbols in (("ei", ("ei_y", "ei_z")), ("gj", ("gj",))):
+            given = getattr(self, f"link_{option}")
+            if any(given):
+                stiffness = _of_each(f"--link-{option}", given, arm)
+                inverse = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0)
+                for symbol in symbols:
+                    compliances[:, COMPLIANCES.index(symbol)] = inverse
+        return ElasticLinks(compliances)
+
+
+def _of_each(flag: str, given: tuple[float, ...], arm: ArmFacts) -> Array:
+    """One number a link ``(n,)``.
+
+    Raises:
+        LabError: there are more or fewer than links, or nothing loads the arm.
+    """
+    size, name = arm.chain.size, arm.chain.name
+    if arm.chain.has_loops or arm.loads is None:
+        why = "has loops" if arm.chain.has_loops else "has no masses"
+        raise LabError(f"{flag}: robot {name} {why}, so nothing bends it")
+    if len(given) not in (1, size):
+        raise LabError(f"{flag}: {len(given)} numbers for the {size} links of robot {name}; give one, or one for each")
+    bends = np.zeros(size, dtype=np.bool_)
+    bends[list(link_loads(arm.loads).beams)] = True
+    if len(given) == 1:
+        return np.where(bends, given[0], 0.0)
+    if short := [link for link in range(size) if given[link] and not bends[link]]:
+        raise LabError(f"{flag}: link {short[0] + 1} of robot {name} has no length, so it does not bend; give it 0")
+    return np.array(given, dtype=np.float64)

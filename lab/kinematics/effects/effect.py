@@ -78,18 +78,21 @@ class Effect:
         offsets: joint positions ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
             joints are from their measured positions ``(n, joints)`` (rad, m of a slide), and the derivatives
             ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
-            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v).
+            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v). One that moves
+            links gives six for each of ``links``: the torsor of its far end (``serial.walk.Torsors``).
         conditions: columns of ``Measurements.conditions`` that it asks for.
-        moves: the joints, or the frame in which points are measured.
+        moves: the joints, the frame in which points are measured, or the far ends of links.
         typical: values at which the rank is decided, where zeros would hide a parameter.
+        links: those whose far ends it moves, from 0; none unless it moves links.
     """
 
     name: str
     parameters: tuple[Parameter, ...]
     offsets: Offsets
     conditions: tuple[str, ...] = ()
-    moves: Literal["joints", "frame"] = "joints"
+    moves: Literal["joints", "frame", "links"] = "joints"
     typical: tuple[float, ...] = ()
+    links: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -42,12 +42,12 @@ Kind = TypeVar("Kind", bound=VirtualEffect)
 
 @dataclass(frozen=True)
 class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
+    Bending,
     BadReadings,
     Duration,
     Growth,
     Bump,
     Drift,
-    Bending,
     Lag,
     Repeatability,
     Backlash,
@@ -100,5 +100,5 @@ def effect(name: str, chain: JointSpec, loads: Loads | None, sessions: SessionIn
         raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}")
     found = _FITTED[name].fitted(ArmFacts(chain, loads, sessions))
     if not found.parameters:
-        raise LabError(f"--model {name}: robot {chain.name} has no joint that could have it; leave it out")
+        raise LabError(f"--model {name}: robot {chain.name} has no joint or link that could have it; leave it out")
     return found

@@ -19,28 +19,15 @@ from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
 from lab.kinematics.serial.chain import COLUMNS, Chain
+from lab.kinematics.serial.walk import RIGID, Displaced, Motion, Torsors, along, fill, padded, some_poses
 from lab.kinematics.skeleton import Skeleton
 
-__all__ = ["DEFAULT_TOOL", "Motion", "SerialArm", "along", "chunks", "fill", "padded", "target_positions", "turned"]
+__all__ = ["DEFAULT_TOOL", "BentArm", "SerialArm", "chunks", "target_positions"]
 
 CHUNK = 2048  # poses at a time: what fits the processor's cache
 DEFAULT_TOOL = {"p1": (0.030, 0.020, 0.100), "p2": (-0.025, 0.030, 0.080), "p3": (0.0, -0.040, 0.090)}
 
 _KINDS: tuple[Kind, ...] = ("angle", "length", "length", "angle", "angle")  # of the table's columns
-
-
-@dataclass(frozen=True)
-class Motion:
-    """One elementary motion: column ``column`` of the parameters turns about or slides along ``axis``.
-
-    ``axis`` and ``origin`` are ``(5, n)`` (or ``(5, 1)`` before the first joint) in the tracker's
-    frame; ``origin`` is None for a slide. ``joint`` is set where a joint's position moves along.
-    """
-
-    column: int
-    axis: Array
-    origin: Array | None
-    joint: int | None = None
 
 
 @dataclass(frozen=True)
@@ -106,23 +93,26 @@ class SerialArm:
         base = self.split(values)[0]
         return pose(exp(base[3:]), base[:3])
 
-    def points(self, joints: Array, values: Array) -> Array:
+    def points(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at joint positions ``(n, joints)``."""
         joints = self._checked(joints)
-        out = np.empty((3, len(self.targets), len(joints)), dtype=np.result_type(joints, values))
+        out = np.empty((3, len(self.targets), len(joints)), dtype=np.result_type(joints, values, *torsors.values()))
         for part in chunks(len(joints), len(self.targets)):
-            _, frame, origin = self._walk(joints[part], values)
+            _, frame, origin = self._walk(joints[part], values, some_poses(torsors, part))
             out[..., part] = self._targets(frame, origin, values)[:3]
         return out.transpose(2, 1, 0)
 
-    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
-        """Target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``."""
+    def observe(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
+        """Target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``.
+
+        With torsors, six more columns for each link that has one follow, in their order.
+        """
         joints = self._checked(joints)
-        kind = np.result_type(joints, values)
+        kind = np.result_type(joints, values, *torsors.values())
         out = np.empty((3, len(self.targets), len(joints)), dtype=kind)
-        jacobian = np.zeros((len(self.names), 3, len(self.targets), len(joints)), dtype=kind)
+        jacobian = np.zeros((len(self.names) + 6 * len(torsors), 3, len(self.targets), len(joints)), dtype=kind)
         for part in chunks(len(joints), len(self.targets)):
-            motions, frame, origin = self._walk(joints[part], values)
+            motions, frame, origin = self._walk(joints[part], values, some_poses(torsors, part))
             points = self._targets(frame, origin, values)
             out[..., part] = points[:3]
             fill(jacobian[..., part], motions, points)
@@ -153,7 +143,7 @@ class SerialArm:
         _, frame, origin = self._walk(joints, values)
         return _poses(frame, origin, len(joints))
 
-    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+    def tool(self, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID) -> tuple[Array, Array]:
         """Poses of a target, turned as the last frame is, and how the joint positions move them.
 
         Returns:
@@ -162,7 +152,7 @@ class SerialArm:
             differential model: twist = J rates. ``differential.rates`` is the inverse one.
         """
         joints = self._checked(joints)
-        motions, frame, origin = self._walk(joints, values)
+        motions, frame, origin = self._walk(joints, values, torsors)
         position = self._targets(frame, origin, values)[:, target]
         jacobian = np.zeros((6, self.chain.size, len(joints)))
         for motion in motions:
@@ -252,14 +242,17 @@ class SerialArm:
             )
         return joints
 
-    def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
+    def _walk(
+        self, joints: Array, values: Array, torsors: Torsors = RIGID
+    ) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
         """All elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
         base, table, _ = self.split(values)
         frame = [padded(column) for column in exp(base[3:]).T]
         origin = padded(base[:3])
         motions = [Motion(i, padded(np.eye(3)[i]), None) for i in range(3)]
         motions += [Motion(3 + i, padded(column), origin) for i, column in enumerate(left_jacobian(base[3:]).T)]
-        links, last, end = along(self.chain, (frame[0], frame[1], frame[2]), origin, table, joints.T)
+        flexible = Displaced(torsors, len(self.names))
+        links, last, end = along(self.chain, (frame[0], frame[1], frame[2]), origin, table, joints.T, flexible)
         return motions + links, last, end
 
     def _targets(self, frame: Sequence[Array], origin: Array, values: Array) -> Array:
@@ -269,55 +262,30 @@ class SerialArm:
         return np.stack([origin + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
 
 
+@dataclass(frozen=True)
+class BentArm:
+    """An arm with its links' ends displaced, pose by pose: ``SerialArm`` with torsors for the poses asked."""
+
+    arm: SerialArm
+    torsors: Torsors
+
+    def points(self, joints: Array, values: Array) -> Array:
+        """``SerialArm.points``."""
+        return self.arm.points(joints, values, self.torsors)
+
+    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
+        """``SerialArm.observe``, with six more columns for each of the links."""
+        return self.arm.observe(joints, values, self.torsors)
+
+    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+        """``SerialArm.tool``."""
+        return self.arm.tool(joints, values, target, self.torsors)
+
+
 def target_positions(targets: Sequence[str], tool: Mapping[str, Array] | None = None) -> dict[str, Array]:
     """Nominal positions ``(3,)`` (m, in the last frame) of targets: by ``tool``, else the default tool, else zero."""
     known = {**DEFAULT_TOOL, **(tool or {})}
     return {target: np.asarray(known.get(target, (0.0, 0.0, 0.0))) for target in targets}
-
-
-def along(
-    chain: Chain, frame: tuple[Array, Array, Array], origin: Array, table: Array, joints: Array
-) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
-    """The links' elementary motions from frame 0 outward, and the last frame's axes and origin.
-
-    Args:
-        frame, origin: of frame 0, rows x y z x y, ``(5, ...)`` each.
-        table: ``(links, 5)``, or ``(links, 5, ...)`` where every arm of many has its own.
-        joints: joint positions ``(joints, ...)``.
-    """
-    x, y, z = frame
-    motions: list[Motion] = []
-    column = len(BASE_PARAMETERS)
-    for i, (theta, d, a, alpha, beta) in enumerate(table):
-        slides, parallel = chain.prismatic[i], chain.parallel[i]
-        reading = chain.sign[i] * joints[i]
-        angle, slide = (theta, d + reading) if slides else (theta + reading, d)
-        at = column
-        column += 5 if parallel else 4
-        if chain.convention == "distal":
-            motions.append(Motion(at, z, origin, None if slides else i))
-            motions.append(Motion(at + 1, z, None, i if slides else None))
-            x, y = turned(x, y, angle)
-            origin = origin + slide * z + a * x
-            motions.append(Motion(at + 2, x, None))
-            motions.append(Motion(at + 3, x, origin))
-            y, z = turned(y, z, alpha)
-            if parallel:
-                motions.append(Motion(at + 4, y, origin))
-                z, x = turned(z, x, beta)
-        else:
-            motions.append(Motion(at + 3, x, origin))
-            y, z = turned(y, z, alpha)
-            motions.append(Motion(at + 2, x, None))
-            origin = origin + a * x
-            if parallel:
-                motions.append(Motion(at + 4, y, origin))
-                z, x = turned(z, x, beta)
-            motions.append(Motion(at, z, origin, None if slides else i))
-            motions.append(Motion(at + 1, z, None, i if slides else None))
-            x, y = turned(x, y, angle)
-            origin = origin + slide * z
-    return motions, (x, y, z), origin
 
 
 def chunks(count: int, targets: int) -> Iterator[slice]:
@@ -333,32 +301,3 @@ def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
         poses[:, :3, column] = vector[:3].T
     poses[:, 3, 3] = 1
     return poses
-
-
-def padded(vector: Array) -> Array:
-    """``(3,)`` as the rows x y z x y, ``(5, 1)``."""
-    return np.concatenate([vector, vector[:2]])[:, None]
-
-
-def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
-    """The axes u, v after a turn from u towards v."""
-    c, s = np.cos(angle), np.sin(angle)
-    return c * u + s * v, c * v - s * u
-
-
-def fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
-    """Write the columns of the motions at ``points`` ``(5, k, ...)`` into ``(parameters, 3, k, ...)``."""
-    origin: Array | None = None
-    lever = product = points
-    product = np.empty_like(points[:3])
-    for motion in motions:
-        axis = motion.axis[:, None]
-        if motion.origin is None:
-            jacobian[motion.column] = axis[:3]
-            continue
-        if motion.origin is not origin:
-            origin = motion.origin
-            lever = points - origin[:, None]
-        np.multiply(axis[1:4], lever[2:5], out=jacobian[motion.column])
-        np.multiply(axis[2:5], lever[1:4], out=product)
-        jacobian[motion.column] -= product

@@ -11,7 +11,8 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import BASE_PARAMETERS
-from lab.kinematics.serial.arm import Motion, SerialArm, along, fill
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.walk import Motion, along, fill
 
 __all__ = ["Stacked", "StackedArm", "stacked"]
 

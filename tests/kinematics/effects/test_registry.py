@@ -23,11 +23,17 @@ from lab.simulation.effects import random_effects
 
 FACTS = ArmFacts(IRB120.chain, IRB120.loads, SessionInfo(("1", "2")))
 ALL_ON = EffectOptions(
-    **{each.name: 0.5 for each in fields(EffectOptions) if each.name not in ("payload_kg", "bad_mm")}
+    **{
+        each.name: 0.5
+        for each in fields(EffectOptions)
+        if each.name not in ("payload_kg", "bad_mm", "link_ei", "link_gj")
+    },
+    link_ei=(1e5,),
+    link_gj=(8e4,),
 )
 OPTIONS = """stiffness_nm_per_rad payload_kg harmonic_mrad harmonic2_mrad gear_ppm coupling_ppm backlash_mrad
-    repeatability_mrad lag bending_mrad_per_knm drift_mm_per_h drift_mrad_per_h bump_mm bump_mrad growth_ppm_per_h hours
-    bad_share bad_mm"""
+    repeatability_mrad lag drift_mm_per_h drift_mrad_per_h bump_mm bump_mrad growth_ppm_per_h hours
+    bad_share bad_mm link_ei link_gj"""
 
 
 def test_the_order_is_that_of_every_run_so_far() -> None:

@@ -1,0 +1,167 @@
+"""Links as beams: how far loads displace the end of an elastic link, by Euler, Bernoulli and Saint-Venant.
+
+A link is clamped at its near end, on the axis of the joint that moves it, and runs in straight segments to its far end.
+The displacement of the far end is its torsor u = (dx, dy, dz, rx, ry, rz) (Benmisra 2007, section 3-2-3), in the link's
+axes. It is linear in the loads: of a segment of length L under a force F and a moment M across at its end and a load w
+per metre, the deflection is F L^3 / 3EI + M L^2 / 2EI + w L^4 / 8EI, the slope F L^2 / 2EI + M L / EI + w L^3 / 6EI,
+the twist M L / GJ and the extension F L / EA.
+
+A link's own mass is spread evenly along its segments, beside them by one and the same vector: that which keeps its
+centre of mass. A load that grows along the segment adds 11 w L^4 / 120 EI and w L^3 / 8EI: in motion the acceleration
+does.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+__all__ = ["COMPLIANCES", "Beam", "loads_on"]
+
+COMPLIANCES = ("ei_y", "ei_z", "gj", "ea")  # 1/EI about y and about z, 1/GJ, 1/EA, in this order everywhere
+_PARALLEL = 1e-6  # the sine of the angle to the joint's axis below which a segment runs along that
+_LOADS = 18  # force, moment, pull at the near end, how the pull changes by x, y, z
+
+
+@dataclass(frozen=True)
+class Beam:
+    """One link, in its own axes.
+
+    The link's axes: the origin is the near end, on the axis of the joint that moves the link; z is that axis. A
+    segment's axes: x from its near to its far end, z across that in the plane of x and of the link's z, y completes
+    them; where the segment runs along the link's z, its y is the link's x. ``ei_y`` is the stiffness against bending
+    about y.
+
+    Attributes:
+        path: ``(k + 1, 3)`` m, corners of its line from the near end to the far end.
+        mass_kg: its mass.
+        centre_m: ``(3,)`` m, its centre of mass.
+
+    Raises:
+        LabError: the path has no segments, or one without a length.
+    """
+
+    path: Array
+    mass_kg: float
+    centre_m: Array
+
+    def __post_init__(self) -> None:
+        if self.path.ndim != 2 or self.path.shape[1] != 3 or len(self.path) < 2 or not np.isfinite(self.path).all():
+            raise LabError(f"a link's path of shape {self.path.shape}: give finite points (k, 3), two at least")
+        if not self._lengths.all():
+            raise LabError("a link's path: two of its points after each other are the same; leave one out")
+
+    @property
+    def length_m(self) -> float:
+        """The length of its line."""
+        return float(self._lengths.sum())
+
+    @property
+    def beside_m(self) -> Array:
+        """How far ``(3,)`` m the mass lies beside the line, alike all along."""
+        middles = (self.path[1:] + self.path[:-1]) / 2
+        beside: Array = self.centre_m - self._lengths @ middles / self.length_m
+        return beside
+
+    @property
+    def second_moment(self) -> Array:
+        """The integral of r r' dm ``(3, 3)`` kg m^2 of its mass, about its centre of mass."""
+        total, centre = np.zeros((3, 3)), self.centre_m - self.beside_m
+        for near, far, _ in self._segments():
+            a, b = near - centre, far - centre
+            total += np.linalg.norm(far - near) * (np.outer(a, a) + np.outer(b, b) + np.outer(a + b, a + b)) / 6
+        spread: Array = self.mass_kg / self.length_m * total
+        return spread
+
+    @cached_property
+    def by_loads(self) -> Array:
+        """What each load does: ``(18, 4, 6)``, the torsor by unit loads (``loads_on``) and unit ``COMPLIANCES``."""
+        return self._displacements(np.eye(_LOADS))
+
+    def torsor(self, loads: Array, compliances: Array) -> Array:
+        """The torsor ``(..., 6)`` (m, rad) under loads ``(..., 18)`` with ``(4,)`` 1/EI, 1/EI, 1/GJ, 1/EA."""
+        found: Array = loads @ np.tensordot(self.by_loads, compliances, axes=(1, 0))
+        return found
+
+    @property
+    def _lengths(self) -> Array:
+        return np.asarray(np.linalg.norm(np.diff(self.path, axis=0), axis=1))
+
+    def _segments(self) -> Iterator[tuple[Array, Array, Array]]:
+        """From the far end inward: near and far end ``(3,)``, and the axes as rows ``(3, 3)``."""
+        for near, far in zip(self.path[-2::-1], self.path[:0:-1], strict=True):
+            x = (far - near) / np.linalg.norm(far - near)
+            y = np.cross([0.0, 0.0, 1.0], x)
+            y = np.array([1.0, 0.0, 0.0]) if np.linalg.norm(y) < _PARALLEL else y / np.linalg.norm(y)
+            yield near, far, np.stack([x, y, np.cross(x, y)])
+
+    def _displacements(self, loads: Array) -> Array:
+        """Torsors ``(n, 4, 6)`` under loads ``(n, 18)``, one for each unit compliance."""
+        force, moment, pull = loads[:, :3], loads[:, 3:6], loads[:, 6:9]
+        change = loads[:, 9:].reshape(-1, 3, 3)
+        density, beside = self.mass_kg / self.length_m, self.beside_m
+        total = np.zeros((len(loads), 4, 6))
+        for near, far, axes in self._segments():
+            first, last = (density * (pull + change @ (end + beside - self.path[0])) for end in (near, far))
+            spread = _Spread(float(np.linalg.norm(far - near)), first, last, beside)
+            total += _carried(spread.displacements(force, moment, axes), self.path[-1] - far)
+            moment = moment + np.cross(far - near, force) + spread.moment_about_near(far - near)
+            force = force + spread.resultant
+        return total
+
+
+@dataclass(frozen=True)
+class _Spread:
+    """A load along a segment of a length (m): ``(n, 3)`` N/m at its near and its far end, linear between, beside it."""
+
+    length: float
+    near: Array
+    far: Array
+    beside: Array
+
+    @property
+    def resultant(self) -> Array:
+        force: Array = self.length * (self.near + self.far) / 2
+        return force
+
+    def moment_about_near(self, along: Array) -> Array:
+        lever: Array = np.cross(along, self.length * (self.near / 6 + self.far / 3))
+        return lever + np.cross(self.beside, self.resultant)
+
+    def displacements(self, force: Array, moment: Array, axes: Array) -> Array:
+        """``(n, 4, 6)`` of the segment's far end under this, and a force and a moment there, by unit compliances."""
+        L = self.length
+        f, m, w, grows = (each @ axes.T for each in (force, moment, self.near, self.far - self.near))
+        c, c_grows = (np.cross(self.beside, each) @ axes.T for each in (self.near, self.far - self.near))
+        x = np.array([1.0, 0.0, 0.0])
+        F, W, G = np.cross(x, f), np.cross(x, w), np.cross(x, grows)
+        slope = L * m + L**2 / 2 * F + L**3 / 6 * W + L**3 / 8 * G + L**2 / 2 * c + L**2 / 3 * c_grows
+        sag = L**2 / 2 * m + L**3 / 3 * F + L**4 / 8 * W + 11 * L**4 / 120 * G + L**3 / 3 * c + 5 * L**3 / 24 * c_grows
+        longer = L * f[:, 0] + L**2 / 2 * w[:, 0] + L**2 / 3 * grows[:, 0]
+        out = np.zeros((len(force), 4, 6))
+        out[:, 0, 4], out[:, 0, 2] = slope[:, 1], -sag[:, 1]  # bent about y, the end goes towards -z
+        out[:, 1, 5], out[:, 1, 1] = slope[:, 2], sag[:, 2]
+        out[:, 2, 3], out[:, 3, 0] = slope[:, 0], longer
+        return np.concatenate([out[..., :3] @ axes, out[..., 3:] @ axes], axis=-1)
+
+
+def _carried(torsors: Array, lever: Array) -> Array:
+    """Torsors ``(..., 6)`` of an end that is beyond by ``lever`` ``(3,)`` on a rigid piece."""
+    return np.concatenate([torsors[..., :3] + np.cross(torsors[..., 3:], lever), torsors[..., 3:]], axis=-1)
+
+
+def loads_on(force: Array, moment: Array, pull: Array, change: Array | None = None) -> Array:
+    """The loads on a link as one vector ``(..., 18)``, in the link's axes.
+
+    Args:
+        force, moment: ``(..., 3)`` N and Nm at its far end, of all that it carries.
+        pull: ``(..., 3)`` m/s^2 at the near end: gravity less the acceleration there; a mass takes a force of this
+            times itself.
+        change: ``(..., 3, 3)`` 1/s^2, how the pull changes with the place; none at rest.
+    """
+    grows = np.zeros((*force.shape[:-1], 9)) if change is None else change.reshape(*force.shape[:-1], 9)
+    return np.concatenate([force, moment, pull, grows], axis=-1)

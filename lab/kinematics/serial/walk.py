@@ -1,0 +1,162 @@
+"""The walk along a serial chain: every elementary motion with its axis, for all poses at once, elastic links' ends too.
+
+Each vector is kept as rows x y z x y of length n: a cross product is then three calls on views, without copies.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from lab.core.se3 import Array, exp, left_jacobian
+from lab.kinematics.parameter import BASE_PARAMETERS
+from lab.kinematics.serial.chain import Chain
+
+__all__ = ["RIGID", "Displaced", "Motion", "Torsors", "along", "fill", "padded", "some_poses", "turned"]
+
+Torsors = Mapping[int, Array]
+"""By link, from 0: how far its far end is displaced, ``(n, 6)`` (dx dy dz rx ry rz, m and rad) in the link's axes."""
+
+RIGID: Torsors = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One elementary motion: column ``column`` of the parameters turns about or slides along ``axis``.
+
+    ``axis`` and ``origin`` are ``(5, n)`` (or ``(5, 1)`` before the first joint) in the tracker's
+    frame; ``origin`` is None for a slide. ``joint`` is set where a joint's position moves along.
+    """
+
+    column: int
+    axis: Array
+    origin: Array | None
+    joint: int | None = None
+
+
+Axes = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True)
+class Displaced:
+    """Elastic links: the displacements of their ends, and the first of the columns that their derivatives take."""
+
+    torsors: Torsors = field(default_factory=lambda: RIGID)
+    column: int = 0
+
+    def end(self, link: int, motions: list[Motion], frame: Axes, at: Array, origin: Array) -> tuple[Axes, Array]:
+        """The axes and an origin carried by the link's end, after T_flex = Rot Trans there (Benmisra 2007, eq. 3.34).
+
+        Args:
+            motions: the six motions are added to these.
+            frame: the link's axes.
+            at: where the end is, ``(5, n)``.
+            origin: what is carried, ``(5, n)``.
+        """
+        if link not in self.torsors:
+            return frame, origin
+        torsor = self.torsors[link]
+        first = self.column + 6 * list(self.torsors).index(link)
+        turns = _combined(frame, left_jacobian(torsor[:, 3:]))
+        bent = _combined(frame, exp(torsor[:, 3:]))
+        motions += [Motion(first + i, axis, None) for i, axis in enumerate(bent)]
+        motions += [Motion(first + 3 + i, axis, at) for i, axis in enumerate(turns)]
+        x, y, z = frame
+        lever = (origin - at)[:3]
+        local = [(axis[:3] * lever).sum(axis=0) + torsor[:, i] for i, axis in enumerate((x, y, z))]
+        moved: Array = at + sum(part * axis for part, axis in zip(local, bent, strict=True))
+        return bent, moved
+
+
+def some_poses(torsors: Torsors, part: slice) -> Torsors:
+    """The torsors of some of the poses."""
+    return {link: torsor[part] for link, torsor in torsors.items()} if torsors else RIGID
+
+
+def along(
+    chain: Chain, frame: Axes, origin: Array, table: Array, joints: Array, flexible: Displaced | None = None
+) -> tuple[list[Motion], Axes, Array]:
+    """The links' elementary motions from frame 0 outward, and the last frame's axes and origin.
+
+    Args:
+        frame, origin: of frame 0, rows x y z x y, ``(5, ...)`` each.
+        table: ``(links, 5)``, or ``(links, 5, ...)`` where every arm of many has its own.
+        joints: joint positions ``(joints, ...)``.
+        flexible: displaced ends of links; all are rigid if not given.
+    """
+    flexible = flexible or Displaced()
+    x, y, z = frame
+    motions: list[Motion] = []
+    column = len(BASE_PARAMETERS)
+    for i, (theta, d, a, alpha, beta) in enumerate(table):
+        slides, parallel = chain.prismatic[i], chain.parallel[i]
+        reading = chain.sign[i] * joints[i]
+        angle, slide = (theta, d + reading) if slides else (theta + reading, d)
+        at = column
+        column += 5 if parallel else 4
+        if chain.convention == "distal":
+            motions.append(Motion(at, z, origin, None if slides else i))
+            motions.append(Motion(at + 1, z, None, i if slides else None))
+            x, y = turned(x, y, angle)
+            origin = origin + slide * z + a * x
+            motions.append(Motion(at + 2, x, None))
+            (x, y, z), origin = flexible.end(i, motions, (x, y, z), origin, origin)
+            motions.append(Motion(at + 3, x, origin))
+            y, z = turned(y, z, alpha)
+            if parallel:
+                motions.append(Motion(at + 4, y, origin))
+                z, x = turned(z, x, beta)
+        else:
+            motions.append(Motion(at + 2, x, None))
+            if i:
+                (x, y, z), origin = flexible.end(i - 1, motions, (x, y, z), origin + a * x, origin)
+            motions.append(Motion(at + 3, x, origin))
+            y, z = turned(y, z, alpha)
+            origin = origin + a * x
+            if parallel:
+                motions.append(Motion(at + 4, y, origin))
+                z, x = turned(z, x, beta)
+            motions.append(Motion(at, z, origin, None if slides else i))
+            motions.append(Motion(at + 1, z, None, i if slides else None))
+            x, y = turned(x, y, angle)
+            origin = origin + slide * z
+    if chain.convention != "distal":
+        (x, y, z), origin = flexible.end(len(table) - 1, motions, (x, y, z), origin, origin)
+    return motions, (x, y, z), origin
+
+
+def padded(vector: Array) -> Array:
+    """``(3,)`` as the rows x y z x y, ``(5, 1)``."""
+    return np.concatenate([vector, vector[:2]])[:, None]
+
+
+def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
+    """The axes u, v after a turn from u towards v."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * u + s * v, c * v - s * u
+
+
+def fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
+    """Write the columns of the motions at ``points`` ``(5, k, ...)`` into ``(parameters, 3, k, ...)``."""
+    origin: Array | None = None
+    lever = product = points
+    product = np.empty_like(points[:3])
+    for motion in motions:
+        axis = motion.axis[:, None]
+        if motion.origin is None:
+            jacobian[motion.column] = axis[:3]
+            continue
+        if motion.origin is not origin:
+            origin = motion.origin
+            lever = points - origin[:, None]
+        np.multiply(axis[1:4], lever[2:5], out=jacobian[motion.column])
+        np.multiply(axis[2:5], lever[1:4], out=product)
+        jacobian[motion.column] -= product
+
+
+def _combined(frame: Axes, weights: Array) -> Axes:
+    """The axes ``(5, n)`` that matrices ``(n, 3, 3)`` make of some, by their columns."""
+    x, y, z = frame
+    first, second, third = (weights[:, 0, i] * x + weights[:, 1, i] * y + weights[:, 2, i] * z for i in range(3))
+    return first, second, third
