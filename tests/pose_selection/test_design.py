@@ -1,5 +1,6 @@
 """Designs: exchange against brute force, the ascent, the certificate, the promise."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +11,7 @@ from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
+from lab.commands.design.result import DesignResult
 from lab.commands.design.run import design
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
@@ -57,8 +59,8 @@ def test_exchange_finds_the_best_of_a_small_pool(name: str) -> None:
 
 @pytest.mark.parametrize("name", CRITERIA)
 def test_the_ascent_never_falls_and_stays_feasible(name: str) -> None:
-    joints, jacobian = pool(300)
-    goal = criterion(name, 27, sensitivity(pool(40, 5)[0]))
+    joints, jacobian = pool(150)
+    goal = criterion(name, 27, sensitivity(pool(20, 5)[0]))
 
     def half(q: np.ndarray) -> np.ndarray:
         return q[:, 0] > 0  # half of the workspace is forbidden
@@ -66,7 +68,7 @@ def test_the_ascent_never_falls_and_stays_feasible(name: str) -> None:
     allowed = half(joints)
     rng = np.random.default_rng(2)
     start = exchange(joints[allowed], jacobian[allowed], 12, goal, rng, starts=1)
-    end = ascend(start, sensitivity, goal, half, CHAIN.lower, CHAIN.upper, rounds=2)
+    end = ascend(start, sensitivity, goal, half, CHAIN.lower, CHAIN.upper, rounds=1)
     assert end.score > start.score
     assert half(end.joints).all()
     assert ((end.joints >= CHAIN.lower - 1e-12) & (end.joints <= CHAIN.upper + 1e-12)).all()
@@ -81,21 +83,21 @@ def test_designs_reach_the_figures_of_the_prototype() -> None:
     certificate = certify(jacobian)
     assert certificate.gap <= 1e-3 and certificate.weights.sum() == pytest.approx(1)
     goal, rng = criterion("O1", 27), np.random.default_rng(0)
-    for count, efficiency in ((20, 0.935), (30, 0.97), (50, 0.985)):
+    for count, efficiency in ((50, 0.985), (30, 0.97), (20, 0.935)):
         design = exchange(joints, jacobian, count, goal, rng, starts=2)
         assert efficiency <= certificate.efficiency(design.jacobian) <= 1
-    moved = ascend(design, sensitivity, goal, lambda q: np.ones(len(q), bool), CHAIN.lower, CHAIN.upper)
+    moved = ascend(design, sensitivity, goal, lambda q: np.ones(len(q), bool), CHAIN.lower, CHAIN.upper, rounds=1)
     assert moved.score > design.score
 
 
 def test_the_bound_is_never_below_a_design_from_its_pool() -> None:
     """Random, exchanged and weighted designs; and it is tight: its own weights reach it but for the gap."""
-    joints, jacobian = pool(1000, 3)
+    joints, jacobian = pool(700, 3)
     certificate = certify(jacobian, gap=1e-4)
     rng = np.random.default_rng(3)
-    for count in (9, 12, 20, 60, 1000):
+    for count in (9, 12, 20, 60, 700):
         for _ in range(20):
-            assert certificate.efficiency(jacobian[rng.choice(1000, count, replace=False)]) <= 1
+            assert certificate.efficiency(jacobian[rng.choice(700, count, replace=False)]) <= 1
     best = exchange(joints, jacobian, 100, criterion("O1", 27), rng, starts=1)
     assert 0.99 < certificate.efficiency(best.jacobian) <= 1
     weighted = np.einsum("mrp,m,mrq->pq", jacobian, certificate.weights, jacobian)
@@ -106,14 +108,14 @@ def test_the_bound_is_never_below_a_design_from_its_pool() -> None:
 @pytest.mark.parametrize("share", [1.0, 0.4])
 def test_the_bound_holds_however_early_the_search_stops(share: float) -> None:
     """A loose bound stays above what a patient search reaches."""
-    _, jacobian = pool(400, 13)
+    _, jacobian = pool(150, 13)
     measured = None if share == 1.0 else information(jacobian[:12]) / 12
     patient = certify(jacobian, gap=1e-5, measured=measured, share=share)
     for gap in (0.9, 0.3, 0.1, 0.03, 0.01):
         early = certify(jacobian, gap=gap, measured=measured, share=share)
         assert early.bound >= patient.log_det and early.gap <= gap
     first = certify(jacobian, gap=0.99, measured=measured, share=share)  # at equal weights: the tangent there
-    total = share * information(jacobian) / 400 + (0 if measured is None else (1 - share) * measured)
+    total = share * information(jacobian) / 150 + (0 if measured is None else (1 - share) * measured)
     gains = np.trace(jacobian @ np.linalg.inv(total) @ np.swapaxes(jacobian, 1, 2), axis1=1, axis2=2)
     rise = 27 * np.log(gains.max() / 27) if measured is None else share * (gains.max() - gains.mean())
     assert first.bound == pytest.approx(np.linalg.slogdet(total)[1] + rise)
@@ -153,11 +155,11 @@ def test_a_small_measured_set_is_extended(tmp_path) -> None:
     data = Measurements(**{**seen.__dict__, "points": points, "use": use, "marked": True})
     path = tmp_path / "measured.csv"
     write_measurements(path, data, CHAIN.prismatic)
-    plan = design(DesignOptions(poses=12, candidates=300, starts=1, extend=path))
+    plan = design(DesignOptions(poses=8, candidates=100, starts=1, extend=path))
     np.testing.assert_array_equal(plan.problem.already, joints[:3])
     assert plan.curve[0].poses == 6 and np.isfinite(plan.curve[0].prediction.coverage_radius)
     with pytest.raises(LabError, match="6 poses or more"):
-        design(DesignOptions(poses=5, candidates=300, starts=1, extend=path))
+        design(DesignOptions(poses=5, candidates=100, starts=1, extend=path))
 
 
 def test_requests_that_cannot_be_met_say_why() -> None:
@@ -214,28 +216,46 @@ def campaign_errors(plans: list[np.ndarray], campaigns: int) -> list[np.ndarray]
     return [np.array(e) for e in errors]
 
 
-def check_campaigns(campaigns: int, within: float, kept_least: float, candidates: int) -> None:
-    twenty = design(DesignOptions(poses=20, starts=1, candidates=candidates))
-    promised = design(DesignOptions(accuracy_mm=0.010, starts=1, candidates=candidates))
+def check_campaigns(
+    campaigns: int, within: float, kept_least: float, twenty: DesignResult, promised: DesignResult
+) -> None:
+    """Campaigns with the plan of twenty poses, with random ones, and with a plan that makes a promise."""
     designed, random, kept = campaign_errors([twenty.joints, np.empty((0, 6)), promised.joints], campaigns)
     rms = [float(np.sqrt((e**2).mean())) for e in (designed, random)]
     predicted = float(np.sqrt((twenty.prediction.rms**2).mean()))
     assert rms[0] == pytest.approx(predicted, rel=within)
     assert rms[0] <= 0.8 * rms[1]
-    share = np.mean(np.quantile(kept, 0.95, axis=1) <= 10e-6)
+    share = np.mean(np.quantile(kept, 0.95, axis=1) <= promised.prediction.coverage_radius)
     assert share >= kept_least
     print(f"RMS in um: designed {1e6 * rms[0]:.3f}, predicted {1e6 * predicted:.3f}, random {1e6 * rms[1]:.3f}")
-    print(f"10 um kept in {share:.1%} of the campaigns")
+    print(f"{1e6 * promised.prediction.coverage_radius:.1f} um kept in {share:.1%} of the campaigns")
 
 
-def test_the_prediction_is_true_in_a_few_campaigns() -> None:
-    """40 campaigns: their RMS varies by about 2.5 %, so 8 % is three standard deviations."""
-    check_campaigns(40, within=0.08, kept_least=0.85, candidates=300)
+@pytest.fixture(scope="module")
+def twenty() -> DesignResult:
+    """A plan of 20 poses."""
+    return design(DesignOptions(poses=20, starts=1, candidates=150))
+
+
+def test_the_prediction_is_true_in_a_few_campaigns(twenty: DesignResult) -> None:
+    """16 campaigns: their RMS varies by about 4 %, so 12 % is three standard deviations.
+
+    That fewer than 13 of 16 keep what 95 % keep has a chance of 0.1 %.
+    """
+    check_campaigns(16, within=0.12, kept_least=0.8, twenty=twenty, promised=twenty)
 
 
 @pytest.mark.slow
 def test_the_prediction_is_true_in_300_campaigns() -> None:
-    check_campaigns(300, within=0.05, kept_least=0.93, candidates=2000)
+    twenty, promised = (design(DesignOptions(starts=1, **asked)) for asked in ({"poses": 20}, {"accuracy_mm": 0.010}))
+    assert promised.prediction.coverage_radius <= 10e-6
+    check_campaigns(300, within=0.05, kept_least=0.93, twenty=twenty, promised=promised)
+
+
+def test_an_accuracy_is_promised_with_as_few_poses_as_it_takes() -> None:
+    plan = design(DesignOptions("course2r", accuracy_mm=0.01, candidates=60, starts=1))
+    assert plan.prediction.coverage_radius <= 10e-6
+    assert [step.poses for step in plan.curve if step.prediction.coverage_radius <= 10e-6][0] >= len(plan.joints)
 
 
 @pytest.mark.parametrize(
@@ -244,22 +264,22 @@ def test_the_prediction_is_true_in_300_campaigns() -> None:
         pytest.param(
             DesignOptions(criterion="O4", accuracy_mm=0.012, candidates=200, starts=1), marks=pytest.mark.slow
         ),
-        DesignOptions(instrument="faro-vantage", poses=20, candidates=200, starts=1, scaling="length"),
+        DesignOptions(instrument="faro-vantage", poses=14, candidates=100, starts=1, scaling="length"),
         DesignOptions(
-            criterion="I", instrument="leica-at960", targets=("p1", "p2", "p3"), poses=14, candidates=200, starts=1
+            criterion="I", instrument="leica-at960", targets=("p1", "p2", "p3"), poses=10, candidates=60, starts=1
         ),
     ],
     ids=["O4 to an accuracy", "faro, lengths", "I, leica, three targets"],
 )
 def test_plans_of_any_kind_keep_what_they_predict(options: DesignOptions) -> None:
-    """25 campaigns with the plan: the observed RMS is the predicted one (sd about 3 %)."""
+    """16 campaigns with the plan: the observed RMS is the predicted one (sd about 4 %)."""
     plan = design(options)
     if options.accuracy_mm is not None:
         assert plan.prediction.coverage_radius <= options.accuracy_mm / 1e3
     tracker, arm = instrument(options.instrument), plan.problem.arm
     fresh = random_poses(MODEL, 150, rng_for(0, "fresh"))
     squares = []
-    for seed in range(25):
+    for seed in range(16):
         real = perturbed_arm(IRB120, VirtualCampaign(seed=seed))
         data = track(real, plan.joints, options.targets, tracker, rng_for(seed, "noise"))
         found = identify(arm, data, arm.nominal(), Noise(tracker))
@@ -269,8 +289,8 @@ def test_plans_of_any_kind_keep_what_they_predict(options: DesignOptions) -> Non
     assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.12)
 
 
-def test_a_plan_is_feasible_path_and_all() -> None:
-    plan = design(DesignOptions(poses=15, candidates=400, starts=1))
+def test_a_plan_is_feasible_path_and_all(twenty: DesignResult) -> None:
+    plan = twenty
     assert feasibility(MODEL, ("p1",), instrument("uniform-8um"), margin=0.0)(plan.joints).all()
     free = path_check(MODEL)
     assert all(free(a, b) for a, b in zip(plan.tour.stops[:-1], plan.tour.stops[1:], strict=True))
@@ -281,9 +301,9 @@ def test_a_plan_is_feasible_path_and_all() -> None:
 
 
 def test_the_same_seed_plans_the_same() -> None:
-    options = DesignOptions(poses=12, candidates=100, starts=1, seed=4)
+    options = DesignOptions("course2r", poses=8, candidates=60, starts=1, seed=4)
     first, second = design(options), design(options)
     np.testing.assert_array_equal(first.joints, second.joints)
     assert first.prediction.coverage_radius == second.prediction.coverage_radius
-    other = design(DesignOptions(poses=12, candidates=100, starts=1, seed=5))
+    other = design(replace(options, seed=5))
     assert not np.array_equal(first.joints, other.joints)
