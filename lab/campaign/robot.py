@@ -4,6 +4,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -312,7 +313,18 @@ def _loaded(robot: str) -> Robot:
             f"robot '{robot}': no such model or file; there are {', '.join(models)}, or give a path to .xml, .urdf or "
             ".toml"
         )
-    sha256 = _sha256(path)
+    if _is_own(path):
+        return _own(path, _sha256(path))
+    return _read(path, _sha256(path))
+
+
+@cache
+def _own(path: Path, sha256: str) -> Robot:
+    """One of the lab's own robots, once a process as long as its folder stays as it is: nothing changes a robot."""
+    return _read(path, sha256)
+
+
+def _read(path: Path, sha256: str) -> Robot:
     if path.suffix == ".toml" and is_mechanism(path):
         described = read_mechanism(path)
         return ClosedRobot(closed_model(path, described), sha256, described.warnings)
@@ -344,11 +356,15 @@ def _some(loads: Loads) -> Loads | None:
     return loads if loads.mass_kg.any() else None
 
 
+def _is_own(path: Path) -> bool:
+    return path.parent.parent == models_folder()
+
+
 def _sha256(path: Path) -> str:
     """Of a model's folder of the lab without its README, else of the file alone."""
     digest = hashlib.sha256()
-    whole = path.parent.parent == models_folder()
-    files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if whole else [path]
+    own = _is_own(path)
+    files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if own else [path]
     for file in files:
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()

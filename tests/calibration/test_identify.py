@@ -251,19 +251,19 @@ def test_ellipsoids_are_the_images_of_the_unit_ball() -> None:
 
 
 def test_the_covariance_is_that_of_the_errors() -> None:
-    """Monte Carlo: spread of the estimates over 300 noise draws against the stated standard deviations."""
+    """Monte Carlo: spread of the estimates over 100 noise draws against the stated standard deviations."""
     rng = np.random.default_rng(8)
     truth = truth_of(ARM, rng, base=False)
     joints = IRB120.chain.random_joints(30, rng)
     exact = ARM.points(joints, truth.values)
     found = []
-    for _ in range(300):
+    for _ in range(100):
         data = measured(NAMES, joints, ("p1",), exact + 5e-6 * rng.normal(size=exact.shape))
         found.append(identify(ARM, data, ARM.nominal(), Noise(sigma_m=5e-6)))
     free = list(found[0].fit.free)
     spread = np.std([f.values[free] for f in found], axis=0)
-    np.testing.assert_allclose(spread / found[0].std, 1, atol=0.15)  # 300 draws: sd 0.04 each
-    assert np.mean(spread / found[0].std) == pytest.approx(1, abs=0.03)
+    np.testing.assert_allclose(spread / found[0].std, 1, atol=0.26)  # 100 draws: sd 0.07 each
+    assert np.mean(spread / found[0].std) == pytest.approx(1, abs=0.05)
 
 
 def test_another_rotation_vector_has_the_covariance_of_a_fit_from_there() -> None:

@@ -13,7 +13,7 @@ from lab.experiments.closed_loop import compensator_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import random_poses
 
-EXACT = VirtualCampaign(robot="delta/small", seed=3, instrument="exact")
+EXACT = VirtualCampaign(robot="delta/small", seed=3, poses=20, instrument="exact")
 
 
 def test_a_delta_goes_where_it_is_sent() -> None:
@@ -21,10 +21,10 @@ def test_a_delta_goes_where_it_is_sent() -> None:
     outcome = calibrate(EXACT)
     assert outcome.real is not None
     compensator = compensator_of(outcome)
-    joints = random_poses(outcome.robot.model, 40, np.random.default_rng(8))
+    joints = random_poses(outcome.robot.model, 12, np.random.default_rng(8))
     places = compensator.nominal.tool(joints)[0][:, :3, 3]
-    anywhere, nothing = np.full((40, 3), np.nan), np.empty((40, 0))
-    wanted = PoseTarget(places, np.full((40, 3, 3), np.nan))
+    anywhere, nothing = np.full((12, 3), np.nan), np.empty((12, 0))
+    wanted = PoseTarget(places, np.full((12, 3, 3), np.nan))
     found = compensator(wanted, nothing, anywhere)
     assert found.converged.mean() > 0.9 and all("joint limit" in why for why in found.reasons if why)
     there, before = (outcome.real.points(q[found.converged], ("p1",))[:, 0] for q in (found.joints, joints))

@@ -62,8 +62,9 @@ def test_every_command_of_a_page_runs(page: Page, tmp_path, monkeypatch, capsys)
     write_files(page, tmp_path)
     for command in page.commands:
         _, *arguments = shlex.split(command)
-        if arguments[0] == "design" and "--candidates" not in arguments:
-            arguments += ["--candidates", "500"]  # of 2000
+        if arguments[0] == "design":
+            arguments += [] if "--candidates" in arguments else ["--candidates", "100"]  # of 2000
+            arguments += [] if "--starts" in arguments else ["--starts", "1"]
         assert main(arguments) == 0, command
         assert capsys.readouterr().out
 

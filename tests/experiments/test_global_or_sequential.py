@@ -150,7 +150,7 @@ def test_positions_alone_and_three_points(few) -> None:
 
 
 def test_the_script_answers(tmp_path: Path) -> None:
-    found = answer_of("global_or_sequential.py", "--robots", 6, "--fresh", 50, "--out", tmp_path)
+    found = answer_of("global_or_sequential.py", "--robots", 6, "--fresh", 20, "--out", tmp_path)
     assert "One global step after it repairs it" in found["words"] and found["ranks"]["all 30 from both"] == 30
     with (tmp_path / "global_or_sequential.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -17,7 +17,7 @@ from lab.payload_identification.fourier_path import Limits, random_path
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload_bench import RunErrors
 
-RUNS = 8
+RUNS = 4
 LIMITS = Limits.of(script.MODEL.chain)
 POSES = random_poses(script.MODEL, 20, np.random.default_rng(5))
 PLAN = script.Plan(*(random_path(LIMITS, np.random.default_rng(i)) for i in (3, 4)), POSES)

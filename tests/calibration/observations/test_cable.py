@@ -26,7 +26,7 @@ def test_a_draw_wire() -> None:
     assert isinstance(observation, Cable) and observation.labels == ("1", "2", "3")
     assert [warning for warning in seen.warnings if warning.startswith("row 950: its point is 99")]
     before, after = [], []
-    for seed in range(4):
+    for seed in range(2):
         rows, held = split_by_label(configurations(seen.joints), 0.3, seed)
         found = identify(observation, seen.take(rows), arm.nominal(), request=IdentifyOptions(tolerance=Tolerance()))
         assert found.status == "converged" and len(found.fit.free) == 31

@@ -67,7 +67,7 @@ def test_structure_poses_touch() -> None:
 @pytest.mark.parametrize(("kind", "places", "rows", "distance"),
                          [(Cable, 2, 80, None), (Sockets, 4, 60, None), (Planes, 3, 120, None)])  # fmt: skip
 def test_exact_fixtures_give_the_truth(kind, places: int, rows: int, distance: float | None) -> None:
-    for seed in range(3):
+    for seed in range(1):
         rng = np.random.default_rng(seed)
         observation = many(kind, places)
         data, true = measured_fixtures(observation, rows, rng)
@@ -80,12 +80,12 @@ def test_fixtures_that_were_not_fitted_are_placed_by_their_own_rows() -> None:
     for kind in (Sockets, Planes, Cable):
         rng = np.random.default_rng(0)
         observation = many(kind, 6)
-        data, _ = measured_fixtures(observation, 180, rng)
+        data, _ = measured_fixtures(observation, 120, rng)
         known = data.conditions[FIXTURE] < 4
         found = identify(observation, data.take(np.flatnonzero(known)), ARM.nominal())
         assert len(found.model.numbers) == 4 and len(found.values) == len(observation.names) - 6
         errors = errors_of(found, data)
-        assert errors.after.shape == (180, 1) and np.nanmax(errors.after) < 1e-7
+        assert errors.after.shape == (120, 1) and np.nanmax(errors.after) < 1e-7
         assert np.nanmean(errors.before) > 1e-4
 
 
@@ -107,11 +107,12 @@ NONSENSE = {
     "six sockets": ("socket", "location,socket", lambda i: f"{i % 6 // 2},{i % 2}"),
     "a wire of one length": ("cable", "cable_mm", lambda i: "500"),
 }
+DEFAULT = ("six sockets", "a wire of one length")  # the quickest of each end
 
 
 @pytest.mark.parametrize(
     ("kind", "columns", "cell"),
-    [pytest.param(*case, id=name, marks=[pytest.mark.slow] * ("three" in name)) for name, case in NONSENSE.items()],
+    [pytest.param(*case, id=name, marks=[pytest.mark.slow] * (name not in DEFAULT)) for name, case in NONSENSE.items()],
 )
 def test_random_poses_are_at_no_fixture(kind, columns, cell, tmp_path) -> None:
     """Arm and places shrink together until all residuals are zero: that is no calibration."""

@@ -43,10 +43,11 @@ def test_ur10_random_poses() -> None:
     assert outcome.verdict.word == "good"
 
 
-def test_ur10_cubes_over_ten_splits() -> None:
+@pytest.mark.parametrize("splits", [4, pytest.param(10, marks=pytest.mark.slow)])
+def test_ur10_cubes_over_some_splits(splits: int) -> None:
     """Repeats are never split between fit and test; with them split the error would look smaller."""
     after = []
-    for seed in range(10):
+    for seed in range(splits):
         options = MeasuredCampaign(data_file("ur10_ipa_D.csv"), str(data_file("ur10.toml")), seed=seed, holdout=0.3)
         errors = identify(options).validation.errors
         assert errors is not None
@@ -55,7 +56,7 @@ def test_ur10_cubes_over_ten_splits() -> None:
     assert 0.005 < np.std(after) < 0.03
 
 
-@pytest.mark.parametrize("file", ["ur10_ipa_C.csv", "ur10_ipa_D.csv"])
+@pytest.mark.parametrize("file", [pytest.param("ur10_ipa_C.csv", marks=pytest.mark.slow), "ur10_ipa_D.csv"])
 def test_ur10_is_cross_validated_where_nothing_is_asked(file: str) -> None:
     outcome = identify(MeasuredCampaign(data_file(file), str(data_file("ur10.toml"))))
     errors = outcome.validation.errors
@@ -89,14 +90,17 @@ def test_irb120_bends(robust: bool) -> None:
     assert 1e4 < 1 / soft["joint2.compliance"] < 4e4 and 3e3 < 1 / soft["joint3.compliance"] < 1e4
 
 
-def test_irb120_with_a_wire() -> None:
+@pytest.mark.parametrize("holdout", [0.3, pytest.param(None, marks=pytest.mark.slow)])
+def test_irb120_with_a_wire(holdout: float | None) -> None:
     """Anchors found from the residuals, row 950 told, the rounding of the joints named as the limit."""
     file = data_file("irb120_cable_robotcali_1042.csv")
-    outcome = identify(MeasuredCampaign(file, observe="cable", fitting=Fitting(prior=True)))
+    outcome = identify(MeasuredCampaign(file, observe="cable", fitting=Fitting(prior=True), holdout=holdout))
     errors = outcome.validation.errors
-    assert outcome.validation.judged_by == "cross-validation" and errors is not None
+    assert outcome.validation.judged_by == ("holdout" if holdout else "cross-validation") and errors is not None
     rms = 1e3 * float(np.sqrt(np.nanmean(errors.after**2)))
-    assert 0.27 < rms <= 0.36 < 1e3 * float(np.sqrt(np.nanmean(errors.before**2))) + 0.01
+    before = 1e3 * float(np.sqrt(np.nanmean(errors.before**2)))
+    assert 0.27 < rms < before + 0.01
+    assert holdout or rms <= 0.36 < before + 0.01  # a single split may be above; test_cable.py has their mean
     said = "\n".join(outcome.warnings)
     assert "before rows 140, 506: 3 anchors" in said and "row 950" in said
     assert "rounded to 0.1°, which alone makes errors of 0.27" in said
@@ -128,16 +132,17 @@ def test_ur10_is_no_worse_with_what_it_calls_for() -> None:
 
 def test_ur10_as_poses(tmp_path) -> None:
     """Orientations are what the target near axis 6 lacks: the condition falls from thousands to tens."""
-    file, robot = data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml"))
-    options = MeasuredCampaign(file, robot, holdout=0.3, observe="pose", orientation="intrinsic-xyz")
+    header, *rows = data_file("ur10_ipa_C.csv").read_text().splitlines()
+    some, few = tmp_path / "every_second.csv", tmp_path / "every_sixth.csv"
+    for path, step in ((some, 2), (few, 6)):
+        path.write_text("\n".join([header, *rows[::step]]) + "\n")
+    robot = str(data_file("ur10.toml"))
+    options = MeasuredCampaign(some, robot, holdout=0.3, observe="pose", orientation="intrinsic-xyz")
     outcome = identify(options)
     errors = outcome.validation.errors
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
     assert 0.3 < outcome.to_dict()["noise_mrad"] < 1.5 and outcome.verdict.word == "good"
-    header, *rows = file.read_text().splitlines()
-    few = tmp_path / "every_fourth.csv"
-    few.write_text("\n".join([header, *rows[::4]]) + "\n")
     options = replace(options, file=few)
     stated = identify(replace(options, noise_mm=0.3, noise_mrad=0.6)).to_dict()
     assert stated["noise_mm"] == pytest.approx(0.3) and stated["noise_mrad"] == pytest.approx(0.6)
