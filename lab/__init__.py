@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from lab.commands.design.run import design
     from lab.commands.inspect.result import Inspection
     from lab.commands.inspect.run import inspect
+    from lab.commands.kinematics.run import solve_kinematics
     from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
     from lab.commands.payload.result import PayloadResult
     from lab.commands.payload.run import payload
@@ -72,6 +73,7 @@ __all__ = [
     "payload",
     "read_measurements",
     "simulate",
+    "solve_kinematics",
     "study",
     "verify",
     "world_frames",
@@ -89,6 +91,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.design.run": ("design",),
     "lab.commands.inspect.result": ("Inspection",),
     "lab.commands.inspect.run": ("inspect",),
+    "lab.commands.kinematics.run": ("solve_kinematics",),
     "lab.commands.measurements": ("WorldFrames", "read_measurements", "world_frames", "write_measurements"),
     "lab.commands.payload.result": ("PayloadResult",),
     "lab.commands.payload.run": ("payload",),

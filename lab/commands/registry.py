@@ -71,6 +71,12 @@ COMMANDS = (
         "lab.commands.inspect.run:inspect",
     ),
     Command(
+        "kinematics",
+        "Place a robot: direct, inverse (all solutions) and differential models, matrices, singularities.",
+        "lab.commands.kinematics.options:KinematicsOptions",
+        "lab.commands.kinematics.run:solve_kinematics",
+    ),
+    Command(
         "design",
         "Choose the poses to measure, their order and their number, and say how good the choice is.",
         "lab.campaign.options:DesignOptions",

@@ -8,7 +8,7 @@ from lab.core.measurements import Measurements
 from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
 from lab.core.se3 import Array
 
-__all__ = ["ENDS", "oriented_target", "read_orientations"]
+__all__ = ["ENDS", "oriented_target", "read_orientations", "rotation_from_angles"]
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ANGLES = ("rx_deg", "ry_deg", "rz_deg")
@@ -65,7 +65,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
         raise LabError(f"columns {', '.join(columns)} are angles: say --orientation {known}")
     given = ~empty.any(axis=1)
     quaternions = np.full((len(data), 4), np.nan)
-    quaternions[given] = se3.quaternion_from_rotation(_rotation(np.deg2rad(numbers[given]), meaning))
+    quaternions[given] = se3.quaternion_from_rotation(rotation_from_angles(np.deg2rad(numbers[given]), meaning))
     return quaternions
 
 
@@ -89,10 +89,10 @@ def _numbers(data: Measurements, column: str) -> Array:
     return np.array([float(text) if text else np.nan for text in data.other[column]])
 
 
-def _rotation(angles: Array, meaning: AngleConvention) -> Array:
-    """Rotations ``(n, 3, 3)`` of three angles (rad) each."""
+def rotation_from_angles(angles: Array, meaning: AngleConvention) -> Array:
+    """Rotations ``(..., 3, 3)`` of three angles (rad) each, ``(..., 3)``; what they mean is in ``core.orientation``."""
     if meaning == "rotation-vector":
         return se3.exp(angles)
     if meaning == "fixed-xyz":
         return se3.rotation_from_roll_pitch_yaw(angles)
-    return se3.rotation_from_roll_pitch_yaw(-angles).swapaxes(1, 2)  # Rx(a) Ry(b) Rz(c)
+    return se3.rotation_from_roll_pitch_yaw(-angles).swapaxes(-1, -2)  # Rx(a) Ry(b) Rz(c)

@@ -59,10 +59,16 @@ def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.Recording
     recording.disconnect()
 
 
-def draw_shells(recording: rr.RecordingStream, at: Times, shells: Sequence[Shell], bodies: Mapping[str, Array]) -> None:
-    """The robot's shells, which move through the poses ``(m, 4, 4)`` of their bodies."""
+def draw_shells(
+    recording: rr.RecordingStream,
+    at: Times,
+    shells: Sequence[Shell],
+    bodies: Mapping[str, Array],
+    under: str = "world/arm",
+) -> None:
+    """The robot's shells, which move through the poses ``(m, 4, 4)`` of their bodies, as entities under a path."""
     for shell in shells:
-        entity = f"world/arm/{rr.escape_entity_path_part(shell.body)}"
+        entity = f"{under}/{rr.escape_entity_path_part(shell.body)}"
         mesh = rr.Mesh3D(
             vertex_positions=shell.vertices,
             triangle_indices=shell.faces,
@@ -70,13 +76,15 @@ def draw_shells(recording: rr.RecordingStream, at: Times, shells: Sequence[Shell
             vertex_colors=shell.rgba,
         )
         recording.log(entity, mesh, static=True)
-        draw_moving(recording, at, {shell.body: bodies[shell.body]})
+        draw_moving(recording, at, {shell.body: bodies[shell.body]}, under)
 
 
-def draw_moving(recording: rr.RecordingStream, at: Times, bodies: Mapping[str, Array]) -> None:
-    """Further poses ``(m, 4, 4)`` of bodies that are drawn already."""
+def draw_moving(
+    recording: rr.RecordingStream, at: Times, bodies: Mapping[str, Array], under: str = "world/arm"
+) -> None:
+    """Further poses ``(m, 4, 4)`` of bodies that are drawn already under a path."""
     for name, Ts in bodies.items():
-        _move(recording, f"world/arm/{rr.escape_entity_path_part(name)}", at, Ts)
+        _move(recording, f"{under}/{rr.escape_entity_path_part(name)}", at, Ts)
 
 
 def draw_legs(recording: rr.RecordingStream, at: Times, legs: Legs, reach_m: float) -> None:

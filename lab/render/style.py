@@ -17,6 +17,7 @@ __all__ = [
     "FIGURE_STYLE",
     "FONT_MONO",
     "FONT_SANS",
+    "FRAME_AXES",
     "GRID",
     "HIGHLIGHT",
     "INDEX",
@@ -86,6 +87,7 @@ ORDER_MAP: Final = "viridis"  # matplotlib's: first to last pose of a tour
 # The arm.
 ARM: Final = "#94a3b8"
 HIGHLIGHT: Final = "#1e3a5f"
+FRAME_AXES: Final = ("#dc2626", "#15803d", "#1d4ed8")  # x, y, z
 INSTRUMENT: Final = "#c2185b"
 
 # Series of one kind: the colours rise in lightness, to differ in grey too; marks and dashes distinguish them as well.

@@ -94,7 +94,7 @@ class DesignResult(Result):
         return 0
 
     @property
-    def pool_in_words(self) -> str:
+    def _pool_in_words(self) -> str:
         """What the certificate is for."""
         candidates = len(self.problem.candidates.joints)
         moved = self.pool - candidates
@@ -159,7 +159,7 @@ class DesignResult(Result):
             "indices": self.scaled_indices,
             "d_efficiency": self.d_efficiency,
             "bound_gap": self.certificate.gap,
-            "pool": {"poses": self.pool, "what": self.pool_in_words},
+            "pool": {"poses": self.pool, "what": self._pool_in_words},
             "predicted_mm": error_statistics(self.prediction.rms).to_dict(),
             "promise_mm": 1e3 * self.prediction.coverage_radius,
             "candidates": {

@@ -54,7 +54,7 @@ class PayloadResult(Result):
     targets: tuple[str, ...] = ()
 
     @property
-    def trusted(self) -> bool:
+    def _trusted(self) -> bool:
         """Whether mass and centre of mass are identified, without lack of fit, and no sample is wild."""
         identified = np.isfinite(self.estimate.phi[:4]).all()
         return bool(identified and self.estimate.adequate is not False and wild_sample(self.estimate) is None)
@@ -62,7 +62,7 @@ class PayloadResult(Result):
     @property
     def exit_code(self) -> int:
         """0 where the payload may be trusted, else 1."""
-        return 0 if self.trusted else 1
+        return 0 if self._trusted else 1
 
     @property
     def load(self) -> HandLoad:

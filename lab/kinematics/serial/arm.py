@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.se3 import Array, exp, left_jacobian, pose
+from lab.core.se3 import Array, exp, inverse, left_jacobian, pose
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
@@ -175,6 +175,12 @@ class SerialArm:
         """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at joint positions ``(n, joints)``."""
         part = SerialArm(self.dh_chain(values).first(size))
         return part.flange(joints[:, :size], part.nominal())
+
+    def links(self, joints: Array, values: Array) -> Array:
+        """The link matrices T_i-1,i ``(n, links, 4, 4)`` (m) at joint positions ``(n, joints)``, without the base."""
+        sizes = range(1, self.chain.size + 1)
+        frames = np.stack([np.tile(np.eye(4), (len(joints), 1, 1)), *(self.frame(joints, values, i) for i in sizes)], 1)
+        return np.asarray(inverse(frames[:, :-1]) @ frames[:, 1:])
 
     def motions(self, values: Array) -> list[Motion]:
         """The chain's elementary motions with every joint position zero, base first."""

@@ -1,0 +1,128 @@
+"""What can be asked of ``lab kinematics``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tyro
+
+from lab.campaign.option_groups import Flag, Names, Numbers
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.numbers import LARGEST
+from lab.core.orientation import AngleConvention
+from lab.core.se3 import Array
+from lab.formats.orientations import rotation_from_angles
+from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["KinematicsOptions"]
+
+
+@dataclass(frozen=True)
+class KinematicsOptions:
+    """A robot, where its joints are or where its tool is to be, and what is to be said of it."""
+
+    robot: tyro.conf.Positional[str] = "irb120"
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    joints: Numbers = ()
+    """Joint positions, ° (mm of a slide); with --pose where the robot is: the nearest solutions come first."""
+    pose: Numbers = ()
+    """Where the tool is to be, in the base: x,y,z in mm, then three angles in °, or a quaternion wxyz, or nothing."""
+    file: Path | None = None
+    """CSV: rows of joint positions, or rows of targets to be reached (x_mm, y_mm, z_mm, and an orientation)."""
+    orientation: AngleConvention | None = None
+    """What three angles mean; of --pose fixed-xyz by default."""
+    of: Names = ()
+    """Keep the solutions of this configuration alone, e.g. elbow+,wrist-."""
+    tool_mm: Numbers = ()
+    """The tool's point in the last frame, or the platform's: x,y,z; by default its origin."""
+    rates: Numbers = ()
+    """Rates of the joints, ° (mm of a slide) per s: the twist that they give."""
+    twist: Numbers = ()
+    """A twist of the tool: vx,vy,vz in mm/s, then wx,wy,wz in °/s: the rates that give it."""
+    frame: Literal["base", "tool"] = "base"
+    """The frame whose axes the Jacobian and the twist have."""
+    matrices: Flag = False
+    """Print the link matrices T_i-1,i and their products T_0,i at the first joint positions."""
+    between: tuple[int, int] | None = None
+    """Print the pose of the second of these frames in the first (0 is the base's)."""
+    symbolic: Flag = False
+    """Print the matrices also in letters (needs sympy)."""
+    out: Path | None = None
+    """A folder for the result, a report, a recording and a table; by default nothing is written."""
+
+    def check(self) -> None:
+        """Refuse options that contradict each other, with a LabError that names them."""
+        if self.file is not None and self.pose:
+            raise LabError("--pose and --file both say where the tool is to be; give one")
+        if self.rates and self.twist:
+            raise LabError("--rates and --twist are each other's answer; give one")
+        if self.of and not (self.pose or self.file):
+            raise LabError("--of chooses among solutions; give a --pose")
+
+    def joint_row(self, chain: JointSpec, flag: Literal["joints", "rates"]) -> Array:
+        """The numbers of ``--joints`` or ``--rates`` ``(joints,)`` in rad or m (per s).
+
+        Raises:
+            LabError: there are not as many as joints, or one is not finite.
+        """
+        given = getattr(self, flag)
+        scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
+        units = ", ".join(
+            f"{name} in {'mm' if slides else '°'}"
+            for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
+        )
+        return _row(f"--{flag}", given, chain.size, f"one number for each joint: {units}") * scale
+
+    @property
+    def wanted(self) -> PoseTarget:
+        """The pose of ``--pose``.
+
+        Raises:
+            LabError: it is none.
+        """
+        count = len(self.pose)
+        if count not in (3, 6, 7):
+            raise LabError(f"--pose has {count} numbers: give x,y,z, then three angles, or a quaternion, or nothing")
+        row = _row("--pose", self.pose, count, "")
+        rotation = np.full((3, 3), np.nan)
+        if count == 6:
+            rotation = rotation_from_angles(np.deg2rad(row[3:]), self.orientation or "fixed-xyz")
+        elif count == 7:
+            if not abs(np.linalg.norm(row[3:]) - 1) <= 1e-3:
+                raise LabError(f"--pose: the quaternion's norm is {np.linalg.norm(row[3:]):.6g}, not 1; mend it")
+            rotation = se3.rotation_from_quaternion(row[3:])
+        return PoseTarget(row[None, :3] / 1e3, rotation[None])
+
+    @property
+    def tool_m(self) -> Array:
+        """The tool's point ``(3,)`` m in the last frame.
+
+        Raises:
+            LabError: it is no point.
+        """
+        if not self.tool_mm:
+            return np.zeros(3)
+        return _row("--tool-mm", self.tool_mm, 3, "x,y,z of the tool's point in the last frame") / 1e3
+
+    @property
+    def twist_si(self) -> Array:
+        """The twist ``(6,)`` of ``--twist``, m/s and rad/s.
+
+        Raises:
+            LabError: it is none.
+        """
+        scale = np.repeat([1e-3, np.pi / 180], 3)
+        twist = _row("--twist", self.twist, 6, "vx,vy,vz in mm/s, then wx,wy,wz in °/s")
+        return np.asarray(twist * scale)
+
+
+def _row(flag: str, given: tuple[float, ...], count: int, what: str) -> Array:
+    """So many finite numbers ``(count,)``."""
+    if len(given) != count:
+        raise LabError(f"{flag} has {len(given)} numbers, not {count}; give {what}")
+    if bad := [each for each in given if not abs(each) <= LARGEST]:
+        raise LabError(f"{flag} {bad[0]:g}: give finite numbers of at most {LARGEST:g}")
+    return np.array(given)

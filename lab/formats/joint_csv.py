@@ -1,0 +1,53 @@
+"""Joint positions as CSV: one row per pose, in the columns and units of a measurement file, without measured points."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lab.core.se3 import Array
+from lab.formats.csv_table import CsvTable
+from lab.formats.measurement_csv import ObservedColumns, read_measurements
+
+__all__ = ["JointRows", "holds_targets", "read_joints"]
+
+
+@dataclass(frozen=True)
+class JointRows:
+    """Joint positions of a file.
+
+    Attributes:
+        ids: of the rows.
+        joints: ``(n, joints)`` rad or m.
+        warnings: what a reader should be told.
+    """
+
+    ids: tuple[str, ...]
+    joints: Array
+    warnings: tuple[str, ...] = ()
+
+
+def holds_targets(path: Path) -> bool:
+    """Whether a file has positions of a point (columns that end in ``x_mm`` or ``x_m``), not joint positions alone.
+
+    Raises:
+        LabError: it cannot be read.
+    """
+    return any(column in ("x_mm", "x_m") or column.endswith(("_x_mm", "_x_m")) for column in CsvTable(path).header)
+
+
+def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> JointRows:
+    """Read a file of joint positions.
+
+    Args:
+        path: of the file.
+        joint_names: the robot's; the file may call them q1 ... qn.
+        prismatic: which of them slide.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    data = read_measurements(path, joint_names, prismatic, points=False, columns=ObservedColumns())
+    kept = np.array([i for i, use in enumerate(data.use) if use != "skip"], dtype=np.int_)
+    return JointRows(tuple(data.ids[i] for i in kept), data.joints[kept], data.warnings)

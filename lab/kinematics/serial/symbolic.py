@@ -1,0 +1,188 @@
+"""The transformation matrices of a serial chain in letters: T_i-1,i and products, by sympy.
+
+Joint positions are q1 ... qn in the order of the joints. Lengths that are not zero have the letters of the
+Denavit-Hartenberg table with the number of their row (d1, a2), and so have angles that are no multiple of 90 degrees
+(theta2, alpha3, beta3); all others are put in. Neighbouring axes that are parallel turn a vector by the sum of their
+angles, so that a product comes out as it is printed in textbooks, without a search for identities (e.g. Khalil & Dombre
+2002, section 3.4): cos(q2 + q3), not cos q2 cos q3 - sin q2 sin q3.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.kinematics.serial.chain import COLUMNS, Chain, Convention
+
+__all__ = ["SymbolicChain", "symbolic_chain", "textbook"]
+
+_Column = Literal["theta", "d", "a", "alpha", "beta"]
+_Step = tuple[_Column, Any]
+_EXACT = 1e-9  # rad or m: by how much an angle may miss a multiple of 90 degrees, or a length zero
+_STEPS: dict[Convention, tuple[_Column, ...]] = {
+    "distal": ("theta", "d", "a", "alpha", "beta"),
+    "craig": ("alpha", "a", "beta", "theta", "d"),
+}
+
+
+@dataclass(frozen=True)
+class SymbolicChain:
+    """A chain in letters.
+
+    Attributes:
+        joints: the symbols q1 ... qn.
+        letters: what each other symbol stands for, by its name: m or rad.
+        rows: each link's elementary motions in their order: a column of the table, and how much (a sympy expression).
+    """
+
+    joints: tuple[Any, ...]
+    letters: dict[str, float]
+    rows: tuple[tuple[_Step, ...], ...]
+
+    def between(self, first: int, last: int) -> Any:
+        """The pose of frame ``last`` in frame ``first`` (0 is the base's), a sympy matrix of 4 by 4.
+
+        Raises:
+            LabError: the chain has no such frames, or not in this order.
+        """
+        if not 0 <= first < last <= len(self.rows):
+            raise LabError(
+                f"frames {first} and {last}: give two frames of 0 to {len(self.rows)}, the one nearer to the base first"
+            )
+        return _product(step for row in self.rows[first:last] for step in row)
+
+
+def symbolic_chain(chain: Chain) -> SymbolicChain:
+    """A nominal chain in letters.
+
+    Raises:
+        LabError: sympy is not installed.
+    """
+    sympy = _sympy()
+    joints = tuple(sympy.Symbol(f"q{i + 1}", real=True) for i in range(chain.size))
+    letters: dict[str, float] = {}
+    rows: list[tuple[_Step, ...]] = []
+    for i, row in enumerate(chain.table):
+        amounts = {
+            name: _amount(sympy, letters, f"{name}{i + 1}", float(value), is_angle=name not in "da")
+            for name, value in zip(COLUMNS, row, strict=True)
+        }
+        amounts["d" if chain.prismatic[i] else "theta"] += int(chain.sign[i]) * joints[i]
+        rows.append(tuple((name, amounts[name]) for name in _STEPS[chain.convention]))
+    return SymbolicChain(joints, letters, tuple(rows))
+
+
+def textbook(expression: Any) -> str:
+    """An entry of a matrix as textbooks print it: c1 is cos q1, s23 is sin(q2 + q3), lengths by their letters."""
+    sympy = _sympy()
+    if expression.is_Add:
+        terms = sorted((textbook(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
+        return terms[0] + "".join(f" − {term[1:]}" if term.startswith("−") else f" + {term}" for term in terms[1:])
+    if expression.is_Mul:
+        number, rest = expression.as_coeff_Mul()
+        sign = "−" if number < 0 else ""
+        factors = rest.args if rest.is_Mul else (rest,)
+        words = sorted((_factor(sympy, factor) for factor in factors), key=_order)
+        return sign + " ".join([str(abs(number))] * (abs(number) != 1) + words)
+    return _factor(sympy, expression)
+
+
+def _factor(sympy: Any, factor: Any) -> str:
+    """What is multiplied, sums in brackets."""
+    if factor.is_Add:
+        return f"({textbook(factor)})"
+    if factor.is_Pow:
+        return f"{_factor(sympy, factor.base)}^{factor.exp}"
+    if factor.func in (sympy.cos, sympy.sin):
+        return _short(sympy, factor)
+    return _greek(str(factor).replace("-", "−"))
+
+
+def _order(word: str) -> tuple[int, str, str]:
+    """Lengths and slides first, then cosines and sines by their joints, sums last."""
+    if word.startswith("("):
+        return 2, word, ""
+    return (1, word[1:], word[0]) if word[0] in "cs" else (0, word, "")
+
+
+def _short(sympy: Any, function: Any) -> str:
+    """Of cos or sin of an angle."""
+    letter = "c" if function.func is sympy.cos else "s"
+    terms = [(str(symbol), factor) for symbol, factor in function.args[0].as_coefficients_dict().items()]
+    terms.sort(key=lambda term: (term[0][0] != "q", len(term[0]), term[0]))
+    if all(name.startswith("q") and factor == 1 for name, factor in terms):
+        numbers = [name[1:] for name, _ in terms]
+        return letter + ("" if max(map(len, numbers)) == 1 else ",").join(numbers)
+    signed = (("+" if factor > 0 else "−") + (name if abs(factor) == 1 else f"{abs(factor)}{name}")
+              for name, factor in terms)  # fmt: skip
+    return f"{letter}({_greek(''.join(signed).removeprefix('+'))})"
+
+
+def _greek(text: str) -> str:
+    return text.replace("theta", "θ").replace("alpha", "α").replace("beta", "β")
+
+
+def _amount(sympy: Any, letters: dict[str, float], name: str, value: float, *, is_angle: bool) -> Any:
+    """An entry of the table: exact where it is a multiple of 90 degrees or zero, else a letter, which is noted."""
+    quarters = round(value / (np.pi / 2)) if is_angle else 0
+    if abs(value - quarters * np.pi / 2) <= _EXACT:
+        return quarters * sympy.pi / 2
+    letters[name] = value
+    return sympy.Symbol(name, real=True)
+
+
+def _product(steps: Iterator[_Step]) -> Any:
+    """The elementary motions one after the other.
+
+    The rotation is kept as R Rz(angle) F, with F = I or Rx(pi): turns about one direction add up in the angle, and are
+    multiplied out only where the direction changes.
+    """
+    sympy = _sympy()
+    rotation, angle, flip, position = sympy.eye(3), sympy.Integer(0), 1, sympy.zeros(3, 1)
+    for name, amount in steps:
+        if name == "theta":
+            angle += flip * amount
+        elif name == "d":
+            position += rotation * sympy.Matrix([0, 0, flip * amount])
+        elif name == "a":
+            position += rotation * sympy.Matrix([amount * sympy.cos(angle), amount * sympy.sin(angle), 0])
+        elif amount == 0:
+            continue
+        elif name == "alpha" and sympy.sin(amount) == 0:
+            flip *= int(sympy.cos(amount))
+        else:
+            rotation = rotation * _turned(sympy, angle, flip) * _turn(sympy, name, amount)
+            angle, flip = sympy.Integer(0), 1
+    rotation = rotation * _turned(sympy, angle, flip)
+    return rotation.row_join(position).col_join(sympy.Matrix([[0, 0, 0, 1]]))
+
+
+def _turned(sympy: Any, angle: Any, flip: int) -> Any:
+    """Rz(angle) F."""
+    c, s = sympy.cos(angle), sympy.sin(angle)
+    return sympy.Matrix([[c, -flip * s, 0], [s, flip * c, 0], [0, 0, flip]])
+
+
+def _turn(sympy: Any, name: str, amount: Any) -> Any:
+    """Rx(alpha) or Ry(beta)."""
+    c, s = sympy.cos(amount), sympy.sin(amount)
+    if name == "alpha":
+        return sympy.Matrix([[1, 0, 0], [0, c, -s], [0, s, c]])
+    return sympy.Matrix([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def _sympy() -> Any:
+    """The library, imported when letters are asked for.
+
+    Raises:
+        LabError: it is not installed.
+    """
+    try:
+        import sympy
+    except ImportError as error:
+        raise LabError(
+            "matrices in letters need sympy, which is not installed; pip install 'virtual-calibration-lab[symbolic]'"
+        ) from error
+    return sympy

@@ -1,0 +1,195 @@
+"""``lab kinematics``: the sources' worked examples by a command, and every model against another way to it."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.robots import data_file
+
+import lab
+from lab.campaign.robot import load_robot
+from lab.cli import main
+from lab.core import se3
+
+POSE = "--pose=-44.11,383.46,786,77.71,-0.38,170.88"  # Mahdadi & Bouafia 2020, section III.2.2
+EIGHT = [  # their table III.3
+    (100, 27.12, -64.90, -38.99, 30.72, 120.98), (100, 27.12, -64.90, 141.01, -30.72, -59.02),
+    (100, 40, -89, -30, 40, 110), (100, 40, -89, 150, -40, -70),
+    (-80, -40, -64.90, 158.99, 63.70, 95.80), (-80, -40, -64.90, -21.01, -63.70, -84.20),
+    (-80, -27.12, -89, 156.37, 53.32, 100.78), (-80, -27.12, -89, -23.63, -53.32, -79.22),
+]  # fmt: skip
+
+
+def run(capsys, *arguments: object) -> tuple[int, dict, str]:
+    code = main(["kinematics", *map(str, arguments), "--json"])
+    said = capsys.readouterr()
+    return code, json.loads(said.out) if said.out else {}, said.err
+
+
+def test_the_two_poses_that_the_thesis_works_out(capsys) -> None:
+    _, home, _ = run(capsys, "irb120")
+    np.testing.assert_allclose(home["placements"][0]["position_mm"], [374, 0, 630], atol=1e-9)
+    np.testing.assert_allclose(home["placements"][0]["rotation"], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-9)
+    _, seen, _ = run(capsys, "irb120", "--joints", "0,0,-90,-90,90,-90", "--matrices")
+    np.testing.assert_allclose(seen["placements"][0]["position_mm"], [-70, -72, 862], atol=1e-9)
+    np.testing.assert_allclose(seen["placements"][0]["rotation"], [[-1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-9)
+    np.testing.assert_allclose(seen["link_matrices"][3], [[0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 302], [0, 0, 0, 1]])
+    product = np.linalg.multi_dot([np.array(T) for T in seen["link_matrices"]])
+    np.testing.assert_allclose(product, seen["products"][-1], atol=1e-6)
+
+
+def test_the_eight_solutions_of_the_thesis(capsys) -> None:
+    code, seen, _ = run(capsys, "irb120", POSE)
+    found = np.array([each["joints"] for each in seen["placements"]])
+    assert code == 0 and len(found) == 8
+    apart = np.abs(found[:, None] - np.array(EIGHT)).max(axis=2)
+    assert sorted(apart.argmin(axis=0)) == list(range(8)) and apart.min(axis=0).max() < 0.01
+    sides = [tuple(sorted(each["configuration"].items())) for each in seen["placements"]]
+    assert len(set(sides)) == 8  # every configuration once, so that each can be asked for by name
+    for each in seen["placements"]:
+        np.testing.assert_allclose(each["determinant"], np.linalg.det(each["jacobian"]), rtol=1e-9)
+
+    asked = ",".join(f"{name}{sign}" for name, sign in seen["placements"][5]["configuration"].items())
+    _, one, _ = run(capsys, "irb120", POSE, "--of", asked)
+    assert [each["joints"] for each in one["placements"]] == [seen["placements"][5]["joints"]]
+
+
+def test_the_nearest_solution_comes_first(capsys) -> None:
+    for joints in EIGHT[::3]:
+        _, seen, _ = run(capsys, "irb120", POSE, "--joints=" + ",".join(map(str, joints)))
+        np.testing.assert_allclose(seen["placements"][0]["joints"], joints, atol=0.01)
+
+
+@pytest.mark.parametrize("name", ["irb120", "versatran", "scara", "delta", "rpr3"])
+def test_the_solutions_stand_where_they_were_asked_to_and_hold_the_start(name: str) -> None:
+    """The direct model of every solution gives the pose back, for serial arms and for mechanisms."""
+    robot = load_robot(name)
+    tool, scale = (12.0, -7.0, 55.0), np.where(robot.chain.prismatic, 1e3, 180 / np.pi)
+    for joints in robot.chain.random_joints(3, np.random.default_rng(0)) * scale:
+        start = lab.solve_kinematics(robot, joints=tuple(joints), tool_mm=tool).to_dict()["placements"][0]
+        pose = (*start["position_mm"], *start["quaternion"])
+        back = lab.solve_kinematics(robot, pose=pose, tool_mm=tool).to_dict()["placements"]
+        for each in back:
+            np.testing.assert_allclose(each["position_mm"], start["position_mm"], atol=1e-6)
+            np.testing.assert_allclose(each["rotation"], start["rotation"], atol=1e-8)
+        turns = np.where(robot.chain.prismatic, np.inf, 360.0)
+        off = np.array([each["joints"] for each in back]) - joints
+        assert np.abs(off - np.where(np.isinf(turns), 0.0, 360.0) * np.round(off / turns)).max(axis=1).min() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["irb120", "delta"])
+@pytest.mark.parametrize("frame", ["base", "tool"])
+def test_rates_and_twist_answer_each_other_and_the_jacobian_is_a_difference_quotient(name: str, frame: str) -> None:
+    robot = load_robot(name)
+    rng, scale = np.random.default_rng(1), np.where(robot.chain.prismatic, 1e3, 180 / np.pi)
+    joints = robot.chain.random_joints(1, rng)[0] * scale
+    rates = rng.normal(size=robot.chain.size) * scale
+    asked = {"joints": tuple(joints), "tool_mm": (10.0, 20.0, 30.0), "frame": frame}
+    direct = lab.solve_kinematics(robot, rates=tuple(rates), **asked).to_dict()["placements"][0]
+    back = lab.solve_kinematics(robot, twist=tuple(direct["twist"]), **asked).to_dict()["placements"][0]
+    np.testing.assert_allclose(back["rates"], rates, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(back["missing"], 0.0, atol=1e-6)
+    Ts = []
+    for step in (1e-6, -1e-6):
+        moved = lab.solve_kinematics(robot, joints=tuple(joints + step * rates), tool_mm=(10.0, 20.0, 30.0))
+        Ts.append(moved.placements[0].T_base_tool)
+    speed = np.concatenate([(Ts[0] - Ts[1])[:3, 3], se3.log(Ts[0][:3, :3] @ Ts[1][:3, :3].T)]) / 2e-6
+    if frame == "tool":
+        speed = np.concatenate([part @ Ts[0][:3, :3] for part in (speed[:3], speed[3:])])
+    np.testing.assert_allclose(direct["twist"], speed * np.repeat([1e3, 180 / np.pi], 3), rtol=1e-5, atol=1e-4)
+
+
+def test_at_a_singularity_the_self_motion_and_what_is_lost_are_named(capsys) -> None:
+    _, seen, _ = run(capsys, "irb120")
+    (home,) = seen["placements"]
+    assert home["rank"] == 5 and home["self_motions"] == [{"q4": 1.0, "q6": -1.0}] and home["factors"]["wrist"] == 0
+    jacobian, (lost,) = np.array(home["jacobian"]), home["lost_directions"]
+    np.testing.assert_allclose(jacobian[:, 3] - jacobian[:, 5], 0.0, atol=1e-12)
+    weights = np.array([1, 1, 1, 0.3, 0.3, 0.3]) ** 2
+    np.testing.assert_allclose((weights * lost) @ jacobian, 0.0, atol=1e-8)
+    _, along, _ = run(capsys, "irb120", "--twist", ",".join(str(each) for each in np.array(lost) * 1e3))
+    assert np.abs(along["placements"][0]["missing"]).max() > 1  # none of it can be had
+    _, back, _ = run(capsys, "irb120", "--pose=374,0,630,0,90,0")
+    free = [each for each in back["placements"] if each["free"]]
+    assert free and all(each["free"] == ["q4"] or each["free"] == ["q4", "q6"] for each in free)
+    _, away, _ = run(capsys, "irb120", "--joints", "0,0,0,0,1,0")
+    assert away["placements"][0]["rank"] == 6 and away["placements"][0]["self_motions"] == []
+
+
+def test_a_delta_has_eight_working_modes_and_two_assembly_modes(capsys) -> None:
+    _, seen, _ = run(capsys, "delta", "--pose=100,50,-950")
+    assert len(seen["placements"]) + seen["poses"][0]["in_other_assembly_modes"] == 8
+    assert seen["placements"][0]["configuration"] == {"theta1": "+", "theta2": "+", "theta3": "+"}
+    assert seen["placements"][0]["within_limits"] and seen["placements"][0]["position_mm"] == [100, 50, -950]
+    _, modes, _ = run(capsys, "delta", "--joints", "0,0,0")
+    np.testing.assert_allclose(
+        [each["position_mm"][2] for each in modes["assembly_modes"]], [-1064.452, 1064.452], atol=1e-3
+    )
+    first = modes["assembly_modes"][0]["position_mm"]
+    np.testing.assert_allclose(first, modes["placements"][0]["position_mm"], atol=1e-9)
+
+
+def test_files_of_joint_positions_and_of_targets(tmp_path, capsys) -> None:
+    joints = tmp_path / "joints.csv"
+    joints.write_text("id,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\nup,0,0,0,0,0,0\nside,0,0,-90,-90,90,-90\n")
+    code, seen, _ = run(capsys, "irb120", "--file", joints)
+    assert code == 0 and [each["id"] for each in seen["placements"]] == ["up", "side"]
+    targets = tmp_path / "targets.csv"
+    targets.write_text("id,x_mm,y_mm,z_mm,qw,qx,qy,qz\na,374,0,630,0.70710678,0,0.70710678,0\nfar,900,0,630,1,0,0,0\n")
+    code, found, error = run(capsys, "irb120", "--file", targets)
+    assert code == 1 and [each["solutions"] > 0 for each in found["poses"]] == [True, False]
+    assert found["poses"][1]["out_of_reach_mm"] > 100 and "pose far has no solution" in error
+
+
+def test_letters_are_printed_as_in_textbooks(capsys) -> None:
+    """The matrices of Mallem 2011, section 8.2, for the VERSATRAN, with the two signs that the print has lost."""
+    _, seen, _ = run(capsys, "versatran", "--symbolic", "--between", 3, 6)
+    T = seen["symbolic"]["T0,6"]
+    assert [row[3] for row in T[:3]] == ["−q3 s1", "q3 c1", "q2"]
+    assert T[2][:3] == ["−c4 s6 − s4 c5 c6", "s4 c5 s6 − c4 c6", "−s4 s5"]
+    assert T[0][1] == "−c1 s4 c6 − s6 (c1 c4 c5 + s1 s5)" and seen["symbolic"]["letters"] == {}
+    _, arm, _ = run(capsys, "irb120", "--symbolic")
+    assert arm["symbolic"]["T2,3"][0] == ["c3", "0", "−s3", "a3 c3"]
+    assert arm["symbolic"]["T0,6"][2][3] == "a2 c2 + a3 c23 + d1 + d6 (−c23 c4 s5 − s23 c5) − d4 s23"
+    assert arm["symbolic"]["letters"] == {"d1_mm": 290, "a2_mm": 270, "a3_mm": 70, "d4_mm": 302, "d6_mm": 72}
+
+
+def test_a_ur_is_solved_by_search_and_says_so(capsys) -> None:
+    _, seen, _ = run(capsys, data_file("ur10.toml"), "--pose=-600,300,400,0,90,0")
+    assert seen["poses"][0]["solutions"] >= 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("irb120", "--joints", "1,2"), "--joints has 2 numbers, not 6; give one number for each joint: q1 in °"),
+        (("irb120", "--pose", "1,2"), "--pose has 2 numbers"),
+        (("irb120", "--pose", "1,2,3,1,1,0,0"), "quaternion's norm is 1.41421"),
+        (("irb120", "--joints", "nan,0,0,0,0,0"), "--joints nan: give finite numbers"),
+        (("irb120", POSE, "--of", "knee+"), "--of knee+: no configuration is called so; there are elbow+ and elbow-"),
+        (("irb120", "--of", "elbow+"), "--of chooses among solutions"),
+        (("irb120", "--rates", "1,1,1,1,1,1", "--twist", "1,1,1,1,1,1"), "each other's answer"),
+        (("irb120", "--between", "4", "9"), "give two frames of 0 to 6"),
+        (("delta", "--matrices"), "link matrices are of serial arms"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_line(capsys, arguments: tuple[str, ...], words: str) -> None:
+    code, seen, error = run(capsys, *arguments)
+    assert code == 2 and not seen and words in error and len(error.splitlines()) == 1
+
+
+def test_a_person_reads_it(capsys) -> None:
+    assert main(["kinematics", "irb120", POSE]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    for words in ("8 solutions of the pose", "closed form: there are no others", "Rank 6 of 6", "elbow +, wrist −"):
+        assert words in printed
+    assert main(["kinematics", "irb120"]) == 0
+    assert "self-motion: +1 q4 −1 q6" in capsys.readouterr().out
+
+
+def test_a_folder_holds_a_table_of_the_solutions(tmp_path, capsys) -> None:
+    run(capsys, "irb120", POSE, "--out", tmp_path / "run")
+    files = {path.name for path in (tmp_path / "run").iterdir()}
+    assert files == {"config.json", "result.json", "joints.csv", "report.html", "recording.rrd"}
+    code, again, _ = run(capsys, "irb120", "--file", tmp_path / "run" / "joints.csv", "--joints=1,2,3,4,5,6")
+    assert code == 0 and len(again["poses"]) == 8  # it has poses too, so that its rows are targets
