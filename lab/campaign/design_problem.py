@@ -71,7 +71,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
     Raises:
         LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
     """
-    robot = load_virtual(options.robot if robot is None else robot)
+    robot = load_virtual(options.robot, options.cell) if robot is None else load_virtual(robot)
     if options.no_check:
         robot = replace(robot, model=unchecked(robot.model))
     device, scaling = _noisy(options.instrument), Scaling(options.scaling)

@@ -22,6 +22,8 @@ class VirtualCampaign:
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    cell: Path | None = None
+    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
     poses: int = 50
     """How many random collision-free poses to measure; without effect beside a plan."""
     plan: Path | None = None
@@ -76,6 +78,8 @@ class DesignOptions:
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    cell: Path | None = None
+    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
     poses: int | None = None
     """How many poses to choose: 30, if no accuracy is asked for."""
     accuracy_mm: float | None = None

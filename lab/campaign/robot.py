@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.formats.cell_toml import Cell, read_cell
 from lab.formats.description import IdentifiedRobot
 from lab.formats.dh_table_toml import read_table
 from lab.formats.mechanism_toml import is_mechanism, read_mechanism
@@ -25,6 +27,7 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.build_serial import table_model
+from lab.simulation.cell import in_cell
 from lab.simulation.closed_robot import ClosedModel, TrueMechanism, closed_model, random_values, true_mechanism
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
@@ -55,6 +58,7 @@ class Robot(ABC):
         warnings: what a user should be told of them.
         loads: its masses, for what gravity does; None where the file gives none.
         source: the name or path that it was loaded by.
+        cell: that it stands in; None where it is alone with what its model has.
     """
 
     model: RobotModel
@@ -62,6 +66,7 @@ class Robot(ABC):
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
     source: str = ""
+    cell: Cell | None = None
 
     @property
     def name(self) -> str:
@@ -151,6 +156,18 @@ class Robot(ABC):
     def kept_file(self) -> str:
         """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
         return self.exact_file if self.model.path.suffix == ".toml" else self.description_files[0]
+
+    def placed_in(self, cell: Path | None) -> Self:
+        """The robot in the cell that a file describes; as it is, without a file.
+
+        Raises:
+            LabError: the file cannot be read, or is not of such a robot.
+        """
+        if cell is None:
+            return self
+        described = read_cell(cell)
+        placed = replace(self, model=in_cell(self.model, described), cell=described)
+        return placed if self.loads is None else replace(placed, loads=placed.simulated_loads())
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
@@ -286,15 +303,16 @@ def _models() -> dict[str, Path]:
     return found
 
 
-def load_robot(robot: str | Path | Robot) -> Robot:
+def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """Load a robot: its nominal model, and what else is known of it before anything is measured.
 
     Args:
         robot: the name of a model of the lab, or a path to an MJCF, a URDF, or a TOML table or mechanism; a robot that
             is loaded already stays as it is.
+        cell: the file that describes its cell, if any.
 
     Raises:
-        LabError: there is no such robot (the message lists those there are), or it cannot be read.
+        LabError: there is no such robot (the message lists those there are), or it or its cell cannot be read.
 
     Example:
         >>> import lab
@@ -302,7 +320,8 @@ def load_robot(robot: str | Path | Robot) -> Robot:
         >>> robot.name, len(robot.chain.joint_names)
         ('irb120', 6)
     """
-    return robot if isinstance(robot, Robot) else replace(_loaded(str(robot)), source=str(robot))
+    known = robot if isinstance(robot, Robot) else replace(_loaded(str(robot)), source=str(robot))
+    return known.placed_in(cell)
 
 
 def _loaded(robot: str) -> Robot:
@@ -338,13 +357,13 @@ def _read(path: Path, sha256: str) -> Robot:
     return SerialRobot(model, sha256, warnings, loads)
 
 
-def load_virtual(robot: str | Path | Robot) -> Robot:
+def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """Load a robot that stands for reality: shapes and masses that its file lacks are assumed, with a warning.
 
     Raises:
         LabError: it cannot be loaded, or meshes that it needs cannot be read.
     """
-    found = load_robot(robot)
+    found = load_robot(robot, cell)
     if found.model.missing:
         raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
     said = (*found.warnings, f"robot {found.name}: {found.model.assumed}") if found.model.assumed else found.warnings

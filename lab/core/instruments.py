@@ -117,11 +117,10 @@ def _turned_left(vector: Array) -> Array:
 _MICRON = 1e-6
 # Where they see. The trackers' ranges are the part that a robot cell uses, and their elevations, like the camera's
 # sight, are representative, not a data sheet's; the Vantage's vertical range is 130 degrees in all (a maker's
-# calibration certificate). Trackers are given a cat's eye reflector, which takes beams up to 75 degrees off its
-# axis: a corner cube takes 30, and a rigid tool then faces the head in few poses. The two ideal instruments see
-# everything that nothing hides.
-_LEICA = FieldOfView(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(75.0))
-_VANTAGE = FieldOfView(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(75.0))
+# calibration certificate). Trackers are given the common corner cube, which takes beams up to 30 degrees off its
+# axis; a cell's file says where another reflector is used. The two ideal instruments see everything that nothing hides.
+_LEICA = FieldOfView(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(30.0))
+_VANTAGE = FieldOfView(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(30.0))
 _CAMERA = FieldOfView(1.0, 5.0, np.deg2rad(-45.0), np.deg2rad(45.0), np.deg2rad(60.0))
 INSTRUMENTS = {
     instrument.name: instrument

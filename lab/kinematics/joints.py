@@ -19,6 +19,7 @@ class JointSpec:
         sign: ``(n,)``, +1 or -1, how a joint's position counts.
         lower, upper: ``(n,)`` limits of the joint positions, rad or m.
         speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
+        said_home: ``(n,)`` joint positions to start from, where somebody has said them.
     """
 
     name: str
@@ -29,6 +30,7 @@ class JointSpec:
     upper: Array
     speed: Array
     acceleration: Array
+    said_home: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -51,7 +53,12 @@ class JointSpec:
 
     @property
     def home(self) -> Array:
-        """Joint positions ``(n,)`` to start from: zero, or the limits nearest to it."""
+        """Joint positions ``(n,)`` to start from: those that are said, else nominal ones."""
+        return self.nominal_home if self.said_home is None else self.said_home
+
+    @property
+    def nominal_home(self) -> Array:
+        """Joint positions ``(n,)`` zero, or the limits nearest to it."""
         return np.clip(np.zeros(self.size), self.lower, self.upper)
 
     @property

@@ -7,7 +7,7 @@ ray; every other visible geom does, so the collision shapes, a little fuller tha
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -15,12 +15,21 @@ import scipy  # its parts are loaded at their first use, which not every process
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
+from lab.core.instruments import FieldOfView, Instrument
 from lab.core.se3 import Array
-from lab.simulation.collisions import collision_flags, standing
+from lab.simulation.collisions import collision_flags, most_frequent, standing
 from lab.simulation.model import TRACKER, RobotModel
 
-__all__ = ["MARGIN", "Candidates", "draw_candidates", "feasibility", "field_of_view", "path_check"]
+__all__ = [
+    "MARGIN",
+    "Candidates",
+    "draw_candidates",
+    "feasibility",
+    "field_of_view",
+    "incidence",
+    "path_check",
+    "view_of",
+]
 
 MARGIN = 0.02  # of a joint's range, kept from each limit
 _STEP_M = 0.010  # along a path no point of the arm moves further than this between two looks
@@ -30,6 +39,7 @@ _REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even
 _PATIENCE, _WORST_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
 _HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
+_LOOKED_AT = 500  # colliding draws whose contacts a refusal counts
 _GOLDEN = (np.sqrt(5) - 1) / 2
 
 
@@ -72,7 +82,7 @@ def draw_candidates(
     sobol = scipy.stats.qmc.Sobol(robot.chain.size, scramble=True, rng=rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
     while np.count_nonzero(reasons < 0) < count:
-        _refuse_hopeless(robot, targets, reasons, count)
+        _refuse_hopeless(robot, targets, draws, reasons, count)
         block = scipy.stats.qmc.scale(sobol.random(_BLOCK), robot.chain.lower, robot.chain.upper)
         draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, first_reason(block)])
     drawn = int(np.flatnonzero(reasons < 0)[count - 1]) + 1
@@ -142,6 +152,7 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
     ball = np.clip(model.site_size[sites, 0], _HALF_INCH_BALL_M, _LARGEST_BALL_M) + _RIM_M
     T_world_tracker = robot.T_world_tracker
     head, turn = T_world_tracker[:3, 3].copy(), T_world_tracker[:3, :3]
+    view = view_of(robot, instrument)
     own = _tracker_body(robot) or -1  # a tracker drawn into the world itself leaves nothing out
 
     def reached(stand: mujoco.MjData) -> bool:
@@ -156,13 +167,33 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
         points, axes = np.empty((2, len(joints), len(sites), 3))
         for i, stand in enumerate(standing(robot, joints, data)):
             points[i], axes[i] = stand.site_xpos[sites], stand.site_xmat[sites, 2::3]
-        admitted = instrument.field_of_view.admits((points - head) @ turn, axes @ turn)
+        admitted = view.admits((points - head) @ turn, axes @ turn)
         visible: NDArray[np.bool_] = np.all(admitted, axis=1)
         rays = (reached(stand) for stand in standing(robot, joints[visible], data))
         visible[visible] = np.fromiter(rays, bool, int(visible.sum()))
         return visible
 
     return sees
+
+
+def incidence(robot: RobotModel, targets: Sequence[str], joints: Array) -> Array:
+    """Angles ``(n, k)`` (rad) from each reflector's axis to the line to the head, at joint positions ``(n, joints)``.
+
+    Of targets that the robot's model has.
+    """
+    sites, head = [robot.model.site(name).id for name in targets], robot.T_world_tracker[:3, 3]
+    cosines = np.empty((len(joints), len(sites)))
+    for i, stand in enumerate(standing(robot, joints)):
+        line = head - stand.site_xpos[sites]
+        cosines[i] = np.sum(line * stand.site_xmat[sites, 2::3], axis=1) / np.linalg.norm(line, axis=1)
+    return np.arccos(np.clip(cosines, -1, 1))
+
+
+def view_of(robot: RobotModel, instrument: Instrument) -> FieldOfView:
+    """Where an instrument sees the robot's reflectors: what these take, where a cell says it, else what it takes."""
+    if robot.acceptance_rad is None:
+        return instrument.field_of_view
+    return replace(instrument.field_of_view, acceptance_rad=robot.acceptance_rad)
 
 
 def _tracker_body(robot: RobotModel) -> int:
@@ -202,14 +233,20 @@ def _counted(reasons: NDArray[np.int_]) -> dict[str, int]:
     return {name: int(np.count_nonzero(reasons == i)) for i, name in enumerate(_REASONS)}
 
 
-def _refuse_hopeless(robot: RobotModel, targets: Sequence[str], reasons: NDArray[np.int_], count: int) -> None:
+def _refuse_hopeless(
+    robot: RobotModel, targets: Sequence[str], draws: Array, reasons: NDArray[np.int_], count: int
+) -> None:
     drawn, have = len(reasons), int(np.count_nonzero(reasons < 0))
     if drawn < _PATIENCE or (have and drawn < count / _WORST_SHARE):
         return
     n, place = _counted(reasons), ", ".join(f"{x:.3g}" for x in robot.T_world_tracker[:3, 3])
+    touching = draws[reasons == 2][:_LOOKED_AT]
+    pairs = f" (of {len(touching)} of them, {most_frequent(robot, touching)})" if len(touching) else ""
+    mend = "move the tracker, turn the targets towards it, or ask for fewer targets"
+    if 2 * n["collision"] > drawn:
+        mend = "give these shapes room, or exclude their contact in the model"
     raise LabError(
         f"{robot.path}: {have or 'no'} feasible poses in {drawn} draws, {count} wanted: {n['limits']} too close to a "
-        f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide, in {n['visibility']} the "
-        f"tracker at ({place}) m does not see {', '.join(targets)}; move the tracker, turn the targets towards it, "
-        "or ask for fewer targets"
+        f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide{pairs}, in {n['visibility']} "
+        f"the tracker at ({place}) m does not see {', '.join(targets)}; {mend}"
     )

@@ -1,6 +1,7 @@
 """Poses a robot can take: within limits and touching nothing."""
 
 import copy
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypeVar
@@ -13,12 +14,23 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.simulation.model import RobotModel
 
-__all__ = ["at_contacts", "collides", "collision_flags", "collisions_in_words", "random_poses", "standing", "unchecked"]
+__all__ = [
+    "at_contacts",
+    "collides",
+    "colliding_pairs",
+    "collision_flags",
+    "collisions_in_words",
+    "most_frequent",
+    "random_poses",
+    "standing",
+    "unchecked",
+]
 
 Model = TypeVar("Model", bound=RobotModel)
 
 _BLOCK = 64
 _MOST_BLOCKS = 2000
+_NAMED_PAIRS = 4
 
 
 def standing(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[mujoco.MjData]:
@@ -79,11 +91,37 @@ def _deepest(data: mujoco.MjData, robot: RobotModel) -> str:
     if not data.ncon:
         return ""
     deepest = int(np.argmin(data.contact.dist))
-    first, second = (_name(robot.model, int(geom)) for geom in data.contact.geom[deepest][::-1])
+    first, second = _pair(robot.model, data.contact.geom[deepest])
     distance_mm = 1e3 * float(data.contact.dist[deepest])
-    if distance_mm > 0:
-        return f"{first} is {distance_mm:.2g} mm from {second}, nearer than the clearance"
-    return f"{first} is {-distance_mm:.2g} mm deep in {second}"
+    size = f"{abs(distance_mm):.{0 if abs(distance_mm) > 10 else 1}f} mm"
+    return f"{first} is {size} {'from' if distance_mm > 0 else 'deep in'} {second}" + (
+        ", nearer than the clearance" if distance_mm > 0 else ""
+    )
+
+
+def colliding_pairs(robot: RobotModel, joints: Array) -> dict[tuple[str, str], int]:
+    """What touches what, or comes too near to it, at how many of the joint positions ``(n, joints)``; most often first.
+
+    Of each pair of names, the first one moves.
+    """
+    qpos = robot.qpos(joints)
+    found: Counter[tuple[str, str]] = Counter()
+    for data in at_contacts(robot.model, qpos[~np.isnan(qpos).any(axis=1)]):
+        found.update({_pair(robot.model, pair) for pair in data.contact.geom})
+    return dict(found.most_common())
+
+
+def most_frequent(robot: RobotModel, joints: Array) -> str:
+    """What touches what in the most of the joint positions ``(n, joints)``, in words; a few pairs at most."""
+    pairs = list(colliding_pairs(robot, joints).items())[:_NAMED_PAIRS]
+    return ", ".join(f"{first} touches {second} in {count}" for (first, second), count in pairs) or "nothing touches"
+
+
+def _pair(model: mujoco.MjModel, geoms: NDArray[np.int_]) -> tuple[str, str]:
+    """The names of two shapes that touch, what moves before what stands still, else what is farther out first."""
+    bodies = model.geom_bodyid[geoms]
+    outer_first = sorted(range(2), key=lambda i: (model.body_weldid[bodies[i]] > 0, bodies[i]), reverse=True)
+    return _name(model, int(geoms[outer_first[0]])), _name(model, int(geoms[outer_first[1]]))
 
 
 def _name(model: mujoco.MjModel, geom: int) -> str:
@@ -117,6 +155,6 @@ def random_poses(robot: RobotModel, count: int, rng: np.random.Generator) -> Arr
         if have >= count:
             return np.concatenate(found)[:count]
     raise LabError(
-        f"{robot.path}: only {have} of {_BLOCK * _MOST_BLOCKS} random poses touch nothing; "
-        "check the collision shapes at the zero pose"
+        f"{robot.path}: only {have} of {_BLOCK * _MOST_BLOCKS} random poses touch nothing; of {_BLOCK}, "
+        f"{most_frequent(robot, block)}; give these shapes room, or exclude the contact in the model"
     )

@@ -11,9 +11,9 @@ from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
-__all__ = ["Shell", "body_poses", "instrument_body", "shells"]
+__all__ = ["VISUAL_GROUP", "Shell", "body_poses", "instrument_body", "shells"]
 
-_VISUAL_GROUP = 2  # of the geoms that are there to be seen
+VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
 _SECTIONS = 32  # facets of a round primitive
 
@@ -44,7 +44,7 @@ def shells(robot: RobotModel) -> list[Shell]:
     model = robot.model
     plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
     solid = [g for g in range(model.ngeom) if int(model.geom_type[g]) != plane]
-    visual = [g for g in solid if int(model.geom_group[g]) == _VISUAL_GROUP] or solid
+    visual = [g for g in solid if int(model.geom_group[g]) == VISUAL_GROUP] or solid
     bodies: dict[int, list[int]] = {}
     for geom in visual:
         bodies.setdefault(int(model.geom_bodyid[geom]), []).append(geom)

@@ -53,6 +53,8 @@ class RobotModel(ABC):
         tool: targets' positions (m) in a table's last frame, or the platform's.
         shapes_assumed: whether the links' shapes are the lab's own (``link_shapes``).
         masses_assumed: whether the masses of some links are.
+        acceptance_rad: largest angle off its axis that the reflector takes, where the cell says it; else the
+            instrument's.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
     """
 
@@ -66,6 +68,7 @@ class RobotModel(ABC):
     shapes_assumed: bool = False
     masses_assumed: bool = False
     missing: str = ""
+    acceptance_rad: float | None = None
 
     @property
     def assumed(self) -> str:

@@ -20,6 +20,7 @@ from lab.campaign.robot import load_virtual
 from lab.cli import main
 from lab.commands.registry import COMMANDS
 from lab.core.load_samples import Mounting
+from lab.formats.cell_toml import read_cell
 from lab.formats.dh_table_toml import read_table
 from lab.formats.load_csv import read_mounting, write_loads
 from lab.formats.mechanism_toml import read_mechanism
@@ -50,6 +51,8 @@ def write_files(page: Page, folder: Path) -> None:
     for block in page.of("toml"):
         if "[factors]" in block:
             (folder / "grid.toml").write_text(block)
+        if "[[obstacle]]" in block:
+            (folder / "cell.toml").write_text(block)
         if "[sensor]" in block:
             (folder / "sensor.toml").write_text(block)
             write_load(folder / "load.csv", read_mounting(folder / "sensor.toml"))
@@ -108,6 +111,8 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         assert read_study(path).robots == 10
     elif "sensor" in content:
         read_mounting(path)
+    elif "obstacle" in content:
+        assert [each.name for each in read_cell(path).obstacle] == ["table"]
     elif "frame" in content:
         assert main(["inspect", str(path), "--json"]) == 0
         names = read_mechanism(path).mechanism.names

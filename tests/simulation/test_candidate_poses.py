@@ -22,7 +22,8 @@ from lab.simulation.candidate_poses import (
 )
 from lab.simulation.collisions import collides, random_poses
 
-EXACT, LEICA = INSTRUMENTS["exact"], INSTRUMENTS["leica-at960"]
+EXACT, CORNER_CUBE = INSTRUMENTS["exact"], INSTRUMENTS["leica-at960"]
+LEICA = replace(CORNER_CUBE, field_of_view=replace(CORNER_CUBE.field_of_view, acceptance_rad=np.deg2rad(75.0)))
 TARGETS = ("p1", "p2", "p3")
 ZERO = np.zeros((1, 2))
 

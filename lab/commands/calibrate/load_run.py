@@ -162,12 +162,13 @@ class Calibrated:
             )
 
 
-def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
+def read_calibrated(folder: Path, load: Path | None = None, cell: Path | None = None) -> Calibrated:
     """Read a run of ``lab calibrate`` or ``lab identify``.
 
     Args:
         load: the folder of a run of ``lab payload``, whose load it carries from now on; by default that which it was
             identified with, if any.
+        cell: the file that describes the robot's cell; by default that which the run was made with, if any.
 
     Raises:
         LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
@@ -175,9 +176,10 @@ def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
     config, result = _read(folder, "config.json", _Config), _read(folder, "result.json", Findings)
     if config.command not in ("calibrate", "identify"):
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
-    name = config.options.get("robot")
+    name, in_run = config.options.get("robot"), config.options.get("cell")
+    cell = cell or (None if in_run is None else Path(str(in_run)))
     try:
-        robot = (load_virtual if config.command == "calibrate" else load_robot)(str(name))
+        robot = (load_virtual if config.command == "calibrate" else load_robot)(str(name), cell)
     except LabError as error:
         raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
     if config.model_sha256 != robot.sha256:
@@ -191,15 +193,17 @@ def read_calibrated(folder: Path, load: Path | None = None) -> Calibrated:
     return _calibrated(folder, robot, rows, covariance, result, config.options, payload)
 
 
-def calibrated_by(run: "CalibrationResult | str | Path | None", folder: Path, load: Path | None = None) -> Calibrated:
+def calibrated_by(
+    run: "CalibrationResult | str | Path | None", folder: Path, load: Path | None = None, cell: Path | None = None
+) -> Calibrated:
     """What a result in memory found out; of anything else what its folder says."""
     from lab.commands.calibrate.result import CalibrationResult
 
     if not isinstance(run, CalibrationResult):
-        return read_calibrated(folder, load)
+        return read_calibrated(folder, load, cell)
     findings = structured(folder, Findings, run.to_dict(), extra=True)
     rows = {row.name: _Row(row.name, row.nominal, row.exported) for row in run.parameters}
-    robot, payload = carrying(run.robot, load or run.options.fitting.load)
+    robot, payload = carrying(run.robot.placed_in(cell), load or run.options.fitting.load)
     found = run.identification
     names = tuple(found.model.names[i] for i in found.fit.free)
     return _calibrated(folder, robot, rows, (names, found.covariance), findings, asdict(run.options), payload)

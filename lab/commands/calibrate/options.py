@@ -26,6 +26,8 @@ class _MeasurementFile:
     """Measurements, CSV."""
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    cell: Path | None = None
+    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
     seed: int = 0
     """Of the split into poses to fit and poses to validate on."""
     instrument: str | None = None

@@ -70,10 +70,10 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         'good'
     """
     if isinstance(robot, VirtualCampaign):
-        return _of_a_virtual_robot(measuring_day(robot, load_virtual(robot.robot)))
+        return _of_a_virtual_robot(measuring_day(robot, load_virtual(robot.robot, robot.cell)))
     known = load_virtual(robot)
     asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
-    return _of_a_virtual_robot(measuring_day(asked, known))
+    return _of_a_virtual_robot(measuring_day(asked, known.placed_in(asked.cell)))
 
 
 def _of_a_virtual_robot(day: MeasuringDay) -> CalibrationResult:
@@ -138,7 +138,7 @@ def identify(
         27
     """
     if isinstance(measurements, MeasuredCampaign):
-        return _of_measurements(measurements, load_robot(measurements.robot))
+        return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell))
     known, given = load_robot(robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
     for option, value in named.items():
@@ -146,7 +146,7 @@ def identify(
             given[option] = value
             named[option] = f"{option} in memory"
     asked = options_of("lab.identify", MeasuredCampaign, {**named, "robot": known.source, **options})
-    return _of_measurements(asked, known, given)
+    return _of_measurements(asked, known.placed_in(asked.cell), given)
 
 
 def _of_measurements(

@@ -70,9 +70,10 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
         (20, 1, 3)
     """
     if isinstance(robot, VirtualCampaign):
-        return measuring_day(robot, load_virtual(robot.robot))
+        return measuring_day(robot, load_virtual(robot.robot, robot.cell))
     known = load_virtual(robot)
-    return measuring_day(options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options}), known)
+    asked = options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options})
+    return measuring_day(asked, known.placed_in(asked.cell))
 
 
 def measuring_day(options: VirtualCampaign, robot: Robot) -> MeasuringDay:

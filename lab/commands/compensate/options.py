@@ -23,6 +23,8 @@ class CompensateOptions:
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
     """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
+    cell: Path | None = None
+    """What stands around the robot, and its narrower limits: TOML; that of the run, if not given."""
     no_check: Flag = False
     """Check nothing for collisions: neither the corrected targets nor the ways between them."""
     load: Path | None = None

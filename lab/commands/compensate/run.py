@@ -61,11 +61,11 @@ def compensate(
         1
     """
     if isinstance(targets, CompensateOptions):
-        return _compensated(targets, read_calibrated(targets.run, targets.load))
+        return _compensated(targets, read_calibrated(targets.run, targets.load, targets.cell))
     in_memory = targets if isinstance(targets, Targets) else None
     file = "targets.csv" if in_memory is not None else str(targets)
     asked = options_of("lab.compensate", CompensateOptions, {"targets": file, **folder_of(run), **options})
-    return _compensated(asked, calibrated_by(run, asked.run, asked.load), in_memory)
+    return _compensated(asked, calibrated_by(run, asked.run, asked.load, asked.cell), in_memory)
 
 
 def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | None = None) -> CompensationResult:

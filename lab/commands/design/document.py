@@ -62,6 +62,7 @@ def design_document(result: DesignResult) -> Document:
                     Figure("poses-figure", (poses_picture(result),), _POSES),
                     Paragraph(_tour(result)),
                     Paragraph(_candidates(values)),
+                    *_reflector(values),
                     *_files(result),
                 ),
             ),
@@ -132,6 +133,20 @@ def _candidates(values: dict[str, Any]) -> str:
     return (
         f"{found['feasible']:,} feasible candidates of {found['drawn']:,} drawn; rejected: {lost['limits']:,} near a "
         f"joint limit, {singular}{lost['collision']:,} in collision, {lost['visibility']:,} not visible to the tracker."
+    )
+
+
+def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
+    """How near the stops come to the largest angle that the reflectors take."""
+    found = values["reflector"]
+    if found is None:
+        return ()
+    return (
+        Paragraph(
+            f"The reflector takes beams up to {found['acceptance_deg']:.0f}° off its axis. At these poses they are up "
+            f"to {found['largest_deg']:.0f}° off; {found['near']} of {values['poses']} poses are within "
+            f"{found['near_deg']:.0f}° of the limit."
+        ),
     )
 
 

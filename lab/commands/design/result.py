@@ -13,6 +13,7 @@ from lab.campaign.options import DesignOptions
 from lab.commands.result import Result
 from lab.commands.stops import VIA, Stops
 from lab.commands.values import error_statistics, number
+from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour
@@ -22,6 +23,7 @@ from lab.pose_selection.criteria import Indices
 from lab.pose_selection.exchange import Design
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy
 from lab.pose_selection.tour import Tour
+from lab.simulation.candidate_poses import incidence, view_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DesignResult", "DesignStep"]
 
+NEAR_ACCEPTANCE_DEG = 5.0  # nearer to the largest angle that a reflector takes, a stop is told
 _NUMBERED = ("o1", "o2", "o3", "o4", "o5", "condition", "a")
 _VARIANCE = "mm², of the position on test poses, whatever the units of the parameters"
 
@@ -114,6 +117,21 @@ class DesignResult(Result):
         """How many stops of the tour are passed and not measured, home left out."""
         return int((self.tour.measured[1:-1] < 0).sum())
 
+    @cached_property
+    def reflector(self) -> dict[str, float | int] | None:
+        """How near the stops come to the largest angle that the reflectors take; None where they take any."""
+        robot, targets = self.problem.robot.model, self.options.targets
+        acceptance = view_of(robot, instrument(self.options.instrument)).acceptance_rad
+        if acceptance >= np.pi:
+            return None
+        angles = np.rad2deg(incidence(robot, targets, self.joints)).max(axis=1)
+        return {
+            "acceptance_deg": float(np.rad2deg(acceptance)),
+            "largest_deg": float(angles.max()),
+            "near_deg": NEAR_ACCEPTANCE_DEG,
+            "near": int((angles > np.rad2deg(acceptance) - NEAR_ACCEPTANCE_DEG).sum()),
+        }
+
     @property
     def stops(self) -> Stops:
         """Every stop of the tour: home, poses to measure, what is only passed, and home."""
@@ -170,6 +188,7 @@ class DesignResult(Result):
             "tour_seconds": float(tour.seconds),
             "moves": len(tour.stops) - 1,
             "via": self.via,
+            "reflector": self.reflector,
             "checked": not self.options.no_check,
             "stops": self.stops.to_list(self.problem.robot.chain),
             "curve": [step.to_dict() for step in self.curve],

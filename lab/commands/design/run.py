@@ -52,10 +52,11 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         (14, 6)
     """
     if isinstance(robot, DesignOptions):
-        asked, known = robot, load_virtual(robot.robot)
+        asked, known = robot, load_virtual(robot.robot, robot.cell)
     else:
         known = load_virtual(robot)
         asked = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
+        known = known.placed_in(asked.cell)
     with status("planning") as progress:
         return _planned(asked, known, progress)
 

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lab.commands.inspect.cell import cell_section
 from lab.commands.inspect.closed_document import closed_blocks
 from lab.commands.inspect.format import coefficient, per_person
 from lab.commands.inspect.result import Inspection
@@ -28,6 +29,7 @@ def inspection_document(result: Inspection) -> Document:
         (
             Warnings(result.warnings),
             Section("Nominal model and shape", tuple(shape)),
+            *((cell_section(values),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
             provenance_section("inspect", result.options, result.robot.sha256),

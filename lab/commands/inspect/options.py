@@ -1,6 +1,7 @@
 """What can be asked of ``lab inspect``."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import tyro
 
@@ -16,6 +17,8 @@ class InspectOptions:
 
     robot: tyro.conf.Positional[str] = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    cell: Path | None = None
+    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
     targets: Names = ("p1",)
     """Measured points of the tool."""
     tool_mm: Numbers = ()

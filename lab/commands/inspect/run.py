@@ -17,6 +17,7 @@ from lab.calibration.identifiability import (
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.findings import direction_to_dict
+from lab.commands.inspect.cell import cell_values
 from lab.commands.inspect.closed import closed_nominal, closed_shape
 from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.result import Inspection
@@ -57,9 +58,10 @@ def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: An
         33
     """
     if isinstance(robot, InspectOptions):
-        return _inspected(robot, load_robot(robot.robot))
+        return _inspected(robot, load_robot(robot.robot, robot.cell))
     known = load_robot(robot)
-    return _inspected(options_of("lab.inspect", InspectOptions, {"robot": known.source, **options}), known)
+    asked = options_of("lab.inspect", InspectOptions, {"robot": known.source, **options})
+    return _inspected(asked, known.placed_in(asked.cell))
 
 
 def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
@@ -100,6 +102,8 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         "poses_needed": poses_needed(arm, nominal, structure),
         **shape,
     }
+    if robot.cell is not None:
+        values["cell"] = cell_values(robot, robot.cell)
     unit = jacobian / np.linalg.norm(jacobian, axis=0)
     return Inspection(options, robot, values, arm.parameters, np.linalg.svd(unit, compute_uv=False))
 

@@ -21,6 +21,8 @@ class PayloadOptions:
     """Rows of a loaded and an unloaded run, CSV: joints with torques, a sensor's wrench, or tracked points."""
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF or a table."""
+    cell: Path | None = None
+    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
     sensor: Path | None = None
     """How base and wrist sensor stand, TOML: tilt and gravity, the sensor's sign and rotation."""
     run: Path | None = None

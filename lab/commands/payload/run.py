@@ -72,7 +72,7 @@ def payload(
 def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:
     if run is not None:
         return _by_sag(options, run)
-    robot = load_robot(nominal)
+    robot = load_robot(nominal, options.cell)
     model, chain = robot.serial_model, robot.chain
     samples = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
     method = options.method or ("torques" if samples.wrench is None else "wrench")

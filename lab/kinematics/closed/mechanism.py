@@ -208,7 +208,7 @@ class Mechanism(JointSpec):
         return np.array([self.tree.step(f, s).is_turn for f, s in self.tree.passive], dtype=bool)
 
     @property
-    def home(self) -> Array:
+    def nominal_home(self) -> Array:
         """Those of the nominal position: zero, or the middle of the limits where zero is beyond them."""
         within = (self.lower <= 0) & (self.upper >= 0)
         return np.where(within, 0.0, (self.lower + self.upper) / 2)

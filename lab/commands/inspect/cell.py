@@ -1,0 +1,70 @@
+"""A robot's cell, as plain values and as a person reads it: what stands around it, and what the arm touches."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lab.campaign.robot import Robot
+from lab.core.random import rng_for
+from lab.formats.cell_toml import Cell
+from lab.render.document import Block, Paragraph, Section, Table
+from lab.render.format import short
+from lab.simulation.collisions import collides, colliding_pairs, collisions_in_words
+
+__all__ = ["POSES", "cell_section", "cell_values"]
+
+POSES = 500  # random ones within the limits, at which is looked what touches what
+
+
+def cell_values(robot: Robot, cell: Cell) -> dict[str, Any]:
+    """The cell in millimetres and degrees, and what touches what in it at home and in random poses."""
+    model, chain = robot.model, robot.chain
+    joints = chain.random_joints(POSES, rng_for(0, "poses"))
+    pairs = colliding_pairs(model, joints)
+    scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
+    return {
+        "name": cell.name,
+        "file": str(cell.path),
+        "obstacles": [
+            {
+                "name": each.name,
+                "shape": each.shape,
+                "position_mm": list(each.position_mm),
+                "clearance_mm": 1e3 * cell.clearance_m(each),
+            }
+            for each in cell.obstacle
+        ],
+        "plates": [{"name": each.name, "shape": each.shape} for each in cell.plate],
+        "tool": {each.name: {"position_mm": list(each.position_mm), "axis": list(each.axis)} for each in cell.tool},
+        "instrument_mm": (1e3 * model.T_world_tracker[:3, 3]).round(9).tolist(),
+        "acceptance_deg": None if cell.reflector is None else cell.reflector.degrees,
+        "home": (scale * chain.home).round(9).tolist(),
+        "at_home": collisions_in_words(model, chain.home[None])[0],
+        "poses": POSES,
+        "colliding": int(collides(model, joints).sum()),
+        "pairs": [{"first": first, "second": second, "poses": count} for (first, second), count in pairs.items()],
+    }
+
+
+def cell_section(values: Mapping[str, Any]) -> Section:
+    """The cell as a person reads it."""
+    cell = values["cell"]
+    rows = [
+        (each["name"], each["shape"], ", ".join(short(x) for x in each["position_mm"]), short(each["clearance_mm"]))
+        for each in cell["obstacles"]
+    ]
+    rows += [(each["name"], each["shape"], "on the flange", "") for each in cell["plates"]]
+    at_home = f"At home, {cell['at_home']}." if cell["at_home"] else "At home the arm touches nothing."
+    blocks: tuple[Block, ...] = (
+        Table(("obstacle", "shape", "position, mm", "clearance, mm"), tuple(rows)),
+        Paragraph(
+            f"{at_home} Of {cell['poses']} random poses within the limits, {cell['colliding']} touch something or come "
+            "too near to it."
+        ),
+        Table(
+            ("what moves", "touches", f"poses of {cell['poses']}"),
+            tuple((each["first"], each["second"], str(each["poses"])) for each in cell["pairs"]),
+        ),
+    )
+    return Section("Cell", blocks)

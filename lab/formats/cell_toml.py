@@ -1,0 +1,260 @@
+"""A robot's cell in TOML: what stands around it, what it carries, where it may go, and where the instrument stands.
+
+Lengths are in mm, angles in degrees. Poses are in the cell's frame: that of the robot's model, unless ``[robot]`` says
+where the robot stands. A rotation is roll, pitch and yaw about the fixed axes x, y and z, in this order, as in a URDF.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.structured import structured
+from lab.formats.toml import read_toml
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["ACCEPTANCE_DEG", "Cell", "JointRange", "Obstacle", "Place", "Reflector", "ToolPoint", "read_cell"]
+
+Triple = tuple[float, ...]
+# Largest angle off a reflector's axis, representative: hollow corner cubes take 30 degrees, cat's eyes 60 to 75.
+ACCEPTANCE_DEG = {"corner cube": 30.0, "cat's eye": 75.0}
+_SIZES = {"box": ("size_mm",), "cylinder": ("radius_mm", "height_mm"), "mesh": ("file",)}
+_UNITS = {"mm": 1e-3, "m": 1.0}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where something stands."""
+
+    position_mm: Triple = (0.0, 0.0, 0.0)
+    rotation_deg: Triple = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("position_mm", "rotation_deg"):
+            if len(getattr(self, name)) != 3:
+                raise LabError(f"{name} is {list(getattr(self, name))}: give three numbers, [x, y, z]")
+
+    @property
+    def pose(self) -> Array:
+        """Pose ``(4, 4)`` (m)."""
+        rotation = se3.rotation_from_roll_pitch_yaw(np.deg2rad(self.rotation_deg))
+        return se3.pose(rotation, np.array(self.position_mm) / 1e3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Obstacle(Place):
+    """Something solid: in the cell, or on the flange, where its pose is in the robot's last frame.
+
+    A box has its edges' lengths ``size_mm``, a cylinder (along z) ``radius_mm`` and ``height_mm``, both about their
+    middle; a mesh the ``file`` of an STL or OBJ in ``unit``, which is taken for its convex hull.
+    """
+
+    name: str
+    shape: Literal["box", "cylinder", "mesh"]
+    size_mm: Triple = ()
+    radius_mm: float = 0.0
+    height_mm: float = 0.0
+    file: Path = Path()
+    unit: Literal["mm", "m"] = "mm"
+    clearance_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        where = f"{self.shape} '{self.name}'"
+        allowed = _SIZES[self.shape]
+        for each in ("size_mm", "radius_mm", "height_mm", "file"):
+            given = getattr(self, each) != type(self).__dataclass_fields__[each].default
+            if given != (each in allowed):
+                what = "not of this shape" if given else "missing"
+                raise LabError(f"{where}: {each} is {what}; it has {_list(allowed)}")
+        if self.shape == "box" and len(self.size_mm) != 3:
+            raise LabError(f"{where}: size_mm is {list(self.size_mm)}; give the lengths of three edges")
+        lengths = {"box": self.size_mm, "cylinder": (self.radius_mm, self.height_mm), "mesh": ()}[self.shape]
+        if any(not length > 0 for length in lengths):
+            raise LabError(f"{where}: a length is not above zero")
+        if self.clearance_mm is not None and self.clearance_mm < 0:
+            raise LabError(f"{where}: clearance_mm is {self.clearance_mm:g}; give zero or more")
+
+    @property
+    def scale(self) -> float:
+        """Metres per unit of the mesh."""
+        return _UNITS[self.unit]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolPoint:
+    """A measured point of the tool, in the robot's last frame, and the way its reflector looks."""
+
+    name: str
+    position_mm: Triple
+    axis: Triple = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        for name in ("position_mm", "axis"):
+            if len(getattr(self, name)) != 3:
+                raise LabError(f"{name} of tool point '{self.name}' is {list(getattr(self, name))}: give three numbers")
+        if not np.linalg.norm(self.axis) > 0:
+            raise LabError(f"axis of tool point '{self.name}' is zero: say which way its reflector looks")
+
+    @property
+    def position(self) -> Array:
+        """``(3,)`` m."""
+        return np.array(self.position_mm) / 1e3
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation ``(3, 3)`` whose z is the reflector's axis."""
+        return se3.rotation_between(np.array([0.0, 0.0, 1.0]), np.array(self.axis) / np.linalg.norm(self.axis))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reflector:
+    """What the instrument measures on the tool: its kind, or the largest angle off its axis that it takes."""
+
+    kind: Literal["corner cube", "cat's eye", "other"] = "corner cube"
+    acceptance_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.kind == "other") != (self.acceptance_deg is not None):
+            raise LabError('acceptance_deg goes with kind = "other", and only with that')
+        if not 0 < self.degrees <= 180:
+            raise LabError(f"acceptance_deg is {self.degrees:g}: give an angle above 0 and up to 180")
+
+    @property
+    def degrees(self) -> float:
+        """The largest angle off its axis."""
+        return ACCEPTANCE_DEG[self.kind] if self.acceptance_deg is None else self.acceptance_deg
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointRange:
+    """Narrower limits of a joint, and how far its cables let it turn either way from home."""
+
+    lower_deg: float | None = None
+    upper_deg: float | None = None
+    lower_mm: float | None = None
+    upper_mm: float | None = None
+    cable_deg: float | None = None
+
+    def limits(self, slides: bool, lower: float, upper: float, home: float) -> tuple[float, float]:
+        """The limits (rad or m) of a joint that has these and this home.
+
+        Raises:
+            LabError: they are in the wrong unit, or leave no room.
+        """
+        scale, wrong = (1e-3, "deg") if slides else (np.pi / 180, "mm")
+        if any(getattr(self, each) is not None for each in (f"lower_{wrong}", f"upper_{wrong}")) or (
+            slides and self.cable_deg is not None
+        ):
+            raise LabError(f"is {'a slide: its limits are in mm' if slides else 'revolute: its limits are in deg'}")
+        low, high = (self.lower_mm, self.upper_mm) if slides else (self.lower_deg, self.upper_deg)
+        lower = lower if low is None else max(lower, low * scale)
+        upper = upper if high is None else min(upper, high * scale)
+        if self.cable_deg is not None:
+            lower, upper = max(lower, home - self.cable_deg * scale), min(upper, home + self.cable_deg * scale)
+        if not lower < upper:
+            raise LabError(f"is left no room, from {lower / scale:g} to {upper / scale:g}")
+        return lower, upper
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A robot's cell, as its file says it.
+
+    Attributes:
+        path: of the file.
+        name: for people.
+        clearance_mm: that the arm keeps from every obstacle that says none of its own.
+        robot: where the robot's model stands in the cell; its frame is the cell's where this is not said.
+        instrument: the head of the tracker or camera; where the robot's model has it if not said.
+        reflector: None for what the instrument's preset takes.
+        tool: measured points; those of the robot where there are none.
+        plate: solid parts on the flange, in the robot's last frame.
+        obstacle: what stands around.
+        joints: narrower limits, by the joints' names.
+        home: joint positions ``<joint>_deg`` or ``_mm``, all or none.
+    """
+
+    path: Path
+    name: str = ""
+    clearance_mm: float = 0.0
+    robot: Place = field(default_factory=Place)
+    instrument: Place | None = None
+    reflector: Reflector | None = None
+    tool: tuple[ToolPoint, ...] = ()
+    plate: tuple[Obstacle, ...] = ()
+    obstacle: tuple[Obstacle, ...] = ()
+    joints: Mapping[str, JointRange] = field(default_factory=dict)
+    home: Mapping[str, float] = field(default_factory=dict)
+
+    def clearance_m(self, obstacle: Obstacle) -> float:
+        """What the arm keeps from an obstacle."""
+        return (self.clearance_mm if obstacle.clearance_mm is None else obstacle.clearance_mm) / 1e3
+
+    def joint_spec_values(self, joints: JointSpec) -> tuple[Array, Array, Array | None]:
+        """Lower and upper limits ``(n,)`` and home ``(n,)`` (rad or m; None where not given) of a robot in this cell.
+
+        Raises:
+            LabError: a joint is unknown, or has no room, or home is beyond its limits or not of all joints.
+        """
+        for name in self.joints:
+            if name not in joints.joint_names:
+                raise LabError(f"{self.path}: [joints.{name}]: the robot has {_list(joints.joint_names)}")
+        home = self._home(joints)
+        start = joints.home if home is None else home
+        lower, upper = joints.lower.copy(), joints.upper.copy()
+        for i, name in enumerate(joints.joint_names):
+            try:
+                limits = self.joints.get(name, JointRange()).limits(joints.prismatic[i], lower[i], upper[i], start[i])
+            except LabError as error:
+                raise LabError(f"{self.path}: joint {name} {error}") from None
+            lower[i], upper[i] = limits
+        return lower, upper, home
+
+    def _home(self, joints: JointSpec) -> Array | None:
+        if not self.home:
+            return None
+        units = ["mm" if slides else "deg" for slides in joints.prismatic]
+        keys = [f"{name}_{unit}" for name, unit in zip(joints.joint_names, units, strict=True)]
+        if set(self.home) != set(keys):
+            raise LabError(f"{self.path}: [home] has {_list(self.home)}; give {_list(keys)}")
+        scale = np.where(joints.prismatic, 1e-3, np.pi / 180)
+        return np.asarray(scale * [self.home[key] for key in keys])
+
+
+def read_cell(path: Path) -> Cell:
+    """Read a cell's file.
+
+    Raises:
+        LabError: it cannot be read, or says what makes no sense; the message names the file and the key.
+    """
+    content = read_toml(path)
+    if "path" in content:
+        raise LabError(f"{path}: 'path' is no option of a cell; there are {_list(_options())}")
+    cell = structured(path, Cell, {**content, "path": path})
+    if cell.clearance_mm < 0:
+        raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")
+    for what, names in (("tool", [each.name for each in cell.tool]), ("obstacle", _names(cell))):
+        for i, name in enumerate(names):
+            if not name or name in names[:i]:
+                wrong = "taken" if name else "empty"
+                raise LabError(f"{path}: {what} {i + 1}: its name '{name}' is {wrong}; give another")
+    return cell
+
+
+def _names(cell: Cell) -> list[str]:
+    return [each.name for each in (*cell.obstacle, *cell.plate)]
+
+
+def _options() -> Sequence[str]:
+    assert is_dataclass(Cell)
+    return [each.name for each in fields(Cell) if each.name != "path"]
+
+
+def _list(names: Sequence[str] | Mapping[str, Any]) -> str:
+    return ", ".join(names)

@@ -1,0 +1,127 @@
+"""A robot's model in its cell: with what stands around it, what it carries, its limits, and its instrument's place."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import mujoco
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.cell_toml import Cell, Obstacle
+from lab.formats.link_tree import free_name
+from lab.simulation.collisions import collisions_in_words
+from lab.simulation.meshes import VISUAL_GROUP
+from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, compiled, flange_body
+from lab.simulation.serial_model import SerialModel, last_frame
+
+__all__ = ["in_cell"]
+
+Model = TypeVar("Model", bound=RobotModel)
+_OBSTACLE_RGBA, _PLATE_RGBA = (0.45, 0.55, 0.65, 1.0), (0.58, 0.60, 0.64, 1.0)
+_REFLECTOR_M = 0.01905  # radius of a 1.5-inch reflector
+_MESHES = (".stl", ".obj")
+
+
+def in_cell(robot: Model, cell: Cell) -> Model:
+    """A copy of a robot's model with what its cell says.
+
+    The robot stays where it is in its model; what the cell has is put about it, gravity too where the robot is tilted.
+
+    Raises:
+        LabError: the robot has no such joints, a file cannot be read, or the arm touches something at the home that
+            the cell says.
+    """
+    spec, T_robot_cell = robot.spec.copy(), se3.inverse(cell.robot.pose)
+    spec.option.gravity = T_robot_cell[:3, :3] @ spec.option.gravity
+    for obstacle in cell.obstacle:
+        body = spec.worldbody.add_body(name=free_name(obstacle.name, [each.name for each in spec.bodies]))
+        _add_shape(spec, body, T_robot_cell @ obstacle.pose, obstacle, cell, cell.clearance_m(obstacle), _OBSTACLE_RGBA)
+    tool = _carried(robot, spec, cell)
+    if cell.instrument is not None:
+        _place_tracker(robot, spec, T_robot_cell @ cell.instrument.pose)
+    lower, upper, home = cell.joint_spec_values(robot.chain)
+    chain = replace(robot.chain, lower=lower, upper=upper, said_home=home)
+    acceptance = robot.acceptance_rad if cell.reflector is None else float(np.deg2rad(cell.reflector.degrees))
+    model = compiled(cell.path, spec)
+    placed = replace(robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance)
+    if home is not None:
+        if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
+            raise LabError(f"{cell.path}: [home]: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
+        if touches := collisions_in_words(placed, home[None])[0]:
+            raise LabError(f"{cell.path}: [home]: {touches} there; start elsewhere, or move that")
+    return placed
+
+
+def _carried(robot: RobotModel, spec: mujoco.MjSpec, cell: Cell) -> dict[str, Array]:
+    """Put the cell's plates and tool points onto the flange; the tool points (m, in the last frame) that there are."""
+    if not (cell.plate or cell.tool):
+        return robot.tool
+    if not isinstance(robot, SerialModel):
+        raise LabError(f"{cell.path}: [[tool]] and [[plate]] are for serial arms; describe those of {robot.chain.name}")
+    data, last = at_zero(robot.model), last_frame(robot.chain, robot.T_world_frame0)
+    carrier = robot.model.body(flange_body(robot.model, robot.bodies))
+    T_body_last, body = se3.inverse(body_pose(data, carrier.id)) @ last, spec.body(carrier.name)
+    for plate in cell.plate:
+        _add_shape(spec, body, T_body_last @ plate.pose, plate, cell, 0.0, _PLATE_RGBA)
+    if not cell.tool:
+        return robot.tool
+    for site in [site for site in spec.sites if site.name in robot.tool]:
+        spec.delete(site)
+    taken = {site.name for site in spec.sites}
+    for point in cell.tool:
+        if point.name in taken:
+            raise LabError(f"{cell.path}: tool point '{point.name}': the model has a site of that name; rename it")
+        T = T_body_last @ se3.pose(point.rotation, point.position)
+        size = (_REFLECTOR_M, 0.0, 0.0)
+        body.add_site(name=point.name, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), size=size)
+    return {point.name: point.position for point in cell.tool}
+
+
+def _add_shape(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    T: Array,
+    shape: Obstacle,
+    cell: Cell,
+    clearance_m: float,
+    rgba: tuple[float, ...],
+) -> None:
+    """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, to which others keep this clearance."""
+    kind, size = mujoco.mjtGeom.mjGEOM_BOX, [each / 2e3 for each in shape.size_mm]
+    if shape.shape == "cylinder":
+        kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [shape.radius_mm / 1e3, shape.height_mm / 2e3, 0.0]
+    mesh = {}
+    if shape.shape == "mesh":
+        kind, size = mujoco.mjtGeom.mjGEOM_MESH, [0.0, 0.0, 0.0]
+        mesh["meshname"] = _add_mesh(spec, shape, cell.path)
+    name = free_name(shape.name, [each.name for each in spec.geoms])
+    group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in spec.geoms) else 0  # so that it is drawn
+    body.add_geom(
+        name=name, type=kind, size=size, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), rgba=rgba,
+        margin=clearance_m, contype=1, conaffinity=1, group=group, mass=0.0, **mesh,
+    )  # fmt: skip
+
+
+def _add_mesh(spec: mujoco.MjSpec, shape: Obstacle, path: Path) -> str:
+    """Add the mesh of a shape to the model; its name there."""
+    file = (path.parent / shape.file).resolve()
+    if file.suffix.lower() not in _MESHES or not file.is_file():
+        raise LabError(f"{path}: mesh '{shape.name}': {file} is no file of {' or '.join(_MESHES)}; give one")
+    name = f"cell {shape.name}"
+    spec.add_mesh(name=name, file=str(file), scale=[shape.scale] * 3)
+    return name
+
+
+def _place_tracker(robot: RobotModel, spec: mujoco.MjSpec, T_world_tracker: Array) -> None:
+    """Move the body that carries the tracker's head, or the head alone where the world carries it."""
+    site = spec.site(TRACKER)
+    stand, own = site.parent, robot.model.site(TRACKER)
+    if int(own.bodyid[0]) == 0:
+        site.pos, site.quat = T_world_tracker[:3, 3], se3.quaternion_from_rotation(T_world_tracker[:3, :3])
+        return
+    T_body_site = se3.inverse(body_pose(at_zero(robot.model), int(own.bodyid[0]))) @ robot.T_world_tracker
+    T = T_world_tracker @ se3.inverse(T_body_site)
+    stand.pos, stand.quat = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
