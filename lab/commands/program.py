@@ -97,9 +97,11 @@ def drop_output() -> None:
 
 def was_interrupted(error: BaseException | None) -> bool:
     """Whether an error is an interruption, or came of one: some libraries turn it into an error of their own."""
-    while error is not None:
+    seen = set[int]()  # an error may be its own cause
+    while error is not None and id(error) not in seen:
         if isinstance(error, KeyboardInterrupt):
             return True
+        seen.add(id(error))
         error = error.__cause__ or error.__context__
     return False
 

@@ -12,6 +12,7 @@ import pytest
 from helpers.bad_input import run, the_line
 
 from lab.commands import program, registry
+from lab.core.errors import LabError
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -59,6 +60,16 @@ def test_an_interruption_is_130_even_where_a_library_makes_another_error_of_it(
     raising(error, monkeypatch)
     assert run("inspect arm.toml") == 130
     assert the_line(capfd.readouterr().err) == "lab: interrupted; nothing was written"
+
+
+def test_an_error_that_is_its_own_cause_is_told(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    error = LabError("x")
+    error.__cause__ = error
+    raising(error, monkeypatch)
+    assert run("inspect arm.toml") == 2
+    assert the_line(capfd.readouterr().err) == "lab: x"
 
 
 def test_too_little_memory_is_no_defect(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
