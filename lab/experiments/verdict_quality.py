@@ -168,10 +168,11 @@ def _judged(
     rng: np.random.Generator,
 ) -> Campaign:
     """A campaign, judged as a user would have it judged: by a gate, and on a part of its own poses."""
-    rows, held = hold_out(arm, spoilt(day.measured(rng)), _HOLDOUT, 0)
+    data = spoilt(day.measured(rng))
     noise = Noise(sigma_m=day.sigma_m) if day.known else Noise()
     elsewhere = ARM.chain.random_joints(_ELSEWHERE, rng)
     try:
+        rows, held = hold_out(arm, data, _HOLDOUT, 0)
         found = identify(arm, rows, arm.nominal(), noise)
     except LabError:
         return Campaign(kind, "bad" if kind in _WRONG else "between", None)

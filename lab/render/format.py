@@ -1,6 +1,8 @@
 """Numbers and words as a person reads them: significant digits, a true minus sign, a capital letter."""
 
-__all__ = ["capital", "fixed", "format_magnification", "sentence", "short"]
+from math import floor, isfinite, log10
+
+__all__ = ["capital", "digits_of", "fixed", "format_magnification", "sentence", "short"]
 
 
 def short(value: float | None, unit: str = "") -> str:
@@ -19,6 +21,16 @@ def short(value: float | None, unit: str = "") -> str:
 def fixed(value: float, digits: int, *, signed: bool = False) -> str:
     """A number with ``digits`` digits after the point."""
     return f"{value:{'+' if signed else ''}.{digits}f}".replace("-", "−")
+
+
+def digits_of(half_width: float, most: int) -> int:
+    """How many digits after the point a value is shown with: two of the half-width of its interval, ``most`` at most.
+
+    A half-width that is zero or not finite leaves ``most``.
+    """
+    if not (isfinite(half_width) and half_width > 0):
+        return most
+    return min(max(1 - floor(log10(half_width)), 0), most)
 
 
 def format_magnification(factor: float) -> str:

@@ -4,6 +4,9 @@ It is made for wide screens, phones, dark screens and paper. The template escape
 names of robots, targets, files and poses are a user's.
 """
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -19,7 +22,20 @@ __all__ = ["to_html"]
 def to_html(document: Document) -> str:
     """The whole page; its heading is the document's title."""
     blocks = list(shown(document.blocks, "page"))
-    return _environment().get_template("page.html.jinja").render(title=document.title, blocks=blocks)
+    with _collector_paused():
+        return _environment().get_template("page.html.jinja").render(title=document.title, blocks=blocks)
+
+
+@contextmanager
+def _collector_paused() -> Iterator[None]:
+    """Without garbage collections: a figure makes so many objects that each would walk through all of them anew."""
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if running:
+            gc.enable()
 
 
 @cache

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.render.document import Picture
-from lab.render.format import short
-from lab.render.style import COLOUR_SCALE, MARK_EDGE, OUTLIER
+from lab.render.format import capital, short
+from lab.render.style import COLOUR_SCALE, GATE, MARK_EDGE, OUTLIER
 from lab.render.svg import axes_picture, cube, log_ticks, view
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ MOST_POINTS = 400  # drawn in a picture
 SQUARE = (4.5, 4.5)  # inches
 VIEWS = {"above": (0, 1), "side": (0, 2)}  # by name the plane of each, as ``svg.view`` has it
 _SEEN_FROM = {"above": "from above", "side": "from the side"}
+_FEW = 25  # lengths, which are shown one by one
 _LEAST_MM = 1e-12  # of a logarithmic axis
 _LINE = 0.01  # of their width: points that rise less make a line of a view
 
@@ -34,11 +35,14 @@ class Spread:
     Attributes:
         lengths: ``(n,)`` m, NaN where there is none.
         mark: words and a length (m).
+        hatch, marker: of areas and of single dots, so that prints in grey tell them apart.
     """
 
     lengths: Array
     colour: str
     mark: tuple[str, float]
+    hatch: str = ""
+    marker: str = "o"
 
 
 @dataclass(frozen=True)
@@ -69,35 +73,49 @@ def spread_by_size(sizes: Array) -> NDArray[np.int_]:
     return order[np.round(np.linspace(0, len(order) - 1, MOST_POINTS)).astype(np.int_)]
 
 
-def histograms(name: str, spreads: Sequence[Spread], axis: str) -> Picture:
-    """Histograms in one picture, mm on a logarithmic axis.
+def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float | None = None) -> Picture:
+    """Histograms in one picture, mm on one logarithmic axis; of fewer than 25 lengths every one is a dot.
 
     Args:
         axis: what the lengths are.
+        gate_mm: the largest error that was asked for, drawn as a line; None where none was.
     """
     sizes = [np.maximum(1e3 * spread.lengths[np.isfinite(spread.lengths)], _LEAST_MM) for spread in spreads]
     marks = [max(1e3 * spread.mark[1], _LEAST_MM) for spread in spreads]
-    everything = np.concatenate([*sizes, marks])
+    everything = np.concatenate([*sizes, marks, [] if gate_mm is None else [gate_mm]])
     low, high = float(everything.min()), float(everything.max())
     fewest = min(len(each) for each in sizes if len(each))
     edges = np.geomspace(low / 1.25, high * 1.25, int(np.clip(3 * np.sqrt(fewest), 12, 60)) + 1)
+    few = fewest < _FEW
 
     def draw(axes: "Axes") -> None:
         log_ticks(axes, "x", edges[0], edges[-1])
         for k, (spread, each, mark) in enumerate(zip(spreads, sizes, marks, strict=True)):
-            counts = 100 * np.histogram(each, edges)[0] / max(len(each), 1)
-            axes.stairs(counts, edges, fill=True, color=spread.colour, alpha=0.45)
-            axes.stairs(counts, edges, color=spread.colour, linewidth=1.1)
+            if few:
+                axes.plot(each, np.full(len(each), -k), spread.marker, color=spread.colour, alpha=0.6, markersize=5)
+            else:
+                counts = 100 * np.histogram(each, edges)[0] / max(len(each), 1)
+                axes.stairs(counts, edges, fill=True, color=spread.colour, alpha=0.45, hatch=spread.hatch)
+                axes.stairs(counts, edges, color=spread.colour, linewidth=1.1)
             axes.axvline(mark, color=spread.colour, linewidth=1.2, linestyle="--")
             right = mark > np.sqrt(edges[0] * edges[-1])
             axes.annotate(
                 f"{spread.mark[0]} {short(mark)} mm", (mark, 1.02 + 0.08 * k), color=spread.colour,
                 xycoords=("data", "axes fraction"), ha="right" if right else "left", fontweight="bold",
             )  # fmt: skip
-        axes.set(xlabel=f"{axis}, mm (logarithmic)", ylabel="share of the points, %")
+        if gate_mm is not None:
+            axes.axvline(gate_mm, color=GATE, linewidth=1.6, linestyle=":")
+            axes.annotate(
+                f"gate {short(gate_mm)} mm", (gate_mm, 0.84), xytext=(3, 0), textcoords="offset points",
+                xycoords=("data", "axes fraction"), color=GATE,
+            )  # fmt: skip
+        axes.set(xlabel=f"{axis}, mm (logarithmic)", ylabel="" if few else "share of the points, %")
+        if few:
+            axes.set(yticks=[], ylim=(0.6 - len(spreads), 0.6))
         axes.grid(visible=False, axis="x")
 
-    return axes_picture(name, f"Histogram: {axis}", (7.5, 3), draw, (0.6, 0.5, 0.2, 0.5))
+    said = "; ".join(f"{spread.mark[0]} {short(mark)} mm" for spread, mark in zip(spreads, marks, strict=True))
+    return axes_picture(name, f"{capital(axis)}: {said}", (5.6, 2.2 if few else 3), draw, (0.6, 0.5, 0.2, 0.5))
 
 
 def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
@@ -150,4 +168,4 @@ def _scale(shown: SizeMap) -> Picture:
         axes.set_xlabel(f"{shown.size_means}, mm (largest {short(float(1e3 * shown.sizes.max()))})")
         axes.grid(visible=False)
 
-    return axes_picture("where-scale", f"Scale: {shown.size_means}, mm", (9.1, 0.75), draw, (0.7, 0.5, 0.3, 0.05))
+    return axes_picture("where-scale", f"Scale: {shown.size_means}, mm", (5.6, 0.75), draw, (0.7, 0.5, 0.3, 0.05))

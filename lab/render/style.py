@@ -18,11 +18,16 @@ __all__ = [
     "FONT_MONO",
     "FONT_SANS",
     "FRAME_AXES",
+    "GATE",
     "GRID",
+    "HATCH_AFTER",
+    "HATCH_BEFORE",
     "HIGHLIGHT",
     "INDEX",
     "INK",
     "INSTRUMENT",
+    "MARK_AFTER",
+    "MARK_BEFORE",
     "MARK_EDGE",
     "MEASURED",
     "MUTED",
@@ -71,12 +76,15 @@ GRID: Final = "#e5e7eb"
 MARK_EDGE: Final = "#57534e"  # round a mark whose fill may be pale
 
 # Errors and predictions.
-BEFORE: Final = "#c0392b"  # calibration
-AFTER: Final = "#1e8449"
+BEFORE: Final = "#c8500a"  # calibration; vermilion and a dark blue differ for every eye, and in grey
+AFTER: Final = "#0b2a6b"
+HATCH_BEFORE, HATCH_AFTER = "////", ""  # of areas, for grey prints
+MARK_BEFORE, MARK_AFTER = "s", "o"
 MEASURED: Final = "#b7791f"
 OUTLIER: Final = "#c2185b"
-PREDICTED: Final = "#0b5fa5"  # by a covariance or by a fit
+PREDICTED: Final = "#0f766e"  # by a covariance or by a fit
 BOUND: Final = PREDICTED  # a tolerance bound
+GATE: Final = "#111827"  # the largest error that was asked for
 WORST: Final = "#c2410c"
 RMS: Final = "#3f8f4f"
 INDEX: Final = "#7c3aed"  # an observability index
@@ -144,7 +152,10 @@ PAGE_LIGHT: Final = {
     "command": "#f3f4f6",
     "before": BEFORE,
     "after": AFTER,
-    "open": MUTED,
+    "good": "#1a7340",
+    "doubtful": "#a14a06",
+    "bad": "#b3261e",
+    "open": "#5b6472",
     "badge-ink": "#ffffff",
     "warning": "#fffbeb",
     "warning-line": "#f0c36d",
@@ -159,8 +170,11 @@ PAGE_DARK: Final = {
     "rule": "#3a424f",
     "head-line": "#667085",
     "command": "#1f242c",
-    "before": "#f1877b",
-    "after": "#5fc98c",
+    "before": "#f5945a",
+    "after": "#8fb8ff",
+    "good": "#5fc98c",
+    "doubtful": "#f0b357",
+    "bad": "#f58b82",
     "open": "#9aa3b2",
     "badge-ink": "#14171c",
     "warning": "#2e2613",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lab.render.format import capital, fixed, format_magnification, sentence, short
+from lab.render.format import capital, digits_of, fixed, format_magnification, sentence, short
 
 
 @pytest.mark.parametrize(
@@ -12,6 +12,11 @@ from lab.render.format import capital, fixed, format_magnification, sentence, sh
 )  # fmt: skip
 def test_three_digits_count(value, words) -> None:
     assert short(value) == words
+
+
+def test_a_value_has_two_digits_of_its_interval() -> None:
+    halves = [0.0034, 0.034, 0.34, 3.4, 34.0, 1e-12, 0.0, float("nan")]
+    assert [digits_of(half, 4) for half in halves] == [4, 3, 2, 1, 0, 4, 4, 4]
 
 
 def test_units_signs_and_capitals() -> None:

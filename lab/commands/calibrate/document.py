@@ -39,7 +39,7 @@ from lab.render.document import (
     Table,
     Warnings,
 )
-from lab.render.format import capital, fixed, short
+from lab.render.format import capital, digits_of, fixed, short
 from lab.render.plots import MOST_POINTS, size_maps
 from lab.render.units import display_unit
 
@@ -147,8 +147,9 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
         "estimated."
     )
     spread = (
-        "Distribution of the errors. Red: before, green: after; dashed: the means. "
-        "The axis is logarithmic: from one number to the next the error is ten times as large."
+        f"The mean error falls from {short(before.mean)} to {short(after.mean)} mm. Vermilion and hatched (squares): "
+        "before; blue (dots): after; dashed: the means; dotted: the gate, where one was given. The axis is "
+        "logarithmic: from one number to the next the error is ten times as large."
     )
     return Section(
         title,
@@ -255,7 +256,8 @@ def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
 def _parameters(result: CalibrationResult, words: ObservationWords) -> Section:
     caption = (
         "Corrections of the nominal values, with 95 % intervals (often smaller than the dot). "
-        "Green: the interval excludes zero; grey: it does not, or is not known."
+        "Blue: the interval excludes zero; grey: it does not, or is not known. What reaches beyond the picture is "
+        "weakly observable, and written in figures."
     )
     offsets = result.robot.chain.offset_lengths
     note = (
@@ -276,7 +278,7 @@ def _parameters(result: CalibrationResult, words: ObservationWords) -> Section:
 
 def parameters_table(rows: Sequence[EstimatedParameter]) -> Table:
     """Every parameter with its 95 % interval, or why it has none."""
-    kinds = tuple("" if row.identified else "quiet" for row in rows)
+    kinds = tuple("" if row.identified and not row.weakly_observable else "quiet" for row in rows)
     columns = ("parameter", "unit", "nominal", "estimated", "correction", "95 % interval", "status")
     return Table(columns, tuple(map(_parameter_row, rows)), row_kinds=kinds)
 
@@ -284,6 +286,7 @@ def parameters_table(rows: Sequence[EstimatedParameter]) -> Table:
 def _parameter_row(row: EstimatedParameter) -> Row:
     factor, unit, digits = display_unit(row.parameter)
     half = factor * row.half_width_95
+    digits = digits_of(half, digits)
     return (
         Code(row.name),
         unit,
@@ -300,7 +303,7 @@ def _status(row: EstimatedParameter) -> str:
     names = [name for name, _ in sorted(row.aliased_with, key=lambda alias: -abs(alias[1]))]
     more = f" and {len(names) - _MOST_ALIASES} more" if len(names) > _MOST_ALIASES else ""
     aliased = f"; aliased with {', '.join(names[:_MOST_ALIASES])}{more}" if names else ""
-    return f"{_STATUS[row.status]}{aliased}"
+    return f"{'weakly observable' if row.weakly_observable else _STATUS[row.status]}{aliased}"
 
 
 def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:

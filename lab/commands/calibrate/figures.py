@@ -12,7 +12,20 @@ from lab.core.se3 import Array
 from lab.render.document import Picture
 from lab.render.format import short
 from lab.render.plots import VIEWS, Spread, histograms
-from lab.render.style import AFTER, ARM, BEFORE, HIGHLIGHT, INK, INSTRUMENT, MEASURED, MUTED
+from lab.render.style import (
+    AFTER,
+    ARM,
+    BEFORE,
+    HATCH_AFTER,
+    HATCH_BEFORE,
+    HIGHLIGHT,
+    INK,
+    INSTRUMENT,
+    MARK_AFTER,
+    MARK_BEFORE,
+    MEASURED,
+    MUTED,
+)
 from lab.render.svg import axes_picture, cube, log_ticks, view
 from lab.render.units import display_unit
 
@@ -28,6 +41,7 @@ __all__ = [
     "singular_value_picture",
 ]
 
+_WIDER = 1.15  # than the widest interval of a parameter that is well observed
 _FAR = 1.3  # half the edge of the arm's cube: an instrument farther off is only pointed at
 
 
@@ -43,10 +57,10 @@ def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ..
     if errors is None or not np.isfinite(errors.after).any():
         return ()
     spreads = [
-        Spread(lengths, colour, (f"{word}: mean", float(np.nanmean(lengths))))
-        for word, lengths, colour in (("before", errors.before, BEFORE), ("after", errors.after, AFTER))
+        Spread(errors.before, BEFORE, ("before: mean", float(np.nanmean(errors.before))), HATCH_BEFORE, MARK_BEFORE),
+        Spread(errors.after, AFTER, ("after: mean", float(np.nanmean(errors.after))), HATCH_AFTER, MARK_AFTER),
     ]
-    return (histograms("errors", spreads, error),)
+    return (histograms("errors", spreads, error, result.options.gate_mm),)
 
 
 def has_correction(row: EstimatedParameter) -> bool:
@@ -67,17 +81,25 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: str, number: int) -> 
     factor = display_unit(rows[0].parameter).factor
     offsets = factor * np.array([row.estimate - row.nominal for row in rows])
     halves = factor * np.array([row.half_width_95 for row in rows])
+    reach = np.abs(offsets) + np.nan_to_num(halves)
+    known = [size for size, row in zip(reach, rows, strict=True) if not row.weakly_observable]
+    limit = _WIDER * max(known) if known and max(known) > 0 else np.inf  # a weak parameter does not stretch the picture
 
     def draw(axes: "Axes") -> None:
         at = np.arange(len(rows))[::-1]
         colours = [AFTER if sure else MUTED for sure in np.abs(offsets) > halves]
-        axes.hlines(at, 0, offsets, colors=colours, alpha=0.35, linewidth=4)
-        axes.hlines(at, offsets - halves, offsets + halves, colors=colours, linewidth=1.2)
-        for side in (-1, 1):
-            axes.scatter(offsets + side * halves, at, marker="|", c=colours, s=24, linewidths=1.2)
-        axes.scatter(offsets, at, c=colours, s=13)
+        inside, low, high = (np.clip(ends, -limit, limit) for ends in (offsets, offsets - halves, offsets + halves))
+        axes.hlines(at, 0, inside, colors=colours, alpha=0.35, linewidth=4)
+        axes.hlines(at, low, high, colors=colours, linewidth=1.2)
+        for ends in (low, high):
+            axes.scatter(ends, at, marker="|", c=colours, s=24, linewidths=1.2)
+        axes.scatter(inside, at, c=colours, s=13)
+        for i in np.flatnonzero(reach > limit):
+            words = f"{short(offsets[i])} ± {short(halves[i])}"
+            axes.annotate(words, (limit, at[i]), xytext=(-3, 2), textcoords="offset points", ha="right", fontsize=7)
         axes.axvline(0, color=INK, linewidth=1)
         axes.set_yticks(at, [row.name for row in rows])
+        axes.locator_params(axis="x", nbins=5)
         axes.set(ylim=(-0.7, len(rows) - 0.3), xlabel=f"correction of the nominal value, {unit}")
         axes.tick_params(axis="y", length=0)
         axes.grid(visible=False, axis="y")
@@ -106,7 +128,7 @@ def singular_value_picture(values: Array) -> tuple[Picture, ...]:
         axes.grid(visible=False, axis="x")
 
     label = "Singular values of the scaled Jacobian"
-    return (axes_picture("singular-values", label, (7.5, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
+    return (axes_picture("singular-values", label, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
 
 
 def arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
@@ -138,6 +160,8 @@ def arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
 
 def _sticks(axes: "Axes", arm: ArmPoses, plane: tuple[int, int]) -> None:
     """Links, joints, targets and points."""
+    from matplotlib.collections import LineCollection
+
     size = 9 if len(arm.points) <= 200 else 4
     word = "measured point" if arm.measured else "tool point"
     points = 1e3 * arm.points[:: max(1, len(arm.points) // 1000)][:, plane]
@@ -145,15 +169,22 @@ def _sticks(axes: "Axes", arm: ArmPoses, plane: tuple[int, int]) -> None:
     for k, tips in reversed(list(enumerate(arm.tips))):
         colour, wide = (HIGHLIGHT, 2.6) if k == 0 else (ARM, 1.1)
         joints = 1e3 * arm.joints[k][:, plane]
-        for tip in 1e3 * tips[:, plane]:
-            axes.plot(*np.stack([joints[-1], tip]).T, color=colour, linewidth=0.8, linestyle=":", zorder=2)
+        held = [np.stack([joints[-1], tip]) for tip in 1e3 * tips[:, plane]]
+        axes.add_collection(LineCollection(held, colors=colour, linewidths=0.8, linestyles=":", zorder=2))
         label = {0: f"arm at pose {arm.first}", 1: f"arm at {len(arm.tips) - 1} other poses"}.get(k, "")
-        for line in arm.strips:
-            axes.plot(
-                *(1e3 * line[k][:, plane]).T, color=colour, linewidth=wide, alpha=1.0 if k == 0 else 0.75, label=label,
-                zorder=4 if k == 0 else 1, solid_joinstyle="round", solid_capstyle="round",
-            )  # fmt: skip
-            label = ""
+        links = [1e3 * line[k][:, plane] for line in arm.strips]
+        axes.add_collection(
+            LineCollection(
+                links,
+                colors=colour,
+                linewidths=wide,
+                alpha=1.0 if k == 0 else 0.75,
+                label=label or "_",
+                zorder=4 if k == 0 else 1,
+                joinstyle="round",
+                capstyle="round",
+            )
+        )
         axes.plot(*joints.T, "o", color=colour, markersize=3.5 if k == 0 else 1.8, zorder=4 if k == 0 else 1)
 
 

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from lab.calibration.identifiability import Direction, aliases, column_scale, weak_directions
-from lab.calibration.identify import Identification
+from lab.calibration.identify import WEAK, Identification
 from lab.commands.values import number
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -61,6 +61,11 @@ class EstimatedParameter:
         return self.status == "identified"
 
     @property
+    def weakly_observable(self) -> bool:
+        """Whether it was identified, but is known no better than to a millimetre or milliradian."""
+        return self.identified and self.parameter.unit in ("m", "rad") and not self.std <= WEAK
+
+    @property
     def interval_95(self) -> tuple[float, float] | None:
         """None where it is not known."""
         low, high = self.estimate - self.half_width_95, self.estimate + self.half_width_95
@@ -78,6 +83,7 @@ class EstimatedParameter:
             "std": number(self.std),
             "interval_95": None if interval is None else list(interval),
             "status": self.status,
+            "weakly_observable": self.weakly_observable,
             "aliases": dict(self.aliased_with),
         }
 

@@ -21,7 +21,7 @@ from lab.render.document import (
 )
 from lab.render.format import capital, fixed, short
 from lab.render.plots import SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.style import AFTER, PREDICTED
+from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 from lab.render.svg import cube
 
 __all__ = ["compensation_document", "corrections_picture"]
@@ -56,10 +56,11 @@ def compensation_document(result: CompensationResult) -> Document:
 def corrections_picture(result: CompensationResult) -> Picture:
     """How far the targets are moved, and the error to expect, as histograms."""
     moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
-    spreads = [Spread(moved, PREDICTED, ("moved by: mean", float(moved.mean())))]
+    spreads = [Spread(moved, BEFORE, ("moved by: mean", float(moved.mean())), HATCH_BEFORE, MARK_BEFORE)]
     if len(expected):
-        spreads.append(Spread(expected, AFTER, ("expected error: mean", float(expected.mean()))))
-    return histograms("moved", spreads, "length")
+        mark = ("expected error: mean", float(expected.mean()))
+        spreads.append(Spread(expected, AFTER, mark, HATCH_AFTER, MARK_AFTER))
+    return histograms("moved", spreads, "length", result.run.result.gate_mm)
 
 
 def _lead(result: CompensationResult) -> str:
@@ -122,8 +123,8 @@ def _histograms(result: CompensationResult) -> tuple[Block, ...]:
     if not len(result.reached):
         return ()
     caption = (
-        "How far the targets are moved (blue): without the correction the arm would miss them by about as much. Green: "
-        "the error to expect with it."
+        "How far the targets are moved (vermilion, hatched): without the correction the arm would miss them by about "
+        "as much. Blue: the error to expect with it."
     )
     return (Figure("moved-figure", (corrections_picture(result),), caption),)
 

@@ -47,7 +47,7 @@ def singular_values_picture(result: Inspection) -> Picture:
         axes.set(xlabel="direction, from the best observable to the worst", ylabel="relative singular value")
 
     return axes_picture(
-        "singular-values", "Singular values of the scaled Jacobian", (7.5, 2.8), draw, (0.8, 0.5, 0.2, 0.15)
+        "singular-values", "Singular values of the scaled Jacobian", (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15)
     )
 
 

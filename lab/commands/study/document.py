@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
+from typing import Any
 
 from lab.commands.study.format import (
     behind_words,
@@ -137,7 +138,7 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[Table]:
 
 def _figures(pictures: Mapping[str, Picture]) -> Iterable[Figure]:
     for name, picture in pictures.items():
-        yield Figure(f"{picture.name}-figure", (picture,), f"{picture.label} ({name}.png, {name}.svg).")
+        yield Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
 
 
 def _provenance(study: Study) -> Section:
@@ -148,11 +149,18 @@ def _provenance(study: Study) -> Section:
     single = {name: value for name, value in asdict(study).items() if name not in ("factors", *named)}
     factors = {name: ", ".join(map(str, levels)) for name, levels in study.factors.items()}
     sets = {f"{kind}.{name}": str(each) for kind in named for name, each in getattr(study, kind).items()}
-    rows: list[Row] = [(name, str(value)) for name, value in (single | factors | sets).items()]
+    rows: list[Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
     rows += [("versions", versions), ("model (SHA-256)", Code(origin["model_sha256"]))]
     again = "config.json holds all of it; the same study gives the same simulated calibrations."
     blocks: tuple[Block, ...] = (Table(("", ""), tuple(rows)), Paragraph(again))
     return Section("What was done", blocks, shown_in=PAGE)
+
+
+def _plain(value: Any) -> str:
+    """A setting as a person reads it."""
+    if value is None or isinstance(value, bool):
+        return {None: "–", True: "yes", False: "no"}[value]
+    return ", ".join(map(_plain, value)) if isinstance(value, tuple | list) else str(value)
 
 
 def sentences(analysis: Analysis, metric: str) -> list[str]:

@@ -18,6 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
+from lab.commands.study.document import comparison_sentence
 from lab.commands.study.format import circumstances, effect_words, factor_words, level_words, metric_words, varying
 from lab.render.document import Picture
 from lab.render.format import capital
@@ -29,6 +30,12 @@ from lab.studies.table import CellGroup, groups
 
 __all__ = ["study_pictures", "write_figures"]
 
+_MOST_ANSWERS = 3  # in a caption
+_KINDS = {
+    "means": "with 95 % intervals over the robots",
+    "pairs": "each level against the best one, with 95 % intervals",
+    "ranks": "in how many of 100 resamples of the robots each level has each rank",
+}
 _FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
 _PALE = 2.2  # certainty is no darker than its figures can be read on
 _SHOWN = 0.005  # of the resamples: less is not written
@@ -48,12 +55,14 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
         draw: dict[str, Callable[[], Figure]] = {
             "means": partial(means_figure, analysis, metric, free[0]),
             "pairs": partial(pairs_figure, comparisons, analysis.cells),
-            "ranks": partial(ranks_figure, comparisons, analysis.cells),
         }
+        if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
+            draw["ranks"] = partial(ranks_figure, comparisons, analysis.cells)  # where each is certain they say nothing
+        answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
-            label = f"{capital(metric_words(metric, unit=False))}: {kind} by {' and '.join(map(factor_words, free))}"
-            made[name] = Picture(name.replace("_", "-"), label, figure)
+            shown = f"{capital(metric_words(metric, unit=False))} by {' and '.join(map(factor_words, free))}"
+            made[name] = Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
     return made
 
 

@@ -19,7 +19,7 @@ from lab.commands.calibrate.run import calibrate, identify
 from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.format import capital, short
+from lab.render.format import capital, digits_of, short
 from lab.render.units import display_unit
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
@@ -68,7 +68,8 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
     assert [row[0] for row in rows] == [each["name"] for each in stored]
     for row, each, found in zip(rows, stored, seven.parameters, strict=True):
         scale, unit, digits = display_unit(found.parameter)
-        half = 0.5001 * 10**-digits
+        low, high = each["interval_95"] or (np.nan, np.nan)
+        half = 0.5001 * 10 ** -digits_of(scale * (high - low) / 2, digits)
         assert row[1] == unit and seen.number(row[2]) == pytest.approx(scale * each["nominal"], abs=half)
         if each["status"] != "identified":
             assert row[3:6] == ["", "", ""] and row[6].startswith("fixed at nominal; aliased with ")
