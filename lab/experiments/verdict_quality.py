@@ -36,7 +36,7 @@ from lab.render.document import Document, Section, Table
 
 __all__ = ["Campaign", "Options", "answer", "judged_campaign"]
 
-ARM = SerialArm(load_robot("irb120").chain)
+ARM = load_robot("irb120").serial_arm(("p1",))
 Quality = Literal["good", "between", "bad"]
 _QUALITIES: Final[tuple[Quality, ...]] = ("good", "between", "bad")
 _WORDS: Final[tuple[Word, ...]] = ("good", "doubtful", "bad", "not judged")
@@ -226,4 +226,6 @@ _WRONG: Final[Mapping[str, Callable[[Measurements, np.random.Generator], Measure
     "another robot of like size (scemi)": lambda data, _: data,
     "another robot of like size (tx40)": lambda data, _: data,
 }
-_OTHERS: Final = {kind: SerialArm(load_robot(kind[-6:-1].lstrip("(")).chain) for kind in _WRONG if kind.endswith(")")}
+_OTHERS: Final = {
+    kind: load_robot(kind[-6:-1].lstrip("(")).serial_arm(("p1",)) for kind in _WRONG if kind.startswith("another")
+}
