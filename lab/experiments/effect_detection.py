@@ -8,50 +8,31 @@ for, say how often a group is taken that is not there.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.identify import identify
-from lab.calibration.statistics.model_selection import Selection, select
-from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Flag
 from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import Robot, load_robot
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.core.instruments import instrument
-from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.experiments.designed_campaign import POSES, DesignedCampaign
 from lab.experiments.script import Answer, paragraphs
-from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.effects.effect import ArmFacts
 from lab.kinematics.effects.registry import EffectOptions
-from lab.kinematics.gauge import base_set
-from lab.kinematics.model import Model
-from lab.kinematics.serial.arm import SerialArm
-from lab.pose_selection.criteria import criterion
-from lab.pose_selection.exchange import exchange
 from lab.render.document import Document, Paragraph
-from lab.simulation.candidate_poses import draw_candidates
-from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_effects
-from lab.simulation.observations.points import track
-from lab.simulation.true_robot import TrueRobot
 from lab.studies import executors
 
 __all__ = ["Options", "answer"]
 
-POSES, CANDIDATES, FRESH = 60, 1000, 1000
-TARGETS, PAYLOADS_KG = ("p1",), (0.0, 3.0)
 GROUPS = ("compliance", "harmonics")
 STIFFNESS_NM_PER_RAD = 1e5
 SIZES = EffectOptions(stiffness_nm_per_rad=STIFFNESS_NM_PER_RAD, harmonic_mrad=0.2)
 STIFF = ("joint2.compliance", "joint3.compliance")
-DEVICE = instrument("uniform-8um")
+DAY = DesignedCampaign("irb120", ("p1",), GROUPS)
 
 
 @dataclass(frozen=True)
@@ -96,74 +77,22 @@ def answer(options: Options) -> Answer:
     return Answer(result, Document("Are compliance and harmonics found, and only where they are?", table(result)))
 
 
-@cache
-def nominal_robot() -> Robot:
-    """The nominal robot, loaded once."""
-    return load_robot("irb120")
-
-
-@cache
-def designed() -> tuple[Array, Array]:
-    """Readings ``(60, joints)`` and payloads ``(60,)`` kg, D-optimal for geometry and both groups."""
-    robot = nominal_robot()
-    model, arm = robot.model, robot.arm_with(TARGETS, GROUPS)
-    drawn = draw_candidates(model, TARGETS, DEVICE, CANDIDATES, rng_for(0, "candidates")).joints
-    inputs = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in PAYLOADS_KG])
-    rigid = model.values_before(robot.arm(TARGETS), model.T_world_tracker)
-    values = np.concatenate([rigid, np.zeros(len(arm.names) - len(rigid))])
-    kept = list(base_set(arm, values).kept)
-    jacobian = arm.observe(inputs, values)[1][..., kept].reshape(len(inputs), -1, len(kept))
-    pool = jacobian / np.linalg.norm(jacobian, axis=(0, 1))
-    design = exchange(inputs, pool, POSES, criterion("O1", len(kept)), rng_for(0, "design"), starts=1)
-    return design.joints[:, :-1], design.joints[:, -1]
-
-
-def measured(real: TrueRobot, seed: int) -> Measurements:
-    """The designed poses, with every condition that a group could ask for."""
-    joints, payload = designed()
-    rng = rng_for(seed, "conditions")
-    names = real.robot.chain.joint_names
-    sides = rng.choice([-1.0, 1.0], joints.shape)
-    conditions = {f"approach_{name}": sides[:, i] for i, name in enumerate(names)}
-    conditions |= {"payload_kg": payload, "time_s": np.linspace(0.0, HOUR_S, len(joints))}
-    return track(real, joints, TARGETS, DEVICE, rng_for(seed, "noise"), conditions=conditions)
-
-
-def selected(data: Measurements) -> Selection:
-    """As ``--model auto`` does."""
-    robot = nominal_robot()
-
-    def nominal(model: Model) -> Array:
-        assert isinstance(model, SerialArm | ArmWithEffects)
-        return model.nominal(robot.tool)
-
-    return select(lambda groups: robot.arm_with(TARGETS, groups), data, nominal, Noise(DEVICE))
-
-
 def flexible_arm(seed: int) -> Found:
     """One arm with effects."""
     with threadpool_limits(1):
-        robot = nominal_robot()
-        real = perturbed_arm(robot, VirtualCampaign(seed=seed))
-        real = real.with_effects(random_effects(ArmFacts(robot.chain, robot.loads), SIZES, rng_for(seed, "effects")))
-        data = measured(real, seed)
-        chosen = selected(data)
-        arm = robot.arm(TARGETS)
-        alone = identify(arm, data, arm.nominal(robot.tool), Noise(DEVICE))
-        joints = random_poses(real.robot, FRESH, rng_for(seed, "fresh"))
-        payload = rng_for(seed, "conditions").spawn(1)[0].choice(PAYLOADS_KG, FRESH)
-        exact = real.points(joints, TARGETS, {"payload_kg": payload})
-        known = {"payload_kg": payload} | {f"approach_{n}": np.zeros(FRESH) for n in robot.chain.joint_names}
-        columns = (known.get(name, np.zeros(FRESH))[:, None] for name in chosen.identification.model.conditions)
-        inputs = np.concatenate([joints, *columns], axis=1)
+        real = perturbed_arm(DAY.robot, VirtualCampaign(seed=seed))
+        arm = ArmFacts(DAY.robot.chain, DAY.robot.loads)
+        real = real.with_effects(random_effects(arm, SIZES, rng_for(seed, "effects")))
+        data = DAY.measured(real, seed)
+        chosen = DAY.selected(data)
         found = chosen.identification
         free = [found.model.names[i] for i in found.fit.free]
         spread = dict(zip(free, zip(found.values[list(found.fit.free)], found.std, strict=True), strict=True))
         stiff = np.array([spread.get(name, (np.nan, np.nan)) for name in STIFF])
         return Found(
             chosen.chosen,
-            float(np.linalg.norm(arm.points(joints, alone.values) - exact, axis=2).mean()),
-            float(np.linalg.norm(found.model.points(inputs, found.values) - exact, axis=2).mean()),
+            float(DAY.fresh_errors(real, DAY.identified(data, ()), seed).mean()),
+            float(DAY.fresh_errors(real, found, seed).mean()),
             stiff[:, 0],
             stiff[:, 1],
             float(found.half_width_95[0]),
@@ -173,7 +102,7 @@ def flexible_arm(seed: int) -> Found:
 def rigid_arm(seed: int) -> tuple[str, ...]:
     """The groups taken for an arm without effects."""
     with threadpool_limits(1):
-        return selected(measured(perturbed_arm(nominal_robot(), VirtualCampaign(seed=seed)), seed)).chosen
+        return DAY.selected(DAY.measured(perturbed_arm(DAY.robot, VirtualCampaign(seed=seed)), seed)).chosen
 
 
 def summary(found: Sequence[Found], rigid: Sequence[tuple[str, ...]]) -> dict[str, Any]:

@@ -46,6 +46,16 @@ def test_effects_are_found(arms: int) -> None:
     assert max(found["to_predicted"]) <= most
 
 
+@pytest.mark.parametrize("arms", [1, pytest.param(100, marks=pytest.mark.slow)])
+def test_bending_links_are_found_and_never_taken_for_joint_springs(arms: int) -> None:
+    flags = ("--arms", arms, "--rigid", 3 * arms, "--curve", arms // 5, "--intervals", 10 * arms if arms > 1 else 0)
+    found = (answer_in_processes if arms > 1 else answer_of)("elastic_links_found.py", *flags)
+    for case in found["cases"].values():
+        assert case["right"] >= 0.95 * case["arms"] and case["fresh_over_bound"]["mean"] <= 1.3
+    for share in found["intervals"].values():
+        assert 0.93 <= share <= 0.97
+
+
 @pytest.mark.slow
 def test_bad_readings_are_named_whole() -> None:
     found = answer_in_processes("bad_readings.py")
