@@ -86,6 +86,8 @@ class Fitting:
     """The same of angles."""
     load: Path | None = None
     """The folder of a run of lab payload: payloads hang where that one does; rows without payload_kg carry it."""
+    accept_edited: Flag = False
+    """Take --load from a run too whose files were changed since it was written."""
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""

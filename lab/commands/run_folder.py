@@ -2,11 +2,9 @@
 
 import itertools
 import json
-import os
 import platform
-import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
 from importlib import metadata
@@ -15,8 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from lab.commands.payload.known_payload import LOAD_FILE
 from lab.core.errors import LabError
+from lab.core.limits import TEXT_BYTES
 from lab.core.version import __version__
+from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, is_being_written, resolved
 from lab.formats.programs.registry import program_file_names
+from lab.formats.text_file import read_bytes
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -45,6 +46,7 @@ _FILES |= {
     "poses.svg",
     "recording.rrd",
     "report.html",
+    CHECKSUMS,
     *program_file_names(),
 }  # a folder with anything else is not replaced
 LONGEST_STEM = 100  # characters of a folder's default name
@@ -61,72 +63,74 @@ def run_folder(out: Path, inputs: Sequence[Path] = ()) -> Iterator[Path]:
         inputs: what the run is made from, which is not to be replaced.
 
     Raises:
-        LabError: ``out`` holds something else, or an input, or cannot be written.
+        LabError: ``out`` holds something else, or an input, is the working folder or above it, is being written by
+            another run, or cannot be written.
     """
-    place = out.absolute().resolve()
+    place = _place(out)
     for path in inputs:
-        if path.absolute().resolve().is_relative_to(place):
+        if _leads_to(path).is_relative_to(place):
             raise LabError(f"{out}: holds {path}, which this run is made from; give --out another folder")
-    draft = place.parent / f".{place.name}.partial-{os.getpid()}"
-    new_parents = [parent for parent in draft.parents if not parent.exists()]
+    begun = False
     try:
-        try:
-            _refuse_other_files(out)
-            draft.mkdir(parents=True)
-        except OSError as error:
-            raise LabError(f"{out}: cannot be written ({error.strerror}); give --out another folder") from error
-        try:
+        _refuse_other_files(out)
+        with draft_of(place) as draft:
+            begun = True
             yield draft
-            _swap(draft, place)
-        except OSError as error:
-            why = error.strerror or error
-            raise LabError(f"{out}: writing failed ({why}); nothing was kept, make room and run again") from error
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-        for parent in new_parents:  # empty again if nothing came of the run
-            with suppress(OSError):
-                parent.rmdir()
+            (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
+    except OSError as error:
+        why = error.strerror or error
+        mend = "nothing was kept, make room and run again" if begun else "give --out another folder"
+        said = f"writing failed ({why})" if begun else f"cannot be written ({why})"
+        raise LabError(f"{out}: {said}; {mend}") from error
+
+
+def _place(out: Path) -> Path:
+    """Where a run is to be: a folder of its own."""
+    try:
+        place, here = resolved(out), Path.cwd()
+    except OSError as error:
+        raise LabError(f"{out}: cannot be written ({error.strerror}); go to another folder") from error
+    if here.is_relative_to(place):
+        raise LabError(f"{out}: is the working folder, or holds it; give --out a folder for the run alone")
+    return place
+
+
+def _leads_to(path: Path) -> Path:
+    """Where an input is; where it cannot be read, which its reader tells, as it is given."""
+    try:
+        return resolved(path)
+    except OSError:
+        return path.absolute()
 
 
 def _refuse_other_files(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise LabError(f"{out}: is a file; give --out a folder")
-    names = {path.name for path in out.iterdir()} if out.exists() else set()
-    if strays := sorted(names - _FILES):
-        raise LabError(f"{out}: holds {strays[0]}, which is no file of a run; give --out another folder")
-    if names and not _is_config(out / "config.json"):
+    there = {path.name: path for path in out.iterdir()} if out.exists() else {}
+    strays = [name for name, path in there.items() if name not in _FILES or path.is_symlink() or not path.is_file()]
+    if strays:
+        raise LabError(f"{out}: holds {min(strays)}, which is no file of a run; give --out another folder")
+    if there and not _is_config(out / "config.json"):
         raise LabError(f"{out}: holds files that are no run of the lab; give --out another folder")
 
 
 def _is_config(path: Path) -> bool:
-    return path.is_file() and b'"model_sha256"' in path.read_bytes()
+    return path.is_file() and b'"model_sha256"' in read_bytes(path, TEXT_BYTES)
 
 
 def input_files(options: Any) -> tuple[Path, ...]:
     """The files and folders that options name, which a run of them never replaces."""
     values = [getattr(options, field.name) for field in fields(options)]
-    own = tuple(value for value in values if isinstance(value, Path))
-    return own + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
+    own = [value for value in values if isinstance(value, Path)]
+    own += [Path(value) for value in values if isinstance(value, str) and Path(value).suffix and Path(value).is_file()]
+    return tuple(own) + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
 
 
 def free_name(parent: Path, stem: str) -> Path:
     """A folder that does not exist yet: the stem, or the stem with a number."""
     stem = stem[:LONGEST_STEM]
     names = (parent / (stem if i == 1 else f"{stem}-{i}") for i in itertools.count(1))
-    return next(name for name in names if not name.exists())
-
-
-def _swap(draft: Path, out: Path) -> None:
-    old = out.parent / f".{out.name}.replaced-{os.getpid()}"
-    if out.exists():
-        out.rename(old)
-    try:
-        draft.rename(out)
-    except OSError:
-        if old.exists():
-            old.rename(out)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+    return next(name for name in names if not name.exists() and not (parent.exists() and is_being_written(name)))
 
 
 def config(

@@ -15,6 +15,7 @@ __all__ = [
     "CANDIDATES",
     "CELLS",
     "COLUMNS",
+    "COPIES",
     "DEPTH",
     "DRAWN_POINTS",
     "DRAWS",
@@ -23,6 +24,8 @@ __all__ = [
     "LINE",
     "MESH_BYTES",
     "NAME",
+    "NESTED_ELEMENTS",
+    "PIXELS",
     "POSES",
     "READINGS",
     "ROBOTS",
@@ -88,6 +91,9 @@ COLUMNS = Limit("columns of a CSV file", 2_000, "joints, targets and conditions 
 LINE = Limit("characters of a line of a CSV file", 1_000_000, "2,000 columns of numbers have 50,000")
 DEPTH = Limit("levels of nested values", 30, "no description nests more than five")
 VALUES = Limit("values of a TOML or JSON file", 200_000, "a run of many parameters has some thousand")
+PIXELS = Limit("pixels of a texture, or points of a height field", 1 << 26, "they are held in memory")
+COPIES = Limit("copies of a part in an MJCF", 10_000, "they are held in memory")
+NESTED_ELEMENTS = Limit("levels of elements in an MJCF or URDF", 500, "a body is inside the one that carries it")
 NAME = Limit("characters of a name", 100, "names are columns, titles and labels")
 JOINTS = Limit("joints of a robot", 40, "the work grows with their cube")
 TARGETS = Limit("targets of a tool", 100, "the work grows with their square")
@@ -116,7 +122,7 @@ def checked_name(where: object, name: str) -> str:
         LabError: it is empty, too long, or has a character with a meaning of its own.
     """
     if not name.strip():
-        raise LabError(f"{where}: the name is empty; give it one")
+        raise LabError(f"{where}: an empty name; name it")
     NAME(f"{where}: the name {name[:20]}…", name)
     if wrong := next((c for c in name if c in _NOT_IN_NAMES or not c.isprintable()), None):
         raise LabError(f"{where}: the name {name!r} has a {wrong!r}; use letters, digits and '_'")

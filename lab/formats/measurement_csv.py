@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.limits import TARGETS, checked_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
@@ -235,6 +236,9 @@ class PoseReader(CsvTable):
             match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
             if match and (name := match[1] or "p1") not in targets:
                 targets.append(name)
+        TARGETS(f"{self.path}: line 1", targets)
+        for name in targets:
+            checked_name(f"{self.path}: line 1", name)
         plain = any(re.fullmatch(r"[xyz]_(mm|m)", column) for column in self.unread)
         if plain and (len(targets) > 1 or any(column.startswith("p1_") for column in self.unread)):
             raise LabError(

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.limits import JOINTS, TARGETS, checked_name
 from lab.core.se3 import Array
 from lab.formats.toml import is_number
 
@@ -164,10 +165,10 @@ def read_height(path: Path, document: dict[str, Any]) -> float | None:
 
 
 def refuse_doubled_names(path: Path, names: list[str]) -> None:
-    """A LabError where joints share a name, or have none."""
+    """A LabError where joints are too many, share a name, or have none that a file can hold."""
+    JOINTS(path, names)
     for i, name in enumerate(names):
-        if not name:
-            raise LabError(f"{path}: joint {i + 1} has an empty name; name it")
+        checked_name(f"{path}: joint {i + 1}", name)
         if name in names[:i]:
             raise LabError(f"{path}: joints {names.index(name) + 1} and {i + 1} are both named {name}; rename one")
 
@@ -195,7 +196,9 @@ def read_tool(path: Path, section: Any) -> dict[str, Array]:
     if not isinstance(section, dict):
         raise LabError(f"{path}: tool is {section!r}; write a [tool] section with a line p1 = [x, y, z]")
     tool = {}
+    TARGETS(f"{path}: [tool]", section)
     for name, point in section.items():
+        checked_name(f"{path}: [tool]", name)
         if not isinstance(point, list) or len(point) != 3 or not all(is_number(v) for v in point):
             raise LabError(f"{path}: [tool] {name} is {point!r}; give three numbers in metres, [x, y, z]")
         tool[str(name)] = np.array(point, dtype=np.float64)

@@ -59,8 +59,11 @@ def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:
         raise LabError(f"{path}: not a text file in UTF-8 (byte {error.start}); save it as UTF-8") from error
 
 
-def refuse_unbounded(where: object, content: Any) -> None:
+def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> None:
     """Refuse values, as TOML and JSON have them, that are nested too deeply, too many, not finite or too large.
+
+    Args:
+        finite: whether numbers that are not finite are refused here; not where their reader says more of them.
 
     Raises:
         LabError: with the name of the value.
@@ -74,7 +77,7 @@ def refuse_unbounded(where: object, content: Any) -> None:
             named = value.items() if isinstance(value, Mapping) else ((name, each) for each in value)
             waiting.extend((str(key), each, depth + 1) for key, each in named)
             VALUES(where, count + len(waiting))
-        elif isinstance(value, float) and not isfinite(value):
+        elif finite and isinstance(value, float) and not isfinite(value):
             raise LabError(f"{where}: {name} is {value}; give a finite number")
         elif isinstance(value, int) and abs(value) > SEED.most:
             raise LabError(f"{where}: {name} is a whole number of more than 63 bits; give a smaller one")

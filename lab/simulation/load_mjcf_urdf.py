@@ -29,6 +29,7 @@ from lab.simulation.model import (
     one_line,
     site_pose,
 )
+from lab.simulation.model_file_gate import refuse_unbounded_model
 from lab.simulation.serial_model import SerialModel, last_frame
 
 __all__ = ["load_model"]
@@ -108,6 +109,7 @@ def _read(path: Path) -> mujoco.MjSpec:
     """The file with a name for every body that has no joint, and without sites that have no name."""
     if not path.is_file():
         raise LabError(f"{path}: no such file; give a robot's MJCF, URDF or TOML table")
+    refuse_unbounded_model(path)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:

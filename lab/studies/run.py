@@ -12,6 +12,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from lab.core.se3 import Array
+from lab.core.whole_folder import held
 from lab.studies.campaigns import cell_poses, run_task
 from lab.studies.executors import StoppedError, run_jobs
 from lab.studies.grid import Cell, Study, Task
@@ -74,7 +75,7 @@ def run_study(
     started = time.perf_counter()
     store = go_on(folder, study) if resume else begin(folder, study)
     work = partial(_work, origin_of(study.robot), study.robot)
-    with threadpool_limits(1):  # of this process, where the workers are its threads
+    with held(folder), threadpool_limits(1):  # of this process, where the workers are its threads
         try:
             poses = _posed(store, executor, progress, partial(work, posing))
         except StoppedError:

@@ -3,6 +3,7 @@
 A file appears whole or not at all: it is written under a temporary name and renamed.
 """
 
+import hashlib
 import json
 import os
 import shutil
@@ -19,6 +20,7 @@ import pyarrow.parquet as pq
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.whole_folder import draft_of, held, resolved
 from lab.formats.structured import read_json
 from lab.studies.campaigns import COLUMNS
 from lab.studies.executors import StoppedError
@@ -28,6 +30,7 @@ from lab.studies.provenance import difference, origin_of, other_version
 __all__ = ["Store", "begin", "go_on", "read_campaigns", "read_store"]
 
 _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
+_DIGEST = "sha256"  # of the numbers, in a file of campaigns
 _TEMPORARY = ".*.partial-*"
 _TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}
 SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
@@ -58,17 +61,22 @@ class Store:
     def read_poses(self, cell: int) -> Array | None:
         """The poses ``(n, joints)`` of a cell, in rad or m; None if they are not there, or not whole."""
         try:
-            header, *rows, end = self._poses(cell).read_text(encoding="utf-8").split("\n")
+            content = self._poses(cell).read_bytes()
+            said = self._sums(cell).read_text(encoding="ascii")
+            header, *rows, end = content.decode().split("\n")
             joints = np.array([row.split(",") for row in rows], dtype=np.float64)
         except (OSError, ValueError):
             return None
         whole = joints.shape == (self.cells[cell].poses, len(self.columns))
-        return joints if whole and header == ",".join(self.columns) and not end else None
+        as_written = said == _sum_line(content, self._poses(cell))
+        return joints if whole and as_written and header == ",".join(self.columns) and not end else None
 
     def keep_poses(self, cell: int, joints: Array) -> None:
         """Write the poses of a cell, to the last digit."""
         rows = [",".join(map(repr, row)) for row in joints.tolist()]
-        write_whole(self._poses(cell), ("\n".join([",".join(self.columns), *rows]) + "\n").encode())
+        content = ("\n".join([",".join(self.columns), *rows]) + "\n").encode()
+        write_whole(self._poses(cell), content)
+        write_whole(self._sums(cell), _sum_line(content, self._poses(cell)).encode())
 
     def has(self, task: Task) -> bool:
         """Whether all campaigns of a task are there, and undamaged."""
@@ -81,6 +89,7 @@ class Store:
         """Write the campaigns of a task: the same campaigns give the same bytes."""
         arrays = [np.asarray(columns[field.name], dtype=field.type.to_pandas_dtype()) for field in SCHEMA]
         table = pa.Table.from_arrays([pa.array(array) for array in arrays], schema=SCHEMA)
+        table = table.replace_schema_metadata({_DIGEST: _digest(table)})
         assert len(table) == self.campaigns_of(task), task
         buffer = pa.BufferOutputStream()
         pq.write_table(
@@ -113,6 +122,9 @@ class Store:
             raise LabError(f"{path}: not there, or not whole; lab study --resume does it") from error
         return table
 
+    def _sums(self, cell: int) -> Path:
+        return self._poses(cell).with_suffix(".sha256")
+
     def _poses(self, cell: int) -> Path:
         return self.folder / _POSES / f"cell{cell:04d}.csv"
 
@@ -126,21 +138,18 @@ def begin(folder: Path, study: Study) -> Store:
     Raises:
         LabError: it holds something, or cannot be written.
     """
-    place = folder.absolute().resolve()
-    draft = place.parent / f".{place.name}.partial-{os.getpid()}"
     content = _described(study)
     try:
+        place = resolved(folder)
         if place.exists() and (not place.is_dir() or any(place.iterdir())):
             raise LabError(f"{folder}: holds something; --resume goes on with a study, else give another folder")
-        for part in (_POSES, _CAMPAIGNS):
-            (draft / part).mkdir(parents=True)
-        for name, values in content.items():
-            (draft / name).write_bytes(_json(values))
-        draft.rename(place)
+        with draft_of(place) as draft:
+            for part in (_POSES, _CAMPAIGNS):
+                (draft / part).mkdir()
+            for name, values in content.items():
+                (draft / name).write_bytes(_json(values))
     except OSError as error:
         raise LabError(f"{folder}: cannot be written ({error.strerror}); make room, or give another folder") from error
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
     return Store(folder, study, _pose_columns(study))
 
 
@@ -164,10 +173,11 @@ def go_on(folder: Path, study: Study) -> Store:
     if what is not None:
         raise LabError(f"{folder}: was begun with {what}; go on with that, or begin again in another folder")
     try:
-        for part in (folder, folder / _POSES, folder / _CAMPAIGNS):
-            part.mkdir(exist_ok=True)
-            for left_over in part.glob(_TEMPORARY):
-                left_over.unlink()
+        with held(folder):
+            for part in (folder, folder / _POSES, folder / _CAMPAIGNS):
+                part.mkdir(exist_ok=True)
+                for left_over in part.glob(_TEMPORARY):
+                    left_over.unlink()
     except OSError as error:
         raise LabError(f"{folder}: cannot be written ({error.strerror}); mend that, then --resume") from error
     return Store(folder, study, _pose_columns(study))
@@ -239,7 +249,22 @@ def _read(path: Path) -> pa.Table:
         table = file.read()
     if not table.schema.equals(SCHEMA):
         raise pa.ArrowInvalid("other columns")
-    return table
+    if (table.schema.metadata or {}).get(_DIGEST.encode()) != _digest(table).encode():
+        raise pa.ArrowInvalid("other numbers than were written")
+    return table.replace_schema_metadata()
+
+
+def _digest(table: pa.Table) -> str:
+    """Of the numbers of a file of campaigns."""
+    digest = hashlib.sha256()
+    for column in table.columns:
+        digest.update(column.to_numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _sum_line(content: bytes, path: Path) -> str:
+    """As ``sha256sum`` writes it."""
+    return f"{hashlib.sha256(content).hexdigest()}  {path.name}\n"
 
 
 def _json(values: dict[str, Any]) -> bytes:

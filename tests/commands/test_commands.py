@@ -19,6 +19,7 @@ from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
 
 FILES = {
+    "SHA256SUMS",
     "config.json",
     "measurements.csv",
     "parameters.json",

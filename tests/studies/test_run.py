@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from helpers import toy_study
 from helpers.robots import ROOT
@@ -176,7 +179,7 @@ def test_a_disk_that_fills_up(tmp_path: Path, expected: dict[str, bytes], monkey
 
     def full(descriptor: int) -> None:
         written.append(descriptor)
-        if len(written) > 5:
+        if len(written) > 7:  # two files of poses with their checksums, and three of campaigns
             raise OSError(errno.ENOSPC, "No space left on device")
         plain(descriptor)
 
@@ -188,6 +191,22 @@ def test_a_disk_that_fills_up(tmp_path: Path, expected: dict[str, bytes], monkey
         monkeypatch.undo()
         assert toy(folder, executor, resume=True).computed == 5 * 2000
     assert contents(folder) == expected
+
+
+def test_numbers_and_poses_that_were_changed_are_done_again(tmp_path: Path, expected: dict[str, bytes]) -> None:
+    for name, content in expected.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    poses, file = tmp_path / "poses" / "cell0000.csv", tmp_path / "campaigns" / "cell0001-robots00002-00003.parquet"
+    poses.write_text(re.sub(r"0\.\d", "0.0", poses.read_text(), count=1))
+    table = pq.read_table(file)
+    changed = table.set_column(5, table.schema.field(5), pa.array(table.column(5).to_numpy() / 2))
+    pq.write_table(changed, file, write_page_checksum=True)  # a sound file of the same columns, with other numbers
+    with pytest.raises(LabError, match="not there, or not whole"):
+        read_campaigns(tmp_path)
+    with ThreadPoolExecutor(1) as executor:
+        assert toy(tmp_path, executor, resume=True).computed == 2000
+    assert contents(tmp_path) == expected
 
 
 @pytest.mark.parametrize("damage", ["cut", "turned", "gone", "empty"])

@@ -20,6 +20,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
+from lab.core.whole_folder import CHECKSUMS, checksum_lines
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
@@ -384,6 +385,7 @@ def unjudged(runs: Path) -> None:
         (runs / "bad" / path.name).write_bytes(path.read_bytes())
     result = json.loads((runs / "bad" / "result.json").read_text())
     (runs / "bad" / "result.json").write_text(json.dumps({**result, "verdict": "not judged"}))
+    (runs / "bad" / CHECKSUMS).write_text(checksum_lines(runs / "bad"))
 
 
 def test_a_run_that_was_not_judged_can_be_forced_and_says_so(runs: Path, capsys) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -10,8 +10,10 @@ import numpy as np
 
 from lab.calibration.verdict import gate_words
 from lab.campaign.robot import Robot, load_robot, load_virtual
+from lab.commands.integrity import said_of_edits
 from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
 from lab.core import se3
+from lab.core.covariance import refuse_impossible_covariance
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Calibrated", "Findings", "calibrated_by", "folder_of", "read_calibrated"]
 
+_READ = ("config.json", "result.json", "parameters.json", "covariance.csv")
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
 
 
@@ -68,6 +71,12 @@ class Findings:
         """What the result of whoever builds on the run holds of its verdict."""
         return {"verdict": self.verdict, "reasons": list(self.reasons), "gate_mm": self.gate_mm}
 
+    def __post_init__(self) -> None:
+        """Refuse sizes below zero, with a LabError."""
+        for name in ("noise_mm", "residual_mm"):
+            if (size := getattr(self, name)) is not None and not size >= 0:
+                raise LabError(f"{name} is {size:g}; a standard deviation is not below zero")
+
 
 @dataclass(frozen=True)
 class Calibrated:
@@ -84,6 +93,7 @@ class Calibrated:
         result: what ``result.json`` holds.
         options: of the run.
         load: at the flange, where that was identified.
+        edits: what is said of its files if they were changed since the run was written.
     """
 
     folder: Path
@@ -98,6 +108,7 @@ class Calibrated:
     result: Findings
     options: Mapping[str, Any]
     load: HandLoad | None
+    edits: tuple[str, ...] = ()
 
     @property
     def geometry(self) -> tuple[RigidArm, Array]:
@@ -140,7 +151,7 @@ class Calibrated:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What whoever builds on the run should be told of it."""
-        result, said = self.result, [*self.robot.warnings]
+        result, said = self.result, [*self.robot.warnings, *self.edits]
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
             belief = "may be too small" if result.usable else "is not to be believed"
@@ -162,10 +173,13 @@ class Calibrated:
             )
 
 
-def read_calibrated(folder: Path, load: Path | None = None, cell: Path | None = None) -> Calibrated:
+def read_calibrated(
+    folder: Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
+) -> Calibrated:
     """Read a run of ``lab calibrate`` or ``lab identify``.
 
     Args:
+        accept_edited: whether its files may have been changed since it was written.
         load: the folder of a run of ``lab payload``, whose load it carries from now on; by default that which it was
             identified with, if any.
         cell: the file that describes the robot's cell; by default that which the run was made with, if any.
@@ -187,20 +201,27 @@ def read_calibrated(folder: Path, load: Path | None = None, cell: Path | None = 
             f"{folder}: is a run of another robot: the files of '{name}' are not those that it was made with; "
             "identify again"
         )
-    robot, payload = carrying(robot, load or (folder if (folder / LOAD_FILE).is_file() else None))
+    payload_of = load or (folder if (folder / LOAD_FILE).is_file() else None)
+    robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
     rows = {row.name: row for row in _rows(folder / "parameters.json")}
     covariance = _covariance(folder / "covariance.csv")
-    return _calibrated(folder, robot, rows, covariance, result, config.options, payload)
+    found = _calibrated(folder, robot, rows, covariance, result, config.options, payload)
+    return replace(found, edits=said_of_edits(folder, _READ, accept=accept_edited))
 
 
 def calibrated_by(
-    run: "CalibrationResult | str | Path | None", folder: Path, load: Path | None = None, cell: Path | None = None
+    run: "CalibrationResult | str | Path | None",
+    folder: Path,
+    load: Path | None = None,
+    cell: Path | None = None,
+    *,
+    accept_edited: bool = False,
 ) -> Calibrated:
     """What a result in memory found out; of anything else what its folder says."""
     from lab.commands.calibrate.result import CalibrationResult
 
     if not isinstance(run, CalibrationResult):
-        return read_calibrated(folder, load, cell)
+        return read_calibrated(folder, load, cell, accept_edited=accept_edited)
     findings = structured(folder, Findings, run.to_dict(), extra=True)
     rows = {row.name: _Row(row.name, row.nominal, row.exported) for row in run.parameters}
     robot, payload = carrying(run.robot.placed_in(cell), load or run.options.fitting.load)
@@ -303,6 +324,8 @@ def _covariance(path: Path) -> tuple[tuple[str, ...], Array]:
     if labels is None or tuple(table.header[1:]) != labels:
         raise LabError(f"{path}: its rows are not those of its columns; identify again")
     try:
-        return labels, np.array([row[1:] for row in table.rows], dtype=np.float64)
+        matrix = np.array([row[1:] for row in table.rows], dtype=np.float64)
     except ValueError as error:
         raise LabError(f"{path}: {error}; identify again") from error
+    refuse_impossible_covariance(path, matrix)
+    return labels, matrix

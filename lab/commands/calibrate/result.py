@@ -222,7 +222,7 @@ class CalibrationResult(Result):
         write_json(folder / "parameters.json", [row.to_dict() for row in self.parameters])
         _write_covariance(folder / "covariance.csv", self.identification)
         if options.fitting.load is not None:
-            read_hand_load(options.fitting.load).write(folder)
+            read_hand_load(options.fitting.load, accept_edited=options.fitting.accept_edited).write(folder)
         arm, values = self.rigid(self.exported)
         text = robot.description(robot.kept_file, arm.targets, values)  # the others are lab compensate's, of good runs
         (folder / robot.kept_file).write_text(text, encoding="utf-8")

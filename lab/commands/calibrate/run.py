@@ -154,7 +154,7 @@ def _of_measurements(
 ) -> CalibrationResult:
     """Identify from the files that the options name, or from measurements in memory, by the options' names."""
     options.check()
-    robot, load = carrying(robot, options.fitting.load)
+    robot, load = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     read = _read(robot, options.file, options, load, given.get("file"))
     other = (
         None

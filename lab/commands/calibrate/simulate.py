@@ -79,7 +79,7 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
 def measuring_day(options: VirtualCampaign, robot: Robot) -> MeasuringDay:
     """The measuring day of these options, with a robot that ``load_virtual`` gave."""
     options.check()
-    robot, _ = carrying(robot, options.fitting.load)
+    robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     robot.refuse_unknown(options.targets)
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)

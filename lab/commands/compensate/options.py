@@ -23,6 +23,8 @@ class CompensateOptions:
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
     """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
+    accept_edited: Flag = False
+    """Build on a run too whose files were changed since it was written."""
     cell: Path | None = None
     """What stands around the robot, and its narrower limits: TOML; that of the run, if not given."""
     no_check: Flag = False

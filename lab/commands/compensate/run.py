@@ -61,11 +61,14 @@ def compensate(
         1
     """
     if isinstance(targets, CompensateOptions):
-        return _compensated(targets, read_calibrated(targets.run, targets.load, targets.cell))
+        return _compensated(
+            targets, read_calibrated(targets.run, targets.load, targets.cell, accept_edited=targets.accept_edited)
+        )
     in_memory = targets if isinstance(targets, Targets) else None
     file = "targets.csv" if in_memory is not None else str(targets)
     asked = options_of("lab.compensate", CompensateOptions, {"targets": file, **folder_of(run), **options})
-    return _compensated(asked, calibrated_by(run, asked.run, asked.load, asked.cell), in_memory)
+    by = calibrated_by(run, asked.run, asked.load, asked.cell, accept_edited=asked.accept_edited)
+    return _compensated(asked, by, in_memory)
 
 
 def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | None = None) -> CompensationResult:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from lab.campaign.robot import Robot
+from lab.commands.integrity import said_of_edits
 from lab.commands.values import plain_numbers
+from lab.core.covariance import refuse_impossible_covariance
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -64,16 +66,19 @@ class HandLoad:
         return replace(data, conditions={**data.conditions, "payload_kg": np.full(len(data), self.mass_kg)})
 
 
-def carrying(robot: Robot, folder: Path | None) -> tuple[Robot, HandLoad | None]:
+def carrying(robot: Robot, folder: Path | None, *, accept_edited: bool = False) -> tuple[Robot, HandLoad | None]:
     """The robot with payloads where the load hangs that a run of ``lab payload`` found, and that load; None without."""
     if folder is None:
         return robot, None
-    load = read_hand_load(folder)
+    load = read_hand_load(folder, accept_edited=accept_edited)
     return load.carried_by(robot), load
 
 
-def read_hand_load(folder: Path) -> HandLoad:
+def read_hand_load(folder: Path, *, accept_edited: bool = False) -> HandLoad:
     """What a run of ``lab payload`` found.
+
+    Args:
+        accept_edited: whether the file may have been changed since the run was written.
 
     Raises:
         LabError: it is no such run, or mass or centre of mass were not identified.
@@ -97,4 +102,7 @@ def read_hand_load(folder: Path) -> HandLoad:
         or not mass > 0
     ):
         raise LabError(f"--load {folder}: mass and centre of mass were not identified there; record more poses")
+    if np.isfinite(covariance).all():
+        refuse_impossible_covariance(f"--load {path}", covariance)
+    said_of_edits(folder, (LOAD_FILE,), accept=accept_edited)
     return HandLoad(float(mass), centre, covariance)

@@ -27,6 +27,8 @@ class PayloadOptions:
     """How base and wrist sensor stand, TOML: tilt and gravity, the sensor's sign and rotation."""
     run: Path | None = None
     """The folder of a calibrated arm with compliances: mass and its centre from how far it sags (tracked points)."""
+    accept_edited: Flag = False
+    """Build on a run too whose files were changed since it was written."""
     method: Literal["torques", "wrench"] | None = None
     """What of the file to use, where it has both: the wrench, if not given."""
     friction: Flag = False

@@ -61,12 +61,14 @@ def payload(
     """
     if isinstance(file, PayloadOptions):
         file.check()
-        return _payload(file, file.robot, None if file.run is None else read_calibrated(file.run))
+        known_run = None if file.run is None else read_calibrated(file.run, accept_edited=file.accept_edited)
+        return _payload(file, file.robot, known_run)
     known = load_robot(robot)
     given = {"file": str(file), "robot": known.source, **folder_of(run), **options}
     asked = options_of("lab.payload", PayloadOptions, given)
     asked.check()
-    return _payload(asked, known, None if asked.run is None else calibrated_by(run, asked.run))
+    by = None if asked.run is None else calibrated_by(run, asked.run, accept_edited=asked.accept_edited)
+    return _payload(asked, known, by)
 
 
 def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:

@@ -29,6 +29,8 @@ class VerifyOptions:
     """Their noise (1σ per axis) instead."""
     force: Flag = False
     """Verify against a run too whose verdict is bad or not judged."""
+    accept_edited: Flag = False
+    """Build on a run too whose files were changed since it was written."""
 
     def check(self) -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""

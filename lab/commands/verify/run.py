@@ -66,14 +66,14 @@ def verify(
     """
     if isinstance(run, VerifyOptions):
         run.check()
-        return _verified(run, read_calibrated(run.run))
+        return _verified(run, read_calibrated(run.run, accept_edited=run.accept_edited))
     if measurements is None:
         raise LabError("lab.verify: give the new measurements, a file or in memory")
     in_memory = measurements if isinstance(measurements, Measurements) else None
     file = "measurements.csv" if in_memory is not None else str(measurements)
     asked = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
     asked.check()
-    return _verified(asked, calibrated_by(run, asked.run), in_memory)
+    return _verified(asked, calibrated_by(run, asked.run, accept_edited=asked.accept_edited), in_memory)
 
 
 def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurements | None = None) -> VerificationResult:

@@ -1,6 +1,8 @@
 """A run's folder, read back as a calibrated arm."""
 
+import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -89,6 +91,61 @@ def test_a_run_that_is_none_is_told_in_one_line(soft: Path, tmp_path, name: str,
 @pytest.mark.parametrize("word", ["bad", "not judged"])
 def test_only_a_good_run_is_fit_to_build_on(soft: Path, tmp_path, word: str) -> None:
     read_calibrated(soft).refuse_unfit("an export")
-    run = read_calibrated(broken(soft, tmp_path, "result.json", edited(verdict=word, reason="why")))
+    other = broken(soft, tmp_path, "result.json", edited(verdict=word, reason="why"))
+    run = read_calibrated(other, accept_edited=True)
     with pytest.raises(LabError, match=rf"'{word}' \(why\).*refused.*--force"):
         run.refuse_unfit("an export")
+
+
+HAND_EDITS = [
+    (
+        "parameters.json",
+        lambda text: re.sub(r'("exported": )(0\.\d+)', r"\g<1>0.123", text, count=1),
+        "was changed since",
+    ),
+    (
+        "parameters.json",
+        lambda text: re.sub(r'("exported": )[-\d.e]+', r"\1NaN", text, count=1),
+        "is nan; give a finite",
+    ),
+    ("parameters.json", lambda text: re.sub(r'("exported": )[-\d.e]+', r"\g<1>1e999", text, count=1), "is inf; give a"),
+    ("parameters.json", lambda text: "[" * 100_000, "levels of nested values"),
+    ("result.json", edited(noise_mm=-1.0), "noise_mm is -1; a standard deviation is not below zero"),
+    ("result.json", edited(residual_mm=10**400), "more than 63 bits"),
+    ("result.json", edited(noise_mm=1e-9), "was changed since the run was written"),
+    ("covariance.csv", lambda text: covariance(text, lambda C: C + np.triu(C, 1)), "not symmetric"),
+    ("covariance.csv", lambda text: covariance(text, lambda C: -C), "variance below zero"),
+    ("covariance.csv", lambda text: covariance(text, lambda C: C * np.nan), "not finite"),
+    ("covariance.csv", lambda text: covariance(text, lambda C: 3 * C - 2 * np.diag(np.diag(C))), "semidefinite"),
+    ("covariance.csv", lambda text: covariance(text, lambda C: C / 100), "was changed since the run was written"),
+    ("SHA256SUMS", None, "its checksums are missing; make the run again, or say --accept-edited"),
+]
+
+
+def covariance(text: str, change) -> str:
+    header, *rows = [line.split(",") for line in text.splitlines()]
+    changed = change(np.array([row[1:] for row in rows], dtype=float))
+    lines = [[row[0], *map(repr, numbers)] for row, numbers in zip(rows, changed.tolist(), strict=True)]
+    return "".join(",".join(line) + "\n" for line in [header, *lines])
+
+
+@pytest.mark.parametrize(("name", "change", "words"), HAND_EDITS)
+def test_a_run_that_was_edited_by_hand_is_refused(soft: Path, tmp_path, name: str, change, words: str) -> None:
+    with pytest.raises(LabError, match=re.escape(words)) as told:
+        read_calibrated(broken(soft, tmp_path, name, change))
+    assert str(tmp_path) in str(told.value)
+
+
+def test_what_was_edited_is_accepted_by_word_alone_and_then_told(soft: Path, tmp_path) -> None:
+    other = broken(soft, tmp_path, "covariance.csv", lambda text: covariance(text, lambda C: C / 100))
+    (told,) = set(read_calibrated(other, accept_edited=True).warnings) - set(read_calibrated(soft).warnings)
+    assert "covariance.csv was changed since the run was written: built on as it is" in told
+
+
+def test_checksums_are_those_that_sha256sum_checks(soft: Path, tmp_path) -> None:
+    lines = (soft / "SHA256SUMS").read_text().splitlines()
+    files = {path.name for path in soft.iterdir()} - {"SHA256SUMS"}
+    assert {line.partition("  ")[2] for line in lines} == files
+    for line in lines:
+        digest, _, name = line.partition("  ")
+        assert hashlib.sha256((soft / name).read_bytes()).hexdigest() == digest

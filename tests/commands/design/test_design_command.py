@@ -29,7 +29,7 @@ from lab.simulation.true_robot import random_perturbation, random_tracker, true_
 
 POSES = 14
 ASKED = f"design --candidates 300 --starts 1 --poses {POSES} --seed 3"
-FILES = {"config.json", "plan.csv", "plan.mod", "result.json", "recording.rrd", "report.html"}
+FILES = {"SHA256SUMS", "config.json", "plan.csv", "plan.mod", "result.json", "recording.rrd", "report.html"}
 FILES |= {f"{name}.{kind}" for name in ("curve", "poses") for kind in ("png", "svg")}
 INDICES = {"o1", "o2", "o3", "o4", "o5", "condition", "a", "g", "i"}
 

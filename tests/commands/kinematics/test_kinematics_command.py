@@ -190,6 +190,6 @@ def test_a_person_reads_it(capsys) -> None:
 def test_a_folder_holds_a_table_of_the_solutions(tmp_path, capsys) -> None:
     run(capsys, "irb120", POSE, "--out", tmp_path / "run")
     files = {path.name for path in (tmp_path / "run").iterdir()}
-    assert files == {"config.json", "result.json", "joints.csv", "report.html", "recording.rrd"}
+    assert files == {"SHA256SUMS", "config.json", "result.json", "joints.csv", "report.html", "recording.rrd"}
     code, again, _ = run(capsys, "irb120", "--file", tmp_path / "run" / "joints.csv", "--joints=1,2,3,4,5,6")
     assert code == 0 and len(again["poses"]) == 8  # it has poses too, so that its rows are targets

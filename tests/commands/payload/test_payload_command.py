@@ -65,7 +65,7 @@ def test_a_motion_tells_all_ten_parameters(files: Path, tmp_path: Path, capsys) 
     assert_the_load(seen)
     assert np.shape(seen["inertia_kgm2"]["value"]) == (3, 3) and seen["unseen"] == []
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"config.json", "result.json", "load.json", "report.html", "recording.rrd"}
+    assert names == {"SHA256SUMS", "config.json", "result.json", "load.json", "report.html", "recording.rrd"}
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == seen
 
 

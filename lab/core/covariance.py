@@ -1,0 +1,36 @@
+"""What a matrix must be to be a covariance."""
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+__all__ = ["refuse_impossible_covariance"]
+
+_ROUNDING = 1e-9  # relative to the standard deviations: what writing, reading and projecting a matrix may change
+
+
+def refuse_impossible_covariance(where: object, matrix: Array) -> None:
+    """Refuse a matrix ``(f, f)`` that is no covariance: finite, symmetric and positive semidefinite.
+
+    It is judged with unit diagonal, so that the units of its parameters do not matter.
+
+    Raises:
+        LabError: it is none.
+    """
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise LabError(f"{where}: the covariance is no square matrix; identify again")
+    if not np.isfinite(matrix).all():
+        raise LabError(f"{where}: the covariance has numbers that are not finite; identify again")
+    variances = np.diag(matrix)
+    if (variances < 0).any():
+        raise LabError(f"{where}: the covariance has a variance below zero; identify again")
+    sigma = np.sqrt(variances)
+    if (matrix[:, sigma == 0] != 0).any() or (matrix[sigma == 0] != 0).any():
+        raise LabError(f"{where}: the covariance correlates what has no variance; identify again")
+    scale = np.where(sigma > 0, sigma, 1.0)
+    correlation = matrix / scale / scale[:, None]
+    if np.abs(correlation - correlation.T).max(initial=0.0) > _ROUNDING:
+        raise LabError(f"{where}: the covariance is not symmetric; identify again")
+    if len(matrix) and np.linalg.eigvalsh((correlation + correlation.T) / 2)[0] < -_ROUNDING * len(matrix):
+        raise LabError(f"{where}: the covariance is not positive semidefinite; identify again")
