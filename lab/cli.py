@@ -9,6 +9,7 @@ import sys
 TYPE_CHECKING = False  # an interruption is told from the first line on: what takes time is imported inside ``main``
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from lab.commands.registry import Command
 
@@ -122,18 +123,32 @@ def _help() -> str:
     )
 
 
+def _where(place: "Path") -> list[str]:
+    """The folder of a run, its page, and the command that shows its recording."""
+    page, recording = place / "report.html", place / "recording.rrd"
+    return [
+        f"run: {place}",
+        *([f"page: {page}"] if page.is_file() else []),
+        *([f"viewer: rerun {recording}"] if recording.is_file() else []),
+    ]
+
+
 def _run_command(command: "Command", arguments: list[str]) -> int:
     """Run, write and print; the exit code is the result's."""
     import contextlib
     import json
     from pathlib import Path
 
-    from threadpoolctl import threadpool_limits
+    from lab.render.progress import starting, status
 
-    from lab.commands.command_line import parsed
-    from lab.commands.program import output_may_close, say
-    from lab.commands.run_folder import free_name, input_files, run_folder
+    with starting(f"lab {command.name}"):
+        from threadpoolctl import threadpool_limits
 
+        from lab.commands.command_line import parsed
+        from lab.commands.program import output_may_close, say
+        from lab.commands.run_folder import free_name, input_files, run_folder
+
+        command.load_options()
     asked, place = parsed(command, arguments), None
     if (check := getattr(asked.options, "check", None)) is not None:
         check()  # before there is a folder
@@ -144,7 +159,8 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
             folder = stack.enter_context(run_folder(place, input_files(asked.options)))
         result = command(asked.options)
         if command.folder:
-            result.write(folder)
+            with status("writing the page and the other files"):
+                result.write(folder)
     for warning in result.warnings:
         say(f"warning: {warning}")
     with output_may_close():
@@ -155,5 +171,5 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
 
             print_document(result.document(), warnings=False)
             if place is not None:
-                print(f"run: {place}")
+                print("\n".join(_where(place)))
     return result.exit_code

@@ -1,31 +1,24 @@
 """The search for a design: exchange among the candidates, then uphill in all joint angles, from several starts."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from lab.campaign.design_problem import PoseProblem
 from lab.campaign.options import DesignOptions
 from lab.core.random import rng_for
 from lab.pose_selection.exchange import Design, ascend, exchange
+from lab.render.progress import Stage, no_stage
 from lab.simulation.candidate_poses import MARGIN
 
-__all__ = ["Progress", "best_design", "exchanged"]
-
-Progress = Callable[[str], None]
+__all__ = ["best_design", "exchanged"]
 
 
-def silent(_: str) -> None:
-    """No progress."""
-
-
-def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Progress = silent) -> Design:
+def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Stage = no_stage) -> Design:
     """The best of several starts, each exchanged among the candidates and then moved uphill."""
     rng, chain, measured = rng_for(options.seed, "design"), problem.robot.chain, problem.measured
     keep_off = MARGIN * (chain.upper - chain.lower)
     best: Design | None = None
     for start in range(options.starts):
-        progress(f"design of {count} poses, start {start + 1} of {options.starts}")
+        progress(f"2 of 5, design of {count} poses, start {start + 1} of {options.starts}", start, options.starts)
         design = ascend(
             exchanged(problem, count, rng),
             problem.sensitivity,

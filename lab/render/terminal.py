@@ -3,10 +3,12 @@
 import io
 import json
 import math
+import sys
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
@@ -29,7 +31,8 @@ from lab.render.document import (
 
 __all__ = ["print_document", "print_json", "to_text"]
 
-_ROW_STYLES = {"before": "red", "after": "green", "quiet": "dim"}
+_UNWRAPPED = 100_000  # columns
+_ROW_STYLES = {"before": "dark_orange3", "after": "blue", "quiet": "dim"}
 _BADGE_STYLES = {"good": "bold green", "doubtful": "bold yellow", "bad": "bold red", "open": "bold"}
 
 
@@ -37,10 +40,10 @@ def print_document(document: Document, console: Console | None = None, *, warnin
     """Print a document.
 
     Args:
-        console: standard output by default.
+        console: standard output by default; where that is no terminal, lines are as long as they are.
         warnings: whether warnings are shown; not where they were told elsewhere already.
     """
-    console = console or Console(highlight=False, markup=False)
+    console = console or Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _UNWRAPPED)
     console.print(RichText(document.title, style="bold"), soft_wrap=True)
     _print(console, shown(document.blocks, "terminal"), warnings)
 
@@ -79,7 +82,11 @@ def _print(console: Console, blocks: Iterable[Block], warnings: bool) -> None:
                 console.print(RichText(block.text), soft_wrap=True)
             case Bullets():
                 for item in block.items:
-                    console.print(RichText("- ") + _styled(item))
+                    hanging = RichTable.grid()
+                    hanging.add_column(width=2)
+                    hanging.add_column()
+                    hanging.add_row("-", _styled(item))
+                    console.print(hanging)
             case Warnings():
                 for text in block.texts if warnings else ():
                     console.print(RichText("warning: ", style="bold yellow") + RichText(text))
@@ -92,10 +99,13 @@ def _print_table(console: Console, block: Table) -> None:
         console.print(RichText(block.caption))
     table = RichTable(show_header=any(block.headings))
     for heading, number in zip(block.headings, block.numeric, strict=True):
-        table.add_column(RichText(heading), justify="right" if number else "left", no_wrap=number)
+        table.add_column(RichText(heading), justify="right" if number else "left", no_wrap=number, overflow="fold")
     for kind, cells in block.lines:
         table.add_row(*map(_styled, cells), style=_ROW_STYLES.get(kind))
-    console.print(table)
+    usual = console.width
+    console.width = max(usual, Measurement.get(console, console.options.update(width=_UNWRAPPED), table).minimum)
+    console.print(table, crop=False)  # every number whole, though it be on two lines of the terminal
+    console.width = usual
 
 
 def _styled(text: Text) -> RichText:

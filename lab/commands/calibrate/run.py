@@ -42,6 +42,7 @@ from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.render.progress import Stage, status
 from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueRobot
 
@@ -69,14 +70,16 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         >>> result.to_dict()["verdict"]
         'good'
     """
-    if isinstance(robot, VirtualCampaign):
-        return _of_a_virtual_robot(measuring_day(robot, load_virtual(robot.robot, robot.cell)))
-    known = load_virtual(robot)
-    asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
-    return _of_a_virtual_robot(measuring_day(asked, known.placed_in(asked.cell)))
+    with status("calibrating") as stage:
+        stage("1 of 3, simulating the measurements")
+        if isinstance(robot, VirtualCampaign):
+            return _of_a_virtual_robot(measuring_day(robot, load_virtual(robot.robot, robot.cell)), stage)
+        known = load_virtual(robot)
+        asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
+        return _of_a_virtual_robot(measuring_day(asked, known.placed_in(asked.cell)), stage)
 
 
-def _of_a_virtual_robot(day: MeasuringDay) -> CalibrationResult:
+def _of_a_virtual_robot(day: MeasuringDay, stage: Stage) -> CalibrationResult:
     """Identify from a measuring day, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = day.options, day.robot, day.measurements, day.true_robot
     device = instrument(options.instrument)
@@ -86,9 +89,12 @@ def _of_a_virtual_robot(day: MeasuringDay) -> CalibrationResult:
         noise = Noise(None, options.noise_mm / 1e3)
     kind = configured_kind(options.observe, ObservationOptions(), FitInputs())
     fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting, options.seed)
-    rows, fresh = _visible(data), day.validation
+    rows = _visible(data)
+    stage("2 of 3, identifying the parameters")
     with error_context(options.plan or f"--poses {options.poses}"):
         fit = fitter(rows)
+    stage("3 of 3, validating")
+    fresh = day.validation
     identification = fit.identification
     said = [*_impossible("poses", data), *_impossible("validation poses", fresh)]
     validation = Validation("fresh", errors_of(identification, fresh), tuple(said), fresh)
@@ -138,7 +144,8 @@ def identify(
         27
     """
     if isinstance(measurements, MeasuredCampaign):
-        return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell))
+        with status("identifying") as stage:
+            return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell), stage)
     known, given = load_robot(robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
     for option, value in named.items():
@@ -146,14 +153,16 @@ def identify(
             given[option] = value
             named[option] = f"{option} in memory"
     asked = options_of("lab.identify", MeasuredCampaign, {**named, "robot": known.source, **options})
-    return _of_measurements(asked, known.placed_in(asked.cell), given)
+    with status("identifying") as stage:
+        return _of_measurements(asked, known.placed_in(asked.cell), stage, given)
 
 
 def _of_measurements(
-    options: MeasuredCampaign, robot: Robot, given: Mapping[str, Measurements] = MappingProxyType({})
+    options: MeasuredCampaign, robot: Robot, stage: Stage, given: Mapping[str, Measurements] = MappingProxyType({})
 ) -> CalibrationResult:
     """Identify from the files that the options name, or from measurements in memory, by the options' names."""
     options.check()
+    stage("1 of 3, reading the measurements")
     robot, load = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     read = _read(robot, options.file, options, load, given.get("file"))
     other = (
@@ -178,8 +187,10 @@ def _of_measurements(
     held = test if len(test) else None
     if options.holdout is not None:
         rows, held = hold_out(fitter.model_with(()), rows, options.holdout, options.seed)
+    stage("2 of 3, fitting")
     with error_context(options.file):
         fit = fitter(rows, held)
+    stage("3 of 3, validating")
     if other is not None:
         validation = _judged_by_file(fitter, fit, other, options)
     else:

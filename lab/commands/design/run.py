@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.calibration.identifiability import enough_poses
 from lab.campaign.design_problem import PoseProblem, pose_problem
-from lab.campaign.design_search import Progress, best_design, exchanged
+from lab.campaign.design_search import best_design, exchanged
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.design.result import DesignResult, DesignStep
@@ -22,11 +22,12 @@ from lab.pose_selection.criteria import indices
 from lab.pose_selection.exchange import Design, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
 from lab.pose_selection.tour import plan_tour, rated
-from lab.render.progress import status
+from lab.render.progress import Stage, status
 
 __all__ = ["design"]
 
 POSES = 30  # where neither a number nor an accuracy is asked for
+_CURVE_STEPS = 10
 MOST_POSES = 200  # where an accuracy is asked for
 
 
@@ -61,10 +62,10 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         return _planned(asked, known, progress)
 
 
-def _planned(options: DesignOptions, robot: Robot, progress: Progress) -> DesignResult:
+def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignResult:
     started = time.perf_counter()
     options.check()
-    progress("candidates")
+    progress("1 of 5, candidates")
     problem = pose_problem(options, robot)
     least = _least(problem)
     quick = _of_any_size(options, problem)
@@ -77,13 +78,13 @@ def _planned(options: DesignOptions, robot: Robot, progress: Progress) -> Design
         design = best_design(options, problem, count, progress)
     count = len(design.joints)
 
-    progress("certificate")
+    progress("3 of 5, certificate")
     pool = np.concatenate([problem.pool, design.jacobian[design.rows < 0]])
     n0 = len(problem.already)
     measured = None if problem.measured is None else problem.measured / n0
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.before])
-    progress("tour")
+    progress("4 of 5, tour")
     chain, warnings = rated(problem.robot.chain)
     home, safe = problem.access.hubs[0], problem.access.hubs[1:]
     tour = plan_tour(
@@ -129,7 +130,7 @@ def _of_any_size(options: DesignOptions, problem: PoseProblem) -> Callable[[int]
 
 
 def _accurate_design(
-    options: DesignOptions, problem: PoseProblem, least: int, quick: Callable[[int], Design], progress: Progress
+    options: DesignOptions, problem: PoseProblem, least: int, quick: Callable[[int], Design], progress: Stage
 ) -> Design:
     """The smallest design whose predicted error is within the accuracy asked for.
 
@@ -163,13 +164,13 @@ def _curve(
     least: int,
     count: int,
     quick: Callable[[int], Design],
-    progress: Progress,
+    progress: Stage,
 ) -> tuple[DesignStep, ...]:
     """Predicted error and O1 against the number of poses, from the fewest possible to twice the plan's."""
     most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
     steps = []
-    for size in np.unique(np.geomspace(least, most, 10).round().astype(int)):
-        progress(f"curve, {size} poses")
+    for size in np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)):
+        progress(f"5 of 5, curve, {size} poses", len(steps), _CURVE_STEPS)
         chosen = quick(int(size))
         everything = np.concatenate([chosen.jacobian, problem.before])
         o1 = float(indices(everything).o1)

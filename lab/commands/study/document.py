@@ -59,6 +59,7 @@ def study_document(result: StudyResult) -> Document:
                 f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.", shown_in=TERMINAL
             ),
             Paragraph(f"study: {done.folder}", shown_in=TERMINAL),
+            Paragraph(f"page: {done.folder / 'report.html'}", shown_in=TERMINAL),
         ),
     )
 
