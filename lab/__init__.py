@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from lab.commands.result import Result
     from lab.commands.study.result import StudyResult
     from lab.commands.study.run import study
+    from lab.commands.trajectory.run import trajectory
     from lab.commands.verify.result import VerificationResult
     from lab.commands.verify.run import verify
     from lab.core.errors import LabError
@@ -75,6 +76,7 @@ __all__ = [
     "simulate",
     "solve_kinematics",
     "study",
+    "trajectory",
     "verify",
     "world_frames",
     "write_measurements",
@@ -98,6 +100,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.result": ("Result",),
     "lab.commands.study.result": ("StudyResult",),
     "lab.commands.study.run": ("study",),
+    "lab.commands.trajectory.run": ("trajectory",),
     "lab.commands.verify.result": ("VerificationResult",),
     "lab.commands.verify.run": ("verify",),
     "lab.core.errors": ("LabError",),

@@ -123,7 +123,7 @@ class Robot(ABC):
         return affected(self.arm(targets), [effect(name, self.chain, self.loads, course) for name in groups])
 
     @abstractmethod
-    def simulated_loads(self) -> Loads | None:
+    def _simulated_loads(self) -> Loads | None:
         """The masses of its model, assumed ones too; None where it has none, or where nothing bends such a robot."""
 
     @abstractmethod
@@ -167,7 +167,7 @@ class Robot(ABC):
             return self
         described = read_cell(cell)
         placed = replace(self, model=in_cell(self.model, described), cell=described)
-        return placed if self.loads is None else replace(placed, loads=placed.simulated_loads())
+        return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
@@ -209,7 +209,7 @@ class SerialRobot(Robot):
         """The arm as equations, with these targets."""
         return self.serial_arm(targets)
 
-    def simulated_loads(self) -> Loads | None:
+    def _simulated_loads(self) -> Loads | None:
         """The masses of its model, assumed ones too; None where there are none."""
         return _some(loads_of(self.model))
 
@@ -258,7 +258,7 @@ class ClosedRobot(Robot):
         """The mechanism as equations, with these targets on its platform."""
         return ClosedArm(self.model.chain, targets)
 
-    def simulated_loads(self) -> None:
+    def _simulated_loads(self) -> None:
         """Nothing bends it, so none are asked for."""
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueMechanism:
@@ -367,7 +367,7 @@ def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     if found.model.missing:
         raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
     said = (*found.warnings, f"robot {found.name}: {found.model.assumed}") if found.model.assumed else found.warnings
-    return replace(found, loads=found.simulated_loads(), warnings=tuple(dict.fromkeys(said)))
+    return replace(found, loads=found._simulated_loads(), warnings=tuple(dict.fromkeys(said)))
 
 
 def _some(loads: Loads) -> Loads | None:

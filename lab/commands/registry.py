@@ -77,6 +77,13 @@ COMMANDS = (
         "lab.commands.kinematics.run:solve_kinematics",
     ),
     Command(
+        "trajectory",
+        "Move a robot through points: by its joints, or along lines and circles, within the limits of its joints.",
+        "lab.commands.trajectory.options:TrajectoryOptions",
+        "lab.commands.trajectory.run:trajectory",
+        "trajectory-{robot}-{points}",
+    ),
+    Command(
         "design",
         "Choose the poses to measure, their order and their number, and say how good the choice is.",
         "lab.campaign.options:DesignOptions",

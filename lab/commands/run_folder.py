@@ -40,6 +40,7 @@ _FILES |= {
     "joints.csv",
     "cartesian.csv",
     "plan.csv",
+    "trajectory.csv",
     "curve.png",
     "curve.svg",
     "poses.png",

@@ -47,7 +47,11 @@ class Targets:
 
 
 def read_targets(
-    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], meaning: AngleConvention | None = None
+    path: Path,
+    joint_names: Sequence[str],
+    prismatic: Sequence[bool],
+    meaning: AngleConvention | None = None,
+    columns: ObservedColumns = ObservedColumns(orientations=True),  # noqa: B008
 ) -> Targets:
     """Read a file of targets: a position each, and where it matters a quaternion or three angles.
 
@@ -56,11 +60,12 @@ def read_targets(
         joint_names: the robot's: a file may have their columns (or q1…qn), each row all or none of them.
         prismatic: which of them slide.
         meaning: of three angles (``lab.core.orientation``).
+        columns: which further columns have a meaning: numbers become conditions.
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    return _TargetReader(path, list(joint_names), list(prismatic), ObservedColumns(orientations=True)).read_all(meaning)
+    return _TargetReader(path, list(joint_names), list(prismatic), columns).read_all(meaning)
 
 
 class _TargetReader(PoseReader):

@@ -186,9 +186,9 @@ def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:
     notes = []
     if slow.any():
         assumed = f"{np.rad2deg(DEFAULT_SPEED):.0f} deg/s ({DEFAULT_SLIDE_SPEED:g} m/s for a slide)"
-        notes.append(f"no speed for {_named(chain, slow)}: the tour assumes {assumed}")
+        notes.append(f"no speed for {_named(chain, slow)}: {assumed} is assumed")
     if sudden.any():
-        notes.append(f"no acceleration for {_named(chain, sudden)}: the tour assumes full speed in {FULL_SPEED_S:g} s")
+        notes.append(f"no acceleration for {_named(chain, sudden)}: full speed in {FULL_SPEED_S:g} s is assumed")
     words = (f"robot {chain.name} gives {'; '.join(notes)}",) if notes else ()
     return replace(chain, speed=speed, acceleration=acceleration), words
 

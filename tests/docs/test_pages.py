@@ -46,8 +46,9 @@ def write_load(path: Path, mounting: Mounting) -> None:
 def write_files(page: Page, folder: Path) -> None:
     """The files that a page shows, under the names by which its commands read them."""
     for block in page.of("text"):
-        if block.startswith("id,x_mm"):
-            (folder / "targets.csv").write_text(block)
+        if block.startswith(("id,x_mm", "id,move")):
+            name = "square.csv" if "move" in block else "points.csv" if "vx_mm" in block else "targets.csv"
+            (folder / name).write_text(block)
     for block in page.of("toml"):
         if "[factors]" in block:
             (folder / "grid.toml").write_text(block)

@@ -293,4 +293,4 @@ def test_unknown_rates_are_assumed_and_said() -> None:
     known, warnings = rated(IRB120.chain)
     assert warnings == () and np.array_equal(known.speed, RATES[0])
     slow = replace(IRB120.chain, acceleration=np.array([1.0, np.nan, 1, 1, np.nan, 1]))
-    assert rated(slow)[1] == ("robot irb120 gives no acceleration for q2, q5: the tour assumes full speed in 0.3 s",)
+    assert rated(slow)[1] == ("robot irb120 gives no acceleration for q2, q5: full speed in 0.3 s is assumed",)

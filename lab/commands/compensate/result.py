@@ -120,7 +120,7 @@ class CompensationResult(Result):
         of_run, run = self.run.result, []
         if of_run.verdict != "good":
             run = [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
-        moved, usual = self.correction_m[self.reached], self.tolerance_m[self.reached]
+        moved, usual = self.correction_m[self.reached], self._tolerance_m[self.reached]
         if not (far := moved > MOST_TOLERANCES * usual).any():
             return tuple(run)
         worst = int(np.argmax(moved / usual))
@@ -132,7 +132,7 @@ class CompensationResult(Result):
         return (words, *run)
 
     @property
-    def tolerance_m(self) -> Array:
+    def _tolerance_m(self) -> Array:
         """``(n,)`` how far the tolerances of the links let each target be missed (m, RMS)."""
         given = self.run.options.get("fitting", {})
         tolerance = Tolerance(*(given.get(key, usual) / 1e3 for key, usual in _USUAL_TOLERANCES.items()))

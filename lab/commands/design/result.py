@@ -149,7 +149,7 @@ class DesignResult(Result):
         return replace(data, ids=stops.names, use=use, other=marks)
 
     @property
-    def scaled_indices(self) -> dict[str, dict[str, Any]]:
+    def _scaled_indices(self) -> dict[str, dict[str, Any]]:
         """Each index with its scaling; G and I are the worst and the mean predicted variance."""
         scaling, variance = self.problem.scaling.describe(), (1e3 * self.prediction.rms) ** 2
         found = {name: (getattr(self.indices, name), scaling) for name in _NUMBERED}
@@ -174,7 +174,7 @@ class DesignResult(Result):
             "instrument": options.instrument,
             "parameters": len(self.problem.structure.kept),
             "criterion": options.criterion,
-            "indices": self.scaled_indices,
+            "indices": self._scaled_indices,
             "d_efficiency": self.d_efficiency,
             "bound_gap": self.certificate.gap,
             "pool": {"poses": self.pool, "what": self._pool_in_words},

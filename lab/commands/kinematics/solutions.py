@@ -20,7 +20,7 @@ from lab.kinematics.model import RigidArm
 __all__ = ["PoseSolutions", "Solution", "Solver", "matching"]
 
 _SAME = 1e-6  # rad or m: solutions nearer to each other are one
-_REACHED_M = 1e-7  # and radians: of a search
+_REACHED_M = 1e-6  # a pose is written to the micron, which joints that are too few for its digits may miss
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,11 @@ class Solver:
         out = []
         for i, order in enumerate(branches):
             gap, tilt, free = found.gap_m[i, order], found.tilt_rad[i, order], found.free[i, order]
-            kept = _different(joints[i], np.flatnonzero(gap == 0), self.arm.chain.prismatic)
+            kept = _different(
+                joints[i],
+                np.flatnonzero(gap <= (0.0 if form is not None and wanted.turned[i] else _REACHED_M)),
+                self.arm.chain.prismatic,
+            )
             named: list[dict[str, str]] = [{} for _ in kept]
             if form is not None and kept:
                 named = configurations(form.determinant, joints[i, kept])

@@ -32,6 +32,7 @@ __all__ = [
     "blended",
     "check_within",
     "common_phases",
+    "independent",
     "joined",
     "own_phases",
     "possible_seconds",
@@ -93,6 +94,11 @@ class Trajectory:
     def peak_speed(self) -> Array:
         """The largest magnitudes ``(n,)`` of the speeds."""
         return np.asarray(np.abs(self.knots[2]).max(axis=0))
+
+    @property
+    def peaks(self) -> tuple[Array, Array]:
+        """The largest magnitudes ``(n,)`` of the speeds and of the accelerations."""
+        return self.peak_speed, np.asarray(np.abs(self.accelerations).max(axis=0, initial=0.0))
 
     @property
     def extremes(self) -> tuple[Array, Array]:
@@ -216,6 +222,29 @@ def common_phases(
     found = _in_phases(chain, np.array([tau, u - tau, tau]), ramps, points[0], v0)
     check_within(chain, found)
     return found
+
+
+def independent(
+    chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
+) -> Trajectory:
+    """A move from rest to rest in which each joint is as quick as it can be alone: they start together, and stop apart.
+
+    Args and errors are those of ``own_phases``; speeds at the ends have to be zero.
+    """
+    points, speeds = _move(chain, start, end, start_speed, end_speed)
+    if speeds.any():
+        raise LabError("joints that are not synchronised move from rest to rest; leave out the speeds at the ends")
+    moved = points[1] - points[0]
+    tau, u = (np.array(each) for each in zip(*(
+        rest_to_rest(moved[j : j + 1], chain.speed[j : j + 1], chain.acceleration[j : j + 1])
+        for j in range(chain.size)), strict=True))  # fmt: skip
+    knots = np.unique(np.concatenate([[0.0], tau, u, u + tau]))
+    knots = knots[np.append(True, np.diff(knots) > SLACK * knots[-1])]
+    middle = 0.5 * (knots[:-1] + knots[1:])[:, None]
+    rising, falling = middle < tau, (middle > u) & (middle < u + tau)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.where(moved != 0, moved / (u * tau), 0.0)
+    return Trajectory(np.diff(knots), np.where(rising, size, np.where(falling, -size, 0.0)), points[0], speeds[0])
 
 
 def through(chain: JointSpec, points: Array, speeds: Array, law: Law = common_phases) -> Trajectory:
