@@ -3,8 +3,8 @@
 It sees an arm only through ``Model``: joints and parameters in, points and derivatives out.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import partial
 
@@ -52,12 +52,14 @@ class IdentifyOptions:
         fix, free: names or patterns of parameters to hold at nominal, or to keep though usually fixed.
         tolerance: of manufacture, as a prior (MAP); None for none.
         solve: another way to fit the free parameters than all at once (``sequential``); None for that.
+        near: where to start from, by parameters' names; the others start at nominal, base and tool from no idea.
     """
 
     fix: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
     tolerance: Tolerance | None = None
     solve: Solve | None = None
+    near: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, names: Sequence[str]) -> "IdentifyOptions":
         """The same without patterns that mean none of these parameters: they are of other groups' models."""
@@ -190,8 +192,7 @@ def identify(
     free = _identifiable(model, observed, aligned, structure, known_rows)
     if request.tolerance is None and len(free) < len(structure.kept):
         _refuse_few_poses(model, data, aligned, structure)
-    start = aligned.copy()
-    start[list(structure.fixed)] = nominal[list(structure.fixed)]  # what is fixed is so at its nominal value
+    start = _start(model, aligned, nominal, structure, free, request.near)
     solve = request.solve or partial(_all_at_once, extra_residuals)
     solution = _canonical(model, solve(observation, observed, free, start))
     dof, estimated = _residual_sigma(observation, observed, solution)
@@ -219,6 +220,16 @@ def identify(
         extra_residuals=extra_residuals,
     )
     return replace(found, warnings=(*data.warnings, *_warnings(found, weighed_prior=request.tolerance is not None)))
+
+
+def _start(
+    model: Model, aligned: Array, nominal: Array, structure: BaseSet, free: Sequence[int], near: Mapping[str, float]
+) -> Array:
+    """Where the fit starts: what is fixed is so at its nominal value."""
+    start = aligned.copy()
+    start[list(structure.fixed)] = nominal[list(structure.fixed)]
+    start[list(free)] = [near.get(model.names[i], start[i]) for i in free]
+    return start
 
 
 def _refuse_few_points(model: Model, data: Measurements, nominal: Array) -> None:

@@ -28,6 +28,7 @@ Purpose = Literal[
     "touched",
     "places",
     "null",
+    "flips",
     "targets",
     "visits",
     "bootstrap",

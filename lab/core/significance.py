@@ -9,6 +9,7 @@ __all__ = [
     "MODEL_GROUPS",
     "PAYLOAD_RESIDUALS",
     "STUDY_COMPARISON",
+    "TERM_SEARCH",
     "UNSOLICITED_WARNING",
     "VERDICT_LACK_OF_FIT",
     "VERIFICATION",
@@ -28,6 +29,9 @@ STUDY_COMPARISON = 0.05
 
 MODEL_GROUPS = 0.01
 """Whether a group of parameters belongs into the model, of all groups together (Bonferroni)."""
+
+TERM_SEARCH = 0.005
+"""Whether any of the single joints' groups that are searched belongs into the model, of the whole search."""
 
 CAMPAIGN_OUTLIERS = 0.01
 """Whether any pose of a campaign is an outlier."""

@@ -11,7 +11,7 @@ from lab.calibration.identify import WEAK, Identification, IdentifyOptions, iden
 from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.statistics.nested_models import Labels, NestedModels, nested_at
-from lab.calibration.validation import cv_groups_of, folds
+from lab.calibration.validation import configurations, cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, seen_mask
@@ -21,9 +21,9 @@ from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns,
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Kind
 
-__all__ = ["FullModel", "ModelWith", "NominalOf", "SelectionTask"]
+__all__ = ["LEAST_SIGMA_M", "FullModel", "ModelWith", "NominalOf", "SelectionTask"]
 
-_FLOOR_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
+LEAST_SIGMA_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
 # largest standard deviations that tell; else WEAK
 _USEFUL: dict[Kind, float] = {"compliance": 1e-4, "section": 1e-5, "mass": 1.0}
 
@@ -46,11 +46,18 @@ class SelectionTask:
     noise: Noise
     request: IdentifyOptions
 
-    def identified(self, groups: Sequence[str], held: Sequence[str] = ()) -> Identification:
-        """With these groups less the parameters held; requests that are of other groups' are left out."""
+    def identified(
+        self, groups: Sequence[str], held: Sequence[str] = (), near: Identification | None = None
+    ) -> Identification:
+        """With these groups less the parameters held; requests that are of other groups' are left out.
+
+        Args:
+            near: a neighbouring model's, to start from.
+        """
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
-        held_too = replace(request, fix=(*request.fix, *held))
+        start = {} if near is None else dict(zip(near.model.names, near.values.tolist(), strict=True))
+        held_too = replace(request, fix=(*request.fix, *held), near=start)
         return identify(model, self.data, self.nominal_of(model), self.noise, held_too)
 
     def refusal(self, group: str) -> LabError | None:
@@ -87,6 +94,7 @@ class FullModel:
         structure, measured: triangles of its Jacobian at the nominal model, over all its limits and at the
             measured poses.
         folds, clusters: ``(n,)`` labels: rows of a fold, and rows that are held out as one.
+        configurations: ``(n,)`` labels: rows of one pose, whose errors may go together.
         extra_residuals: what is known beside the measurements, a prior too.
         floor: the least standard deviation of a whitened residual.
     """
@@ -99,6 +107,7 @@ class FullModel:
     measured: Array
     folds: Labels
     clusters: Labels
+    configurations: Labels
     extra_residuals: ExtraResiduals
     floor: float
 
@@ -128,8 +137,9 @@ class FullModel:
             measured=_triangle(measured[seen_mask(observed.points)].reshape(-1, len(model.names)), extra_residuals),
             folds=folds(clusters, seed),
             clusters=clusters,
+            configurations=configurations(task.data.joints),
             extra_residuals=_known(task, observation, observed, start, at, alone.sigma_m if not known else 1.0),
-            floor=1.0 if known else _FLOOR_M,
+            floor=1.0 if known else LEAST_SIGMA_M,
         )
 
     @property
@@ -146,7 +156,15 @@ class FullModel:
         nominal = np.array([self.start[i] if i in effects else values[i] for i in columns])
         kinds = self.folds, self.clusters
         return nested_at(
-            self.observation, self.observed, values, columns, nominal, *kinds, self.extra_residuals, self.floor
+            self.observation,
+            self.observed,
+            values,
+            columns,
+            nominal,
+            *kinds,
+            self.extra_residuals,
+            self.floor,
+            self.configurations,
         )
 
     def fitted(self, found: Identification) -> tuple[int, ...]:

@@ -1,29 +1,39 @@
 """Which effects an arm has: the smallest adequate model, found by adding one group of parameters after another.
 
-A group is taken if three things say so: an F-test (and a chi squared test where sigma is known) at 1 %, Bonferroni's
-over the groups; BIC; and the error at held-out poses, which must fall by more than its own standard error. Residuals
+A group is taken if three things say so: an F-test (and a chi squared test where sigma is known, and one that lets the
+errors of a pose go together) at 1 %, Bonferroni's over the groups; BIC; and the error at held-out poses, which must
+fall by more than its own standard error. Residuals
 of real arms are correlated and heavy-tailed, so that the first two alone say yes to nearly everything.
+
+Groups of single joints, of which there are hundreds, are searched beside these, with one level for all of them
+(``term_search``).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
-from lab.calibration.identify import Identification, IdentifyOptions
+from lab.calibration.identify import WEAK, Identification, IdentifyOptions
 from lab.calibration.observations.protocol import observation_of
-from lab.calibration.statistics.candidate_models import FullModel, ModelWith, NominalOf, SelectionTask
+from lab.calibration.statistics.candidate_models import LEAST_SIGMA_M, FullModel, ModelWith, NominalOf, SelectionTask
 from lab.calibration.statistics.nested_models import NestedModels, Score
-from lab.calibration.validation import ROWS_PER_PARAMETER
-from lab.calibration.weights import Noise
+from lab.calibration.statistics.term_search import FoundTerm, TermSearch, TermTable
+from lab.calibration.validation import ROWS_PER_PARAMETER, configurations
+from lab.calibration.weights import Noise, weighed
 from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements
+from lab.core.random import rng_for
 from lab.core.significance import MODEL_GROUPS
+from lab.kinematics.effects.effect import Effect
 from lab.kinematics.effects.registry import CANDIDATES
 
 __all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
 
 _GEOMETRY = "geometric"
+_NO_TERMS: Mapping[str, Effect] = MappingProxyType({})
+_SEARCHES = 6  # of terms, each around what the one before found
 _BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
 
 
@@ -83,6 +93,7 @@ def select(
     request: IdentifyOptions | None = None,
     *,
     candidates: Sequence[str] = CANDIDATES,
+    terms: Mapping[str, Effect] = _NO_TERMS,
     seed: int = 0,
 ) -> Selection:
     """Identify with geometry alone, then with whatever groups the measurements call for.
@@ -94,7 +105,8 @@ def select(
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
         nominal: the nominal parameters of such a model.
         candidates: groups to try, those of ``kinematics.effects`` or the caller's own.
-        seed: of the folds.
+        terms: groups of single joints to search, by names that ``model_with`` knows.
+        seed: of the folds, and of the search's level.
 
     Raises:
         LabError: geometry alone cannot be identified.
@@ -107,13 +119,14 @@ def select(
         for name in candidates
         if (why := task.refusal(name)) is not None
     }
-    large = FullModel.of(task, [name for name in candidates if name not in refused], alone, seed)
-    taken, found, rows = _grown(task, large, alone)
-    rows |= refused
-    chosen = [replace(rows[name], chosen=True) for name in taken]
-    return Selection(
-        taken, found, (rows[_GEOMETRY], *chosen, *(rows[name] for name in candidates if name not in taken))
-    )
+    growth = _Growth(task, tuple(name for name in candidates if name not in refused), alone, seed)
+    growth.grow()
+    if terms:
+        growth.search(terms)
+    rows = growth.rows | refused
+    chosen = [replace(rows[name], chosen=True) for name in growth.taken]
+    others = (rows[name] for name in candidates if name not in growth.taken)
+    return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others))
 
 
 def follow(
@@ -144,58 +157,146 @@ def follow(
     table = large.around(found)
     rows = [_geometry(table.score(large.fitted(found)))]
     for count, name in enumerate(groups, start=1):
-        rows.append(replace(_trial(large, table, found, name), chosen=True, held=()))
+        small = table.score(large.fitted(found))
+        rows.append(replace(_trial(large, table, found, name, small), chosen=True, held=()))
         found = task.identified(groups[:count])
         table = large.around(found)
     return Selection(tuple(groups), found, tuple(rows))
 
 
-def _grown(
-    task: SelectionTask, large: FullModel, found: Identification
-) -> tuple[tuple[str, ...], Identification, dict[str, GroupTrial]]:
-    """From an identification of geometry alone: the groups taken, the arm with them, and all rows of the table."""
-    table = large.around(found)
-    rows = {_GEOMETRY: _geometry(table.score(large.fitted(found)))}
-    stuck: dict[str, GroupTrial] = {}
+@dataclass
+class _Growth:
+    """A model that grows from geometry alone.
+
+    Attributes:
+        candidates: groups that can be tried.
+        found: the arm with the groups that are taken.
+        rows: of the table, by group.
+        stuck: groups that the fit does not converge with.
+    """
+
+    task: SelectionTask
+    candidates: tuple[str, ...]
+    alone: Identification
+    seed: int
     taken: tuple[str, ...] = ()
-    for _ in range(3 * len(large.groups) + 1):  # BIC falls at each step, rounding and curvature aside
-        left = [name for name in large.groups if name not in (*taken, *stuck)]
-        rows |= {name: _trial(large, table, found, name) for name in left}
-        moved = _next(large, table, found, taken, [rows[name] for name in left])
-        if moved == taken:
-            break
-        tried = task.identified(moved, [parameter for name in moved for parameter in rows[name].held])
-        if tried.status != "converged" and len(moved) > len(taken):
-            stuck[moved[-1]] = _refused(moved[-1], "Gauss-Newton does not converge with it")
-            continue
-        taken, found = moved, tried
-        table = large.around(found)
-    return taken, found, rows | stuck
+    rows: dict[str, GroupTrial] = field(default_factory=dict)
+    stuck: dict[str, GroupTrial] = field(default_factory=dict)
+    found: Identification = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.found = self.alone
+
+    def grow(self) -> None:
+        """Add one candidate after another, and drop what is superfluous then."""
+        large = self.large()
+        table = large.around(self.found)
+        self.rows.setdefault(_GEOMETRY, _geometry(table.score(large.fitted(self.found))))
+        for _ in range(3 * len(large.groups) + 1):  # BIC falls at each step, rounding and curvature aside
+            left = [name for name in large.groups if name not in (*self.taken, *self.stuck)]
+            small = table.score(large.fitted(self.found))
+            self.rows |= {name: _trial(large, table, self.found, name, small) for name in left}
+            moved = _next(large, table, self.found, self.taken, [self.rows[name] for name in left], small)
+            if moved == self.taken or not self.moved_to(moved):
+                if moved == self.taken:
+                    break
+                continue
+            table = large.around(self.found)
+        self.rows |= self.stuck
+
+    def moved_to(self, groups: tuple[str, ...]) -> bool:
+        """Identify with these groups, if the fit converges; else the last one is stuck."""
+        held = [parameter for name in groups for parameter in self.rows[name].held]
+        tried = self.task.identified(groups, held, self.found)
+        if tried.status != "converged" and len(groups) > len(self.taken):
+            self.stuck[groups[-1]] = _refused(groups[-1], "Gauss-Newton does not converge with it")
+            return False
+        self.taken, self.found = groups, tried
+        return True
+
+    def large(self) -> FullModel:
+        """The model with all candidates that go together with what is taken."""
+        own = set(self.found.model.names)
+        others = [name for name in self.candidates if name not in self.taken]
+        shared = [name for name in others if self.task.parameters(name) & own]
+        self.stuck |= {name: _refused(name, "a part of it is in the model") for name in shared}
+        return FullModel.of(
+            self.task, [*self.taken, *(name for name in others if name not in shared)], self.alone, self.seed
+        )
+
+    def search(self, terms: Mapping[str, Effect]) -> None:
+        """Add the groups of single joints that the residuals show, and try the others anew around those."""
+        table = TermTable.of(terms, self.task.data)
+        for _ in range(_SEARCHES):
+            new = self._found_terms(table)
+            self.rows |= {term.name: GroupTrial(term.name, 0, np.nan, term.p, np.nan, True) for term in new}
+            if not new or not self.moved_to((*self.taken, *(term.name for term in new))):
+                break
+            self.grow()
+        self._judge_terms(set(terms))
+
+    def _found_terms(self, table: TermTable) -> tuple[FoundTerm, ...]:
+        """What a search around the arm as it is identified finds."""
+        task, found = self.task, self.found
+        observed, known = weighed(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
+        search = TermSearch.at(
+            table,
+            found.model,
+            observed,
+            found.values,
+            found.fit.free,
+            configurations(task.data.joints),
+            found.extra_residuals,
+            largest_std=WEAK,
+            floor=1.0 if known else LEAST_SIGMA_M,
+        )
+        room = self.large().least_rows / ROWS_PER_PARAMETER - len(found.fit.free)
+        return search.run(rng_for(self.seed, "flips"), int(room) // 2)
+
+    def _judge_terms(self, terms: set[str]) -> None:
+        """Fill in the rows of the terms: each with what was taken before it."""
+        large = self.large()
+        table, whole = large.around(self.found), large.fitted(self.found)
+        fitted = [i for i in whole if not any(i in large.groups[name] for name in self.taken)]
+        for name in self.taken:
+            own = [i for i in large.groups[name] if i in whole]
+            fitted += own
+            if name in terms:
+                score = table.score(fitted)
+                self.rows[name] = replace(
+                    self.rows[name], parameters=len(own), holdout_m=float(score.errors.mean()), bic=score.bic
+                )
 
 
 def _next(
-    large: FullModel, table: NestedModels, found: Identification, taken: tuple[str, ...], trials: Sequence[GroupTrial]
+    large: FullModel,
+    table: NestedModels,
+    found: Identification,
+    taken: tuple[str, ...],
+    trials: Sequence[GroupTrial],
+    small: Score,
 ) -> tuple[str, ...]:
     """The groups taken, less one that is superfluous now, or with the best of those worth it; else the same."""
     fitted = large.fitted(found)
-    bic = {name: table.score([i for i in fitted if i not in large.groups[name]]).bic for name in taken}
-    if bic and bic[least := min(bic, key=bic.__getitem__)] < table.score(fitted).bic:
-        return tuple(name for name in taken if name != least)
+    bic = table.bic_without(fitted, [large.groups[name] for name in taken])
+    if taken and bic.min() < small.bic:
+        return tuple(name for name in taken if name != taken[int(bic.argmin())])
     worthy = [row for row in trials if not row.infeasibility_reason]
     return (*taken, min(worthy, key=lambda row: row.bic).name) if worthy else taken
 
 
-def _trial(large: FullModel, table: NestedModels, found: Identification, name: str) -> GroupTrial:
-    """What a group would add to an identified model."""
+def _trial(large: FullModel, table: NestedModels, found: Identification, name: str, small: Score) -> GroupTrial:
+    """What a group would add to an identified model, whose score is ``small``."""
     new, shown = large.added(table, found, name)
     fitted = large.fitted(found)
     if not shown:
         return _refused(name, "these poses do not show it" if new else "it says nothing that the model does not say")
     if large.least_rows < ROWS_PER_PARAMETER * (len(fitted) + len(shown)):
         return _refused(name, f"too few poses for {len(fitted) + len(shown)} parameters")
-    small, big = table.score(fitted), table.score([*fitted, *shown])
+    big = table.score([*fitted, *shown])
     p = table.p_value(small, big)
-    why = objection(table, small, big, p * len(large.groups))
+    robust = table.clustered_p(fitted, shown)
+    why = objection(table, small, big, max(p, robust) * len(large.groups))
     held = tuple(large.observation.model.names[i] for i in new if i not in shown)
     return GroupTrial(name, len(shown), float(big.errors.mean()), p, big.bic, False, why, held)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
 from lab.calibration.observations.protocol import Observation
+from lab.calibration.statistics.clustered_rows import ClusteredRows
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
@@ -52,6 +53,7 @@ class NestedModels:
         cluster: ``(m,)`` what each thing of the folds, one after the other, was held out together with.
         rows: the number of residuals.
         floor: the least standard deviation that a whitened residual may have: 1 where sigma is known.
+        witnesses: the scaled rows themselves, residual last, by the poses whose errors may go together.
     """
 
     columns: tuple[int, ...]
@@ -63,6 +65,7 @@ class NestedModels:
     cluster: Labels
     rows: int
     floor: float
+    witnesses: ClusteredRows
 
     def score(self, fitted: Sequence[int]) -> Score:
         """The nested model that fits these columns, held-out errors by linear prediction from the other folds.
@@ -75,9 +78,29 @@ class NestedModels:
             np.linalg.norm(held @ self._left(triangle, fitted)[0], axis=1)
             for triangle, held in zip(self.training, self.held, strict=True)
         ]
+        return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
+
+    def bic_without(self, fitted: Sequence[int], parts: Sequence[Sequence[int]]) -> Array:
+        """BIC of the models that fit these columns less one of the parts each, as by ``score``, all at once.
+
+        What holding a part b at its nominal value adds to the squares is d' (C_bb)^-1 d, with d how far the fit moves
+        it from there and C the covariance of unit noise (Seber & Lee 2003, section 4.3).
+        """
+        index = [self.columns.index(i) for i in fitted]
+        weights, left = self._left(self.whole, fitted)
+        back = LinearModel.of(self.whole[:, index], RANK_TOLERANCE, scaled=True).back
+        moved = self.away[index] - weights[index]
+        found = []
+        for part in parts:
+            own = [k for k, i in enumerate(fitted) if i in part]
+            rise = moved[own] @ np.linalg.lstsq(back[own] @ back[own].T, moved[own], rcond=None)[0]
+            squares = float(left @ left + rise)
+            found.append(self._bic(squares, len(index) - len(own)))
+        return np.array(found)
+
+    def _bic(self, squares: float, parameters: int) -> float:
         variance = max(squares / self.rows, self.floor**2)
-        bic = self.rows * np.log(variance) + squares / variance + len(fitted) * np.log(self.rows)
-        return Score(len(fitted), squares, np.concatenate(lengths), float(bic))
+        return float(self.rows * np.log(variance) + squares / variance + parameters * np.log(self.rows))
 
     def std(self, fitted: Sequence[int]) -> Array:
         """Standard deviations of the parameters that are fitted; of noise as large as the residuals, or as is known."""
@@ -100,6 +123,16 @@ class NestedModels:
         by_noise = p_value_of_squares(fall, added, variance=self.floor**2)
         by_residuals = p_value_of_squares(fall, added, dof, max(big.squares / dof, 1e-300))
         return float(max(by_noise, by_residuals))
+
+    def clustered_p(self, fitted: Sequence[int], added: Sequence[int]) -> float:
+        """The chance of what columns explain beyond those fitted, if errors go together in a pose.
+
+        Unlike ``p_value`` it does not take the targets or repeats of a pose for independent; zero where there is one
+        of each, as there is nothing to allow for.
+        """
+        if not self.witnesses.shared:
+            return 0.0
+        return self.witnesses.p_value(*([self.columns.index(i) for i in each] for each in (fitted, added)))
 
     def gain(self, before: Score, after: Score) -> tuple[float, float]:
         """How far the mean held-out error falls (m), and the standard error of that: paired, by clusters."""
@@ -128,6 +161,7 @@ def nested_at(
     clusters: Labels,
     extra_residuals: ExtraResiduals,
     floor: float,
+    configurations: Labels,
 ) -> NestedModels:
     """The large model near ``values`` ``(p,)``.
 
@@ -136,6 +170,7 @@ def nested_at(
         nominal: ``(c,)`` what they are where they are not fitted.
         folds, clusters: ``(n,)`` labels: a row's fold, from 0 on, and what it is held out together with.
         extra_residuals: what is known beside the measurements, weighted as they are.
+        configurations: ``(n,)`` labels from 0 on: rows whose errors may go together.
     """
     index, count = list(columns), int(folds.max()) + 1
     predicted, jacobian = observation.model.observe(observed.inputs, values)
@@ -159,6 +194,9 @@ def nested_at(
         cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
         rows=len(rows) + len(residual),
         floor=floor,
+        witnesses=ClusteredRows.of(
+            np.concatenate([rows / scale, beside]), configurations[np.nonzero(mask)[0]], both.shape[2]
+        ),
     )
 
 

@@ -18,6 +18,7 @@ from lab.commands.calibrate.figures import (
 )
 from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs, weak_directions_of
 from lab.commands.calibrate.fit_result import Named
+from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.provenance import provenance_section
 from lab.core.se3 import Array
@@ -174,13 +175,12 @@ def _where(result: CalibrationResult, words: ObservationWords) -> tuple[Block, .
 
 def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
     """Model, goodness of fit, noise, the truth of a virtual robot, model selection, stiffness."""
-    model = " + ".join(("geometric", *result.fit.groups))
     stiffness = tuple(
         (each.joint, f"{each.stiffness:,.0f}", f"± {each.std:,.0f}" if np.isfinite(each.std) else "–")
         for each in result.stiffnesses
     )
     return (
-        Paragraph(f"Model: {model}. {capital(result.fit.adequacy.words)}."),
+        Paragraph(f"Model: {model_name(result.fit.groups)}. {capital(result.fit.adequacy.words)}."),
         Paragraph(_noise(result)),
         Paragraph(_truth(result)),
         _model_selection(result),
@@ -227,7 +227,7 @@ def _model_selection(result: CalibrationResult) -> Table:
             short(1e3 * group.holdout_m) if np.isfinite(group.holdout_m) else "",
             short(group.f_p) if np.isfinite(group.f_p) else "",
             fixed(group.bic, 0) if np.isfinite(group.bic) else "",
-            ", but ".join(part for part in ("chosen" if group.chosen else "", group.infeasibility_reason) if part),
+            standing(group),
         )
         for group in result.groups
     )

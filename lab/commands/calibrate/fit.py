@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import astuple, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -34,8 +35,8 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.registry import CANDIDATES
+from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
+from lab.kinematics.effects.registry import CANDIDATES, searched_terms
 from lab.kinematics.model import Model
 
 __all__ = ["Fitter"]
@@ -69,7 +70,7 @@ class Fitter:
         arm = self.robot.arm_with(self.targets, groups, self.course)
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[0]
 
-    @property
+    @cached_property
     def course(self) -> SessionInfo:
         """Of the measurements that are to be fitted."""
         rows = self.data.only("calibrate")
@@ -186,13 +187,19 @@ class Fitter:
         for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]
-            asked = (self.noise, self.request)
-            selection = select(weighed_so.model_with, rows, self.nominal, *asked, candidates=tried, seed=self.seed)
+            asked, searched = (self.noise, self.request), self._terms()
+            selection = select(
+                weighed_so.model_with, rows, self.nominal, *asked, candidates=tried, terms=searched, seed=self.seed
+            )
             if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.held)
         assert selection is not None
         return selection
+
+    def _terms(self) -> dict[str, Effect]:
+        """The groups of single joints that are searched."""
+        return searched_terms(ArmFacts(self.robot.chain, self.robot.loads, self.course))
 
     def unanswerable(self, group: str) -> str:
         """What is missing for a group in the rows that are to be judged by; empty if nothing is."""

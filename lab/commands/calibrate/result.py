@@ -34,6 +34,7 @@ from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.kinematics.effects.registry import said_of_term
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of
 from lab.simulation.true_robot import TrueRobot
@@ -244,6 +245,7 @@ def _write_covariance(path: Path, identification: Identification) -> None:
 def _group_to_dict(group: GroupTrial) -> dict[str, Any]:
     return {
         "name": group.name,
+        "words": said_of_term(group.name),
         "parameters": group.parameters,
         "holdout_mm": number(1e3 * group.holdout_m),
         "f_p": number(group.f_p),

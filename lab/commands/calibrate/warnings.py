@@ -13,6 +13,7 @@ from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
+from lab.commands.calibrate.model_words import listed
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.parameter import targets_of
@@ -138,4 +139,5 @@ def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], inpu
     alone = rigid.points(inputs[:, : robot.chain.size], found.values[: len(rigid.names)])
     off = np.sqrt(((whole - alone) ** 2).sum(axis=2).mean())
     file = robot.kept_file
-    return [f"{file} holds geometry alone: without {', '.join(groups)} it is off by {1e3 * off:.2g} mm at these poses"]
+    lacking = ", ".join(listed(groups))
+    return [f"{file} holds geometry alone: without {lacking} it is off by {1e3 * off:.2g} mm at these poses"]

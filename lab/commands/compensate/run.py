@@ -9,6 +9,7 @@ import numpy as np
 from lab.campaign.observation_kinds import kind_named
 from lab.campaign.reachability import HUBS, ReachabilityGraph, free_home, reachability, refusals, stops_in_order
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.keywords import options_of, takes
@@ -115,7 +116,7 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
         off = run.arm.points(some, run.values)[:, target] - alone
         without = float(np.sqrt((off**2).sum(axis=1).mean()))
         warnings.append(
-            f"the exported arm holds geometry alone: without {', '.join(run.groups)} it is off by "
+            f"the exported arm holds geometry alone: without {', '.join(listed(run.groups))} it is off by "
             f"{1e3 * without:.2g} mm at these targets"
         )
     if found.unturned_rad.max() > UNTURNED_RAD:

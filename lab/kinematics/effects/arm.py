@@ -1,6 +1,7 @@
 """An arm with effects: the same seam as the rigid arm's, with the effects' parameters after its own."""
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -38,7 +39,7 @@ class ArmWithEffects:
     def __post_init__(self) -> None:
         parameters = (*self.arm.parameters, *itertools.chain.from_iterable(each.parameters for each in self.effects))
         names = names_of(parameters)
-        if twice := [name for name in names if names.count(name) > 1]:
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
             groups = [effect.name for effect in self.effects if twice[0] in names_of(effect.parameters)]
             raise LabError(f"--model {'+'.join(groups)}: both have {twice[0]}; choose one of them")
         conditions = dict.fromkeys(name for effect in self.effects for name in effect.conditions)

@@ -17,10 +17,12 @@ from lab.kinematics.effects.effect import (
     Effect,
     FittedGroup,
     SimulatedEffect,
+    TermFamily,
     VirtualEffect,
     levers,
     refuse_negative,
 )
+from lab.kinematics.effects.gravity_terms import GRAVITY
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter, joint_parameter
 
@@ -68,7 +70,10 @@ def _fitted(name: str, arm: ArmFacts) -> Effect:
     if arm.chain.has_loops:
         raise LabError(f"--model {name}: robot {arm.chain.name} has loops, and nothing bends such a robot here")
     if arm.loads is None:
-        raise LabError(f"--model {name}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF")
+        raise LabError(
+            f"--model {name}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF, "
+            "or fit what gives way to unknown masses: --model auto, or joint2.gravity2 and its like"
+        )
     return compliance(arm.loads, payload=name == "payload")
 
 
@@ -136,6 +141,8 @@ class Compliance(VirtualEffect):
             is_candidate=False,
         ),
     )
+
+    terms: ClassVar[tuple[TermFamily, ...]] = (GRAVITY,)
 
     def check(self) -> None:
         """Refuse a stiffness that is none."""

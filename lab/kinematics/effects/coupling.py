@@ -1,5 +1,6 @@
-"""Axes that their neighbours drag along: joint i is at q_i + k_ij q_j."""
+"""Axes that others drag along: joint i is at q_i + k_ij q_j."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -15,21 +16,18 @@ from lab.kinematics.effects.effect import (
     FittedGroup,
     MovesJoints,
     SimulatedEffect,
+    TermFamily,
     VirtualEffect,
     turning_joints,
 )
-from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import joint_parameter
 
-__all__ = ["Coupling", "JointCoupling", "coupling"]
+__all__ = ["COUPLED", "Coupling", "JointCoupling", "coupling"]
 
 
-def coupling(chain: JointSpec) -> Effect:
-    """The fitted group: k_ij of every hinge and its inner neighbour, and of the last one also of the one before."""
-    last, turning = chain.size - 1, turning_joints(chain)
-    pairs = [*((i, i - 1) for i in range(1, chain.size)), *([(last, last - 2)] if last >= 2 else [])]
-    pairs = [(i, j) for i, j in pairs if i in turning and j in turning]
-    parameters = tuple(joint_parameter("coupling", i, f"coupling{j + 1}", "ratio") for i, j in pairs)
+def coupling(group: str, pairs: Sequence[tuple[int, int]]) -> Effect:
+    """The fitted group: k_ij of these pairs of joints, from 0."""
+    parameters = tuple(joint_parameter(group, i, f"coupling{j + 1}", "ratio") for i, j in pairs)
 
     def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*joints.shape, len(pairs)))
@@ -37,7 +35,34 @@ def coupling(chain: JointSpec) -> Effect:
             derivative[:, i, k] = joints[:, j]
         return derivative @ values, derivative
 
-    return Effect("coupling", parameters, offsets)
+    return Effect(group, parameters, offsets)
+
+
+def _neighbours(arm: ArmFacts) -> list[tuple[int, int]]:
+    """Every hinge with its inner neighbour, and the last one also with the one before."""
+    last = arm.chain.size - 1
+    pairs = [*((i, i - 1) for i in range(1, arm.chain.size)), *([(last, last - 2)] if last >= 2 else [])]
+    return [pair for pair in pairs if set(pair) <= set(turning_joints(arm.chain))]
+
+
+def _of_one_pair(arm: ArmFacts, joint: int, other: int) -> Effect:
+    name = COUPLED.name(joint, other)
+    if (joint, other - 1) not in _all_pairs(arm):
+        raise LabError(f"--model {name}: give two different joints that turn, of 1 to {arm.chain.size}")
+    return coupling(name, [(joint, other - 1)])
+
+
+def _all_pairs(arm: ArmFacts) -> list[tuple[int, int]]:
+    return list(itertools.permutations(turning_joints(arm.chain), 2))
+
+
+COUPLED = TermFamily(
+    "coupling",
+    "the joint that it follows",
+    _of_one_pair,
+    lambda arm: [(i, j + 1) for i, j in _all_pairs(arm)],
+    lambda joint, other: f"joint {joint} follows joint {other}",
+)
 
 
 @dataclass(frozen=True)
@@ -79,7 +104,10 @@ class Coupling(VirtualEffect):
     """How far wrist joints follow their neighbours (1σ)."""
 
     draws: ClassVar[int] = 1
-    groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("coupling", lambda arm: coupling(arm.chain)),)
+    groups: ClassVar[tuple[FittedGroup, ...]] = (
+        FittedGroup("coupling", lambda arm: coupling("coupling", _neighbours(arm))),
+    )
+    terms: ClassVar[tuple[TermFamily, ...]] = (COUPLED,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Normal draws, of the last two hinges with their inner neighbour, itself a hinge."""

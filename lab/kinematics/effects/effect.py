@@ -36,6 +36,7 @@ __all__ = [
     "ScattersJoints",
     "SessionInfo",
     "SimulatedEffect",
+    "TermFamily",
     "TrackerMotion",
     "VirtualEffect",
     "levers",
@@ -111,6 +112,31 @@ class FittedGroup:
     meaning: str = ""
     of_one_campaign: bool = False
     is_candidate: bool = True
+
+
+@dataclass(frozen=True)
+class TermFamily:
+    """Groups of one joint each, with a joint and a number in their names: ``joint2.harmonic20``.
+
+    There are too many to try each by an exact fit: ``--model auto`` searches all of them at once.
+
+    Attributes:
+        symbol: what stands between the two numbers.
+        number: what the second one counts, for the help.
+        fitted: the group of a joint, from 0, and a number; a LabError where the arm has no such.
+        searched: the pairs of a joint, from 0, and a number that are searched for an arm.
+        words: what such a group says of the arm, from the two numbers of its name.
+    """
+
+    symbol: str
+    number: str
+    fitted: Callable[[ArmFacts, int, int], Effect]
+    searched: Callable[[ArmFacts], Sequence[tuple[int, int]]]
+    words: Callable[[int, int], str]
+
+    def name(self, joint: int, number: int) -> str:
+        """Of the group of a joint, from 0, and a number."""
+        return f"joint{joint + 1}.{self.symbol}{number}"
 
 
 @dataclass(frozen=True)
@@ -248,10 +274,12 @@ class VirtualEffect(ABC):
         draws: how many random substreams it takes. Each is its own, so that one effect leaves the draws of the others
             as they are.
         groups: what of it is fitted.
+        terms: what of it is fitted joint by joint.
     """
 
     draws: ClassVar[int] = 0
     groups: ClassVar[tuple[FittedGroup, ...]] = ()
+    terms: ClassVar[tuple[TermFamily, ...]] = ()
 
     def check(self) -> None:  # noqa: B027 (most have nothing to add)
         """Refuse numbers that make no sense together, with a LabError that names the option.

@@ -15,31 +15,52 @@ from lab.kinematics.effects.effect import (
     FittedGroup,
     MovesJoints,
     SimulatedEffect,
+    TermFamily,
     VirtualEffect,
     turning_joints,
 )
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import joint_parameter
 
-__all__ = ["Harmonics", "Runout", "harmonics"]
+__all__ = ["HARMONIC", "LARGEST_ORDER", "Harmonics", "Runout", "harmonics"]
+
+LARGEST_ORDER = 64  # that is searched: a harmonic of a real arm above was never worth its poses
 
 _NAMES = ("sin1", "cos1", "sin2", "cos2")
 
 
-def harmonics(chain: JointSpec, order: int = 1) -> Effect:
-    """The fitted group of one order k: s_i and c_i of every hinge."""
-    turning = turning_joints(chain)
-    group = "harmonics" if order == 1 else f"harmonics{order}"
-    parameters = tuple(joint_parameter(group, i, f"{wave}{order}") for i in turning for wave in ("sin", "cos"))
+def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
+    """The fitted group of one order k: s_i and c_i of these joints, from 0."""
+    parameters = tuple(joint_parameter(group, i, f"{wave}{order}") for i in joints for wave in ("sin", "cos"))
 
-    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, len(parameters)))
-        for k, i in enumerate(turning):
-            derivative[:, i, 2 * k] = np.sin(order * joints[:, i])
-            derivative[:, i, 2 * k + 1] = np.cos(order * joints[:, i])
+    def offsets(positions: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*positions.shape, len(parameters)))
+        for column, i in enumerate(joints):
+            derivative[:, i, 2 * column] = np.sin(order * positions[:, i])
+            derivative[:, i, 2 * column + 1] = np.cos(order * positions[:, i])
         return derivative @ values, derivative
 
     return Effect(group, parameters, offsets)
+
+
+def _of_one_joint(arm: ArmFacts, joint: int, order: int) -> Effect:
+    name = HARMONIC.name(joint, order)
+    if joint not in turning_joints(arm.chain) or order < 1:
+        raise LabError(f"--model {name}: give a joint that turns, and a wave number from 1")
+    return harmonics(name, (joint,), order)
+
+
+def _searched(arm: ArmFacts) -> list[tuple[int, int]]:
+    return [(joint, order) for joint in turning_joints(arm.chain) for order in range(1, LARGEST_ORDER + 1)]
+
+
+HARMONIC = TermFamily(
+    "harmonic",
+    "wave number, how often a turn",
+    _of_one_joint,
+    _searched,
+    lambda joint, order: f"joint {joint} runs out {'once' if order == 1 else f'{order} times'} a turn",
+)
 
 
 @dataclass(frozen=True)
@@ -94,9 +115,10 @@ class Harmonics(VirtualEffect):
 
     draws: ClassVar[int] = 2
     groups: ClassVar[tuple[FittedGroup, ...]] = (
-        FittedGroup("harmonics", lambda arm: harmonics(arm.chain)),
-        FittedGroup("harmonics2", lambda arm: harmonics(arm.chain, 2)),
+        FittedGroup("harmonics", lambda arm: harmonics("harmonics", turning_joints(arm.chain), 1)),
+        FittedGroup("harmonics2", lambda arm: harmonics("harmonics2", turning_joints(arm.chain), 2)),
     )
+    terms: ClassVar[tuple[TermFamily, ...]] = (HARMONIC,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """The same amplitude for every hinge; the phases are drawn, those of each order from their own stream."""

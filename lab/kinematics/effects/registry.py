@@ -4,6 +4,7 @@ The order is that of the options, of the groups and of the random substreams: a 
 what is drawn for the others stays as it is.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import TypeVar
@@ -18,7 +19,15 @@ from lab.kinematics.effects.campaign import Duration, Payloads
 from lab.kinematics.effects.compliance import Compliance
 from lab.kinematics.effects.coupling import Coupling
 from lab.kinematics.effects.drift import Drift
-from lab.kinematics.effects.effect import NO_SESSIONS, ArmFacts, Effect, FittedGroup, SessionInfo, VirtualEffect
+from lab.kinematics.effects.effect import (
+    NO_SESSIONS,
+    ArmFacts,
+    Effect,
+    FittedGroup,
+    SessionInfo,
+    TermFamily,
+    VirtualEffect,
+)
 from lab.kinematics.effects.gear import Gear
 from lab.kinematics.effects.growth import Growth
 from lab.kinematics.effects.harmonics import Harmonics
@@ -32,9 +41,12 @@ __all__ = [
     "CANDIDATES",
     "EFFECTS",
     "GROUPS",
+    "TERM_FAMILIES",
     "EffectOptions",
     "effect",
     "fitted_groups",
+    "said_of_term",
+    "searched_terms",
 ]
 
 Kind = TypeVar("Kind", bound=VirtualEffect)
@@ -82,6 +94,8 @@ EFFECTS: tuple[type[VirtualEffect], ...] = EffectOptions.__bases__[::-1]
 _FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
 GROUPS = tuple(_FITTED)
 CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
+TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
+_TERM = re.compile(rf"joint([1-9]\d*)\.({'|'.join(family.symbol for family in TERM_FAMILIES)})([1-9]\d*)")
 CAMPAIGN_SPECIFIC = tuple(group.name for group in _FITTED.values() if group.of_one_campaign)  # nothing of another day
 
 
@@ -96,9 +110,38 @@ def effect(name: str, chain: JointSpec, loads: Loads | None, sessions: SessionIn
     Raises:
         LabError: there is no such group, the arm cannot have it, or there are no masses or sessions for it.
     """
+    facts = ArmFacts(chain, loads, sessions)
+    if (term := _term(name)) is not None:
+        family, joint, number = term
+        if joint > chain.size:
+            raise LabError(f"--model {name}: robot {chain.name} has joints 1 to {chain.size}")
+        return family.fitted(facts, joint - 1, number)
     if name not in _FITTED:
-        raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}")
-    found = _FITTED[name].fitted(ArmFacts(chain, loads, sessions))
+        terms = ", ".join(f"joint1.{family.symbol}2" for family in TERM_FAMILIES)
+        raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}, and {terms}")
+    found = _FITTED[name].fitted(facts)
     if not found.parameters:
         raise LabError(f"--model {name}: robot {chain.name} has no joint or link that could have it; leave it out")
     return found
+
+
+def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
+    """The groups of single joints that ``--model auto`` searches for an arm, by name."""
+    names = (family.name(*pair) for family in TERM_FAMILIES for pair in family.searched(facts))
+    return {name: effect(name, facts.chain, facts.loads, facts.sessions) for name in names}
+
+
+def said_of_term(name: str) -> str:
+    """What a group of a single joint says of the arm; empty of any other group."""
+    if (term := _term(name)) is None:
+        return ""
+    family, joint, number = term
+    return family.words(joint, number)
+
+
+def _term(name: str) -> tuple[TermFamily, int, int] | None:
+    """The family, the joint from 1 and the number of such a name."""
+    if (match := _TERM.fullmatch(name)) is None:
+        return None
+    family = next(family for family in TERM_FAMILIES if family.symbol == match[2])
+    return family, int(match[1]), int(match[3])

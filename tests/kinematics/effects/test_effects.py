@@ -6,7 +6,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from helpers.robots import IRB120, SCARA, VERSATRAN, assert_derivatives, somewhere, table_robot
+from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, assert_derivatives, somewhere, table_robot
 
 from lab.calibration.identify import identify
 from lab.core import se3
@@ -93,6 +93,56 @@ def test_derivatives_of_effects(chain: Chain, name: str) -> None:
     assert_derivatives(lambda v: made.offsets(joints, conditions, v)[0], derivative, values, relative=1e-7)
     still, _ = made.offsets(joints, conditions, np.zeros(len(values)))
     assert not still.any()  # the drawing has no effect
+
+
+TERMS = ("joint1.harmonic20", "joint5.harmonic1", "joint4.coupling1", "joint1.gravity4", "joint5.gravity6")
+
+
+@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN], ids=lambda chain: chain.name)
+def test_derivatives_of_single_joints_groups(chain: Chain, name: str) -> None:
+    rng = np.random.default_rng(0)
+    if chain is SCARA:
+        name = name.replace("joint5", "joint2").replace("6", "4").replace("joint4.coupling1", "joint4.coupling2")
+    made = effect(name, chain, loads_on(chain, rng))
+    joints, values = chain.random_joints(20, rng), 2e-4 * rng.normal(size=len(made.parameters))
+    _, derivative = made.offsets(joints, np.zeros((20, 0)), values)
+    assert_derivatives(lambda v: made.offsets(joints, np.zeros((20, 0)), v)[0], derivative, values, relative=1e-7)
+    moved = int(name[5]) - 1
+    assert derivative[:, moved].any() and not np.delete(derivative, moved, axis=1).any()
+    assert not made.offsets(joints, np.zeros((20, 0)), np.zeros(len(values)))[0].any()
+
+
+@pytest.mark.parametrize("name", ["irb120", "rx130", "tx40"])
+def test_torques_of_any_masses_are_made_of_a_few_functions(name: str) -> None:
+    """Whatever the links weigh, the torque about a joint is a sum of what the groups of the links beyond it say."""
+    rng = np.random.default_rng(8)
+    chain = {"irb120": IRB120.chain, "rx130": RX130, "tx40": TX40}[name]
+    loads = loads_on(chain, rng)
+    joints = chain.random_joints(100, rng)
+    force, _ = loads.forces(joints, rng.uniform(0, 3, 1) * np.ones(100))
+    for joint in range(6):
+        groups = [effect(f"joint{joint + 1}.gravity{link + 1}", chain, loads) for link in range(joint, 6)]
+        columns = np.concatenate(
+            [each.offsets(joints, np.zeros((100, 0)), np.zeros(2))[1][:, joint] for each in groups], axis=1
+        )
+        solution = np.linalg.lstsq(columns, force[:, joint], rcond=None)[0]
+        np.testing.assert_allclose(columns @ solution, force[:, joint], atol=1e-10)
+        if joint < 5:  # without the last link, what that carries is missing
+            fewer = np.linalg.lstsq(columns[:, :-2], force[:, joint], rcond=None)[0]
+            assert np.abs(columns[:, :-2] @ fewer - force[:, joint]).max() > 1e-2
+
+
+def test_what_a_single_joint_cannot_have_says_so() -> None:
+    for name, message in (
+        ("joint7.harmonic2", "joints 1 to 6"),
+        ("joint2.harmonic2", "give a joint that turns"),
+        ("joint1.coupling1", "give two different joints"),
+        ("joint4.gravity3", "a link that it carries"),
+        ("joint2.gravity4", "give a joint that turns"),
+    ):
+        with pytest.raises(LabError, match=message):
+            effect(name, VERSATRAN, None)
 
 
 @pytest.mark.parametrize("groups", [ALONE, ("payload", "gear", "drift")], ids="+".join)
