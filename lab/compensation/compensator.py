@@ -5,7 +5,8 @@ the nominal model's Jacobian J and the error dX evaluated anew where they then s
 X_C = X_R - dX, for a controller that goes on computing with the nominal model; dX is evaluated at the joints that it
 finds for X_C. The last two are how elastic errors are compensated (e.g. Khalil & Besnard 2002; Klimchik 2011).
 
-An arm with fewer than six joints is brought to the place, and as near to the rotation as it can be turned there.
+An arm with fewer than six joints is brought to the place, and as near to the rotation as it can be turned there. One
+or two joints move the tool on a line or a surface: it is brought to the place there that is nearest to the target.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,11 +23,12 @@ from lab.kinematics.differential import SINGULAR_M
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
-from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, shortest_step, tool_at, within_reach
+from lab.kinematics.inverse.newton import FREEDOMS, PLACES, PoseTarget, reach, shortest_step, tool_at, within_reach
 
 __all__ = ["CLEAR_RAD", "Compensation", "Compensator", "Refusals"]
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
+MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what is farther off is out of its reach
 _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Newton's method begins
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
@@ -57,6 +59,7 @@ class Compensation:
         steps: ``(n,)`` of scheme (a), from the nominal model's inverse.
         unturned_rad: ``(n,)`` by how much the rotation is missed because it takes more joints than the arm has; zero
             where it has six, where any rotation will do, and where a target is not reached.
+        unplaced_m: ``(n,)`` by how much the place is missed because it takes more than one or two joints; else zero.
         passed_over: one each: why the solution that was nearest is not the one that is given; empty where it is.
     """
 
@@ -72,6 +75,7 @@ class Compensation:
     singular_joint: NDArray[np.int_]
     steps: NDArray[np.int_]
     unturned_rad: Array
+    unplaced_m: Array
     passed_over: tuple[str, ...]
 
     @property
@@ -102,7 +106,7 @@ class Compensator:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
         _, jacobian = self.nominal.tool(chain.random_joints(_TRIED, rng_for(0, "structure")))
         ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
-        if ways < 3:
+        if ways < min(PLACES, chain.size):
             raise LabError(
                 f"robot '{chain.name}': its joints ({', '.join(chain.joint_names)}) move "
                 f"{arm.targets[self.nominal.target]} in {ways} of three directions, so it cannot be brought to a "
@@ -116,9 +120,13 @@ class Compensator:
             conditions: ``(n, c)``, what the arm's effects ask for.
             reference: ``(n, joints)`` joint positions that say which way to take; NaN where that is free.
         """
-        chain, found = self.nominal.arm.chain, self._first_that_fits(wanted, conditions, reference)
+        chain, asked = self.nominal.arm.chain, wanted
+        if chain.size < PLACES:
+            wanted = PoseTarget(asked.positions, np.full_like(asked.rotations, np.nan))
+        found = self._first_that_fits(wanted, conditions, reference)
         fits = np.flatnonzero(found.fits)
-        some, given = wanted.take(fits), conditions[fits]
+        given = conditions[fits]
+        some = self._on_surface(wanted.take(fits), found.joints[fits], given)
         schemes = [self._differential(some, given, found.start[fits])]
         whole = self._as_poses(some, found.joints[fits], given)
         aimed, by_space = self._cartesian(whole, given, found.start[fits], found.branch[fits])
@@ -129,6 +137,7 @@ class Compensator:
         apart = self._apart(given, some.turned, found.joints[fits], *schemes)
         apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
+        unplaced, unturned = self._left_out(asked, found.joints, conditions)
         rigid = self.arm.rigid
         distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.nominal.target)
         return Compensation(
@@ -143,7 +152,8 @@ class Compensator:
             distance,
             joint,
             found.steps,
-            np.where(found.fits & (chain.size < FREEDOMS), np.linalg.norm(found.errors[:, 3:], axis=1), 0.0),
+            np.where(found.fits & (chain.size < FREEDOMS), unturned, 0.0),
+            np.where(found.fits & (chain.size < PLACES), unplaced, 0.0),
             tuple(found.passed_over),
         )
 
@@ -164,6 +174,17 @@ class Compensator:
         for i in np.flatnonzero(found.possible & ~found.fits).tolist():
             found.refusals[i] += _NO_OTHER if free[i] else _ASKED_FOR
         return found
+
+    def _on_surface(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
+        """Where fewer than three joints bring the tool, as near as they can; a target of other arms as it is."""
+        if joints.shape[1] >= PLACES:
+            return wanted
+        return PoseTarget(self._tool(joints, conditions)[0][:, :3, 3], wanted.rotations)
+
+    def _left_out(self, asked: PoseTarget, joints: Array, conditions: Array) -> tuple[Array, Array]:
+        """How far ``(n,)`` m the place is missed, and the rotation (rad)."""
+        missing = asked.errors(self._tool(joints, conditions)[0])
+        return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
 
     def _near_singular(self, wanted: PoseTarget, ways: Solutions) -> NDArray[np.bool_]:
         """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
@@ -187,7 +208,8 @@ class Compensator:
             going = going[reached]
         ended = reach(self.arm, self.values, wanted, joints, conditions, self.nominal.target)
         turned = nearest_whole_turns(chain, ended.joints, start)
-        found = Attempts(start, branch, turned, ended.errors, ended.arrived, chain.excess(turned),
+        arrived = ended.arrived & (np.linalg.norm(ended.errors[:, :3], axis=1) < MOST_LEFT_OUT_M)
+        found = Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
                          aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip
         if self.refusals is not None:
             rows = np.flatnonzero(found.possible)

@@ -1,8 +1,8 @@
 """Elastic errors of an arm by its segments, and the joint positions that make up for them (Benmisra 2007, 3.21-3.38).
 
 The rigid arm's tool is at X_R, the deformed arm's at X_D = F_d(q, u), with u the torsors of its segments: the elastic
-error is dX = X_D - X_R (eq. 3.21), in all and by segment. Commanded to X_C = X_R - dX (eq. 3.36 b) the deformed arm gets
-to X_R: joints move by -J+ dX (eq. 3.37, 3.38), again and again where the error is large. An arm with fewer than six
+error is dX = X_D - X_R (eq. 3.21), in all and by segment. Sent to X_C = X_R - dX (eq. 3.36 b) the deformed arm gets to
+X_R: joints move by -J+ dX (eq. 3.37, 3.38), again and again where the error is large. An arm with fewer than six
 joints leaves out the components of dX that no joint can make.
 """
 
@@ -60,9 +60,7 @@ class Correction:
     rounds: int
 
 
-def elastic_errors(
-    arm: SerialArm, values: Array, joints: Array, torsors: Torsors, target: int = 0
-) -> ElasticErrors:
+def elastic_errors(arm: SerialArm, values: Array, joints: Array, torsors: Torsors, target: int = 0) -> ElasticErrors:
     """The elastic errors of a target at joint positions ``(n, joints)``, for parameters ``(p,)``."""
     rigid = arm.tool(joints, values, target)[0]
     alone = [_between(rigid, arm.tool(joints, values, target, {link: each})[0]) for link, each in torsors.items()]
@@ -70,9 +68,7 @@ def elastic_errors(
     return ElasticErrors(total, np.stack(alone, axis=1) if alone else np.zeros((len(joints), 0, 6)), tuple(torsors))
 
 
-def compensated(
-    arm: SerialArm, values: Array, joints: Array, torsors_at: TorsorsAt, target: int = 0
-) -> Correction:
+def compensated(arm: SerialArm, values: Array, joints: Array, torsors_at: TorsorsAt, target: int = 0) -> Correction:
     """Bring the deformed arm's tool to where joint positions ``(n, joints)`` bring the rigid arm's.
 
     The components that are made up for are the first ones, in the order x y z rx ry rz, that are independent where the

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, perturbed, somewhere, table_robot
+from helpers.robots import IRB120, chain_of, perturbed, somewhere, table_robot
+from scipy import optimize
 
 from lab.campaign.robot import Robot, load_robot
 from lab.compensation.compensator import Compensation, Compensator
@@ -224,11 +225,30 @@ def test_a_scara_s_turn_that_is_out_of_reach_is_told() -> None:
     assert any(reason.startswith("out of reach by ") and reason.split(",")[0].endswith("°") for reason in found.reasons)
 
 
-def test_two_joints_cannot_be_compensated_and_say_so_in_one_line() -> None:
-    arm = load_robot("course2r").arm(("p1",))
-    with pytest.raises(
-        LabError, match=r"robot 'course2r': its joints \(q1, q2\) move p1 in 2 of three directions"
-    ) as told:
+def test_two_joints_leave_out_what_they_cannot_make() -> None:
+    """The course's 2R comes as near to each place as its surface does, by a search that knows no Jacobian."""
+    arm, rng = load_robot("course2r").arm(("p1",)), np.random.default_rng(18)
+    drawn = arm.nominal()
+    values = drawn + np.r_[np.zeros(6), 3e-4 * rng.normal(size=len(drawn) - 6)]
+    of, joints = Compensator(NominalInverse(arm, drawn), arm, values), arm.chain.random_joints(5, rng)
+    Ts = of.nominal.tool(joints)[0]
+    wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
+    found = corrected(of, wanted)
+    assert found.converged.all() and found.scheme_disagreement_m.max() < 1e-8
+    for i in range(5):
+        away = lambda q, i=i: float(np.sum((arm.points(q[None], values)[0, 0] - wanted.positions[i]) ** 2))  # noqa: E731
+        least = optimize.minimize(away, joints[i], method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-18}).fun
+        assert found.unplaced_m[i] == pytest.approx(np.sqrt(least), rel=1e-6)
+        assert found.unplaced_m[i] < np.sqrt(away(joints[i]))
+    np.testing.assert_allclose(of.nominal.tool(found.cartesian)[0][:, :3, 3], found.positions, atol=1e-8)
+    far = PoseTarget(1.02 * wanted.positions, wanted.rotations)
+    assert all(reason.startswith("out of reach by") for reason in corrected(of, far).reasons)
+
+
+def test_a_chain_that_moves_in_too_few_directions_is_refused_in_one_line() -> None:
+    chain = chain_of("flat", "distal", "RRR", [0, 0, 0], [0.4, 0.3, 0.2], [0, 0, 0], [0, 0, 0])
+    arm = SerialArm(chain)
+    with pytest.raises(LabError, match=r"robot 'flat': its joints \(q1, q2, q3\) move p1 in 2 of three") as told:
         Compensator(NominalInverse(arm, arm.nominal()), arm, arm.nominal())
     assert "\n" not in str(told.value)
 

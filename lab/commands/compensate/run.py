@@ -14,13 +14,13 @@ from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.keywords import options_of, takes
 from lab.commands.stops import Stops
-from lab.compensation.compensator import Compensator
+from lab.compensation.compensator import Compensation, Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import asked
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton import PLACES, PoseTarget
 from lab.pose_selection.tour import rated
 from lab.simulation.collisions import collides, random_poses
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
 UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
+UNPLACED_M = 1e-7  # and a place
 
 
 @takes(CompensateOptions)
@@ -119,13 +120,7 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
             f"the exported arm holds geometry alone: without {', '.join(listed(run.groups))} it is off by "
             f"{1e3 * without:.2g} mm at these targets"
         )
-    if found.unturned_rad.max() > UNTURNED_RAD:
-        worst = int(found.unturned_rad.argmax())
-        warnings.append(
-            f"{run.robot.name} has {run.robot.chain.size} joints, which cannot give the tool every orientation: "
-            "positions are met, "
-            f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
-        )
+    warnings += _left_out(run, targets, found)
     said = (*run.warnings, *targets.warnings, *warnings)
     rows = np.flatnonzero(found.converged)
     way, which = found.joints[rows], np.arange(len(rows))
@@ -141,6 +136,23 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
             words = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
         return replace(done, notes=(*said, words))
     return done
+
+
+def _left_out(run: Calibrated, targets: Targets, found: Compensation) -> list[str]:
+    """What so few joints cannot do at these targets."""
+    size, said = run.robot.chain.size, []
+    if found.unturned_rad.max() > UNTURNED_RAD:
+        worst = int(found.unturned_rad.argmax())
+        missed = f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
+        met = "positions are met, " if size >= PLACES else ""
+        said.append(f"{run.robot.name} has {size} joints, which cannot give the tool every orientation: {met}{missed}")
+    if found.unplaced_m.max() > UNPLACED_M:
+        worst = int(found.unplaced_m.argmax())
+        said.append(
+            f"{run.robot.name} has {size} joints, which cannot bring the tool to every place: it comes as near as they "
+            f"can, to within {1e3 * found.unplaced_m[worst]:.2g} mm (target {targets.ids[worst]})"
+        )
+    return said
 
 
 def _access(options: CompensateOptions, run: Calibrated) -> ReachabilityGraph | None:

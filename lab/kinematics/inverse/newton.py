@@ -16,8 +16,9 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M, WEIGHTS, pseudo_inverse
 from lab.kinematics.effects.arm import Arm
 
-__all__ = ["FREEDOMS", "PoseTarget", "reach", "shortest_step", "tool_at", "within_reach"]
+__all__ = ["FREEDOMS", "PLACES", "PoseTarget", "reach", "shortest_step", "tool_at", "within_reach"]
 
+PLACES = 3  # directions of a place: with fewer joints an arm takes some places only
 FREEDOMS = 6  # of a tool in space: with fewer joints an arm takes some rotations only
 MAX_STEPS = 40
 ARRIVED_M, ARRIVED_RAD = 1e-10, 1e-10  # an error below these is none
@@ -146,7 +147,12 @@ def tool_at(arm: Arm, inputs: Array, values: Array, target: int = 0) -> tuple[Ar
 def within_reach(jacobian: Array, errors: Array, turned: NDArray[np.bool_]) -> Array:
     """What of errors ``(n, 6)`` the joints could make up for: with six and more all; else the place, and of the
     rotation what joints that leave the place can turn. Where that is zero no small move brings the rotation nearer.
+    One or two joints move the place on a line or a surface: the rest of its error is left out (Benmisra 2007, 3.37).
     """
+    if jacobian.shape[2] < PLACES:
+        sides = np.linalg.svd(jacobian[:, :3], full_matrices=False)[0]
+        kept = (sides @ (sides.swapaxes(1, 2) @ errors[:, :3, None]))[:, :, 0]
+        return np.concatenate([kept, np.zeros_like(kept)], axis=1)
     if jacobian.shape[2] >= FREEDOMS or not turned.any():
         return errors
     turning = _turning(jacobian, pseudo_inverse(jacobian[:, :3]))
