@@ -21,7 +21,7 @@ from lab.core.errors import LabError
 ROOT = Path(__file__).resolve().parents[1]
 MOST_NAMES = 200
 IMPORT_S, HELP_S = 0.05, 0.2  # above a bare interpreter's start
-RUNS = 5
+RUNS = 3
 
 
 def processor_seconds(*arguments: str) -> float:

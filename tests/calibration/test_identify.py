@@ -101,7 +101,7 @@ def test_at_the_statistical_floor() -> None:
 def test_an_estimated_sigma_takes_students_t() -> None:
     """12 poses leave 9 degrees of freedom: normal intervals would hold too rarely."""
     held, narrow = [], []
-    for seed in range(120):
+    for seed in range(60):
         rng = np.random.default_rng(seed)
         truth = truth_of(ARM, rng)
         joints = IRB120.chain.random_joints(12, rng)
@@ -112,7 +112,7 @@ def test_an_estimated_sigma_takes_students_t() -> None:
         comparison = compare_with_truth(found, truth)
         held.append(comparison.coverage_95)
         narrow.append(np.mean(np.abs(comparison.z) < 1.96))
-    assert np.mean(held) == pytest.approx(0.95, abs=0.025)
+    assert np.mean(held) == pytest.approx(0.95, abs=0.035)  # campaigns spread by 0.09: 3 sigma of 60
     assert np.mean(narrow) < 0.93
 
 

@@ -63,7 +63,7 @@ def test_orientations_see_fifteen_angles_and_not_the_sixteenth() -> None:
     assert moved["link2.theta"] == pytest.approx(-moved["link3.theta"], abs=1e-9)
 
 
-@pytest.mark.parametrize("sigma_rad", TABLE)
+@pytest.mark.parametrize("sigma_rad", [pytest.param(each, marks=[pytest.mark.slow] * (each != 1e-3)) for each in TABLE])
 def test_the_table_of_noises(sigma_rad: float) -> None:
     """Global against sequential, 60 poses, 0.1 mm: facts-robots.md, section 3, from fewer robots."""
     exact, ratio, about = TABLE[sigma_rad]

@@ -43,7 +43,7 @@ def drawn_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def drawn_plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a small plan, for tests marked ``figures``."""
-    return _written(tmp_path_factory, "plan", "design", "--candidates", "200", "--starts", "1", "--poses", "12")
+    return _written(tmp_path_factory, "plan", "design", "--candidates", "100", "--starts", "1", "--poses", "12")
 
 
 @pytest.fixture(scope="session")

@@ -54,9 +54,7 @@ def pages(drawn_run: Path, drawn_plan: Path, drawn_study: Path) -> dict[str, Pat
     return {folder.name: folder / "report.html" for folder in (drawn_run, drawn_plan, drawn_study)}
 
 
-@pytest.mark.parametrize(
-    ("name", "width"), [("run", 1100), ("run", 500), ("plan", 1100), ("plan", 500), ("study", 1100)]
-)
+@pytest.mark.parametrize(("name", "width"), [("run", 1100), ("run", 500), ("plan", 500), ("study", 1100)])
 def test_a_browser_shows_every_figure(name: str, width: int, pages: dict[str, Path], browser, tmp_path: Path) -> None:
     """On a desk and on a phone: no complaint, every picture has its size, no text is cut off, nothing scrolls aside."""
     whole = pages[name].read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lab.core.errors import LabError
@@ -39,7 +39,6 @@ OUTER = st.builds(
 )
 
 
-@settings(max_examples=50, deadline=None)
 @given(value=OUTER)
 def test_json_and_back_is_the_same(value: Outer) -> None:
     assert structured("file", Outer, json.loads(json.dumps(asdict(value), default=str))) == value

@@ -406,7 +406,7 @@ def test_a_sigma_that_is_given_is_believed_and_too_small_a_one_is_told():
 # --- physical ---
 
 
-@pytest.mark.parametrize("speed", [0.2, 0.03])
+@pytest.mark.parametrize("speed", [0.2, pytest.param(0.03, marks=pytest.mark.slow)])
 def test_the_nearest_physical_load_is_no_farther_from_the_truth(speed):
     rng, unphysical, errors = np.random.default_rng(12), 0, []
     regressor = torque_regressor(ARM, VALUES, *fourier(5, TIMES[::20], speed), GRAVITY)

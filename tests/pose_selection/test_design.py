@@ -255,7 +255,7 @@ def test_the_prediction_is_true_in_300_campaigns() -> None:
 def test_an_accuracy_is_promised_with_as_few_poses_as_it_takes() -> None:
     plan = design(DesignOptions("course2r", accuracy_mm=0.01, candidates=60, starts=1))
     assert plan.prediction.coverage_radius <= 10e-6
-    assert [step.poses for step in plan.curve if step.prediction.coverage_radius <= 10e-6][0] >= len(plan.joints)
+    assert next(step.poses for step in plan.curve if step.prediction.coverage_radius <= 10e-6) >= len(plan.joints)
 
 
 @pytest.mark.parametrize(

@@ -165,7 +165,7 @@ def test_design_calibrate_and_compensate_take_it(name: str, tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     robot = path_of(name, tmp_path)
     assert (
-        main(["design", "--robot", robot, "--poses", "25", "--candidates", "300", "--starts", "1", "--out", "p"]) == 0
+        main(["design", "--robot", robot, "--poses", "15", "--candidates", "100", "--starts", "1", "--out", "p"]) == 0
     )
     assert main(["calibrate", "--robot", robot, "--plan", "p/plan.csv", "--out", "run", "--json"]) == 0
     seen = json.loads(capsys.readouterr().out.splitlines()[-1])

@@ -117,7 +117,7 @@ def held_out(seed: int, off_m: float) -> GoodnessOfFit:
 
 
 def test_poses_held_out_say_only_whether_the_claim_holds() -> None:
-    """5 % of 80, give or take 3 sigma, errors three times the noise are seen, and never is a model said to be adequate."""
+    """5 % of 80, give or take 3 sigma; errors three times the noise are seen; no model is ever said to be adequate."""
     found = [held_out(seed, 0.0) for seed in range(80)]
     assert all(f.by == "holdout" and f.adequate is not True for f in found)
     assert np.mean([f.adequate is False for f in found]) == pytest.approx(0.05, abs=three_sigma(0.05, 80))

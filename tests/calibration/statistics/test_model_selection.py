@@ -78,7 +78,10 @@ def row(selection: Selection, name: str):
     return next(group for group in selection.groups if group.name == name)
 
 
-@pytest.mark.parametrize("known", [True, False], ids=["sigma known", "sigma estimated"])
+ESTIMATED = pytest.param(False, marks=pytest.mark.slow, id="sigma estimated")
+
+
+@pytest.mark.parametrize("known", [pytest.param(True, id="sigma known"), ESTIMATED])
 @pytest.mark.parametrize("group", CANDIDATES)
 def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None:
     found = select(irb120, example([group]), nominal, Noise(None, SIGMA) if known else None)
@@ -340,7 +343,7 @@ def test_a_measured_irb120_gives_way_to_gravity() -> None:
     assert (values > 1e-5).all() and (values < 4e-4).all()
 
 
-@pytest.mark.parametrize("file", ["ur10_ipa_C.csv", "ur10_ipa_D.csv"])
+@pytest.mark.parametrize("file", [pytest.param("ur10_ipa_C.csv", marks=pytest.mark.slow), "ur10_ipa_D.csv"])
 def test_a_measured_ur10_has_runout(file: str) -> None:
     found = measured_arm(file, table_robot("ur10.toml"))
     assert found.chosen and found.chosen[0].startswith("harmonics") and found.identification.status == "converged"

@@ -27,8 +27,8 @@ from lab.formats.programs.rapid import Rapid
 from lab.simulation.observations.points import track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
-POSES = 14
-ASKED = f"design --candidates 300 --starts 1 --poses {POSES} --seed 3"
+POSES = 10
+ASKED = f"design --candidates 100 --starts 1 --poses {POSES} --seed 3"
 FILES = {"SHA256SUMS", "config.json", "plan.csv", "plan.mod", "result.json", "recording.rrd", "report.html"}
 FILES |= {f"{name}.{kind}" for name in ("curve", "poses") for kind in ("png", "svg")}
 INDICES = {"o1", "o2", "o3", "o4", "o5", "condition", "a", "g", "i"}
@@ -36,7 +36,7 @@ INDICES = {"o1", "o2", "o3", "o4", "o5", "condition", "a", "g", "i"}
 
 @pytest.fixture(scope="module")
 def plan():
-    return design(DesignOptions(candidates=300, starts=1, poses=POSES, seed=3))
+    return design(DesignOptions(candidates=100, starts=1, poses=POSES, seed=3))
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +59,12 @@ def test_the_result_holds_what_was_asked_for(folder: Path) -> None:
     for index in result["indices"].values():
         assert index["value"] > 0 and index["scaling"]
     assert 0.8 < result["d_efficiency"] <= 1 and 0 < result["bound_gap"] <= 1e-3
-    assert 300 <= result["pool"]["poses"] <= 300 + POSES and "300 feasible candidates" in result["pool"]["what"]
+    assert 100 <= result["pool"]["poses"] <= 100 + POSES and "100 feasible candidates" in result["pool"]["what"]
     predicted = result["predicted_mm"]
     assert 0 < predicted["mean"] <= predicted["rms"] <= predicted["p95"] <= predicted["max"] < result["promise_mm"]
     assert result["indices"]["i"]["value"] == pytest.approx(predicted["rms"] ** 2)
     found = result["candidates"]
-    assert found["feasible"] == 300 and set(found["rejected"]) == {"limits", "singularity", "collision", "visibility"}
+    assert found["feasible"] == 100 and set(found["rejected"]) == {"limits", "singularity", "collision", "visibility"}
     assert found["feasible"] + sum(found["rejected"].values()) == found["drawn"]
     assert result["moves"] == POSES + 1 + result["via"] and result["tour_seconds"] > 1
     assert result["measured_already"] == 0 and result["rapid"] == "plan.mod"
@@ -189,7 +189,7 @@ def test_only_six_revolute_joints_make_a_rapid_module(tmp_path: Path, monkeypatc
     assert "RRRRRP" in str(Rapid().refusal(slide))
     monkeypatch.chdir(tmp_path)
     Path("arm.xml").write_text(ARM_XML.replace("mass=", 'contype="0" conaffinity="0" mass='))
-    assert run("design --robot arm.xml --candidates 200 --poses 8 --starts 1 --json") == 0
+    assert run("design --robot arm.xml --candidates 60 --poses 8 --starts 1 --json") == 0
     result = json.loads(capsys.readouterr().out)
     assert "six revolute" in result["rapid"] and result["warnings"]  # the arm gives no joint speeds
     assert not (tmp_path / "runs" / "design-arm-seed0" / "plan.mod").exists()
@@ -197,7 +197,7 @@ def test_only_six_revolute_joints_make_a_rapid_module(tmp_path: Path, monkeypatc
 
 def test_a_set_measured_already_is_added_to(folder: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "more"
-    given = f"--poses 5 --candidates 300 --starts 1 --seed 4 --extend {folder / 'plan.csv'}"
+    given = f"--poses 5 --candidates 100 --starts 1 --seed 4 --extend {folder / 'plan.csv'}"
     assert run(f"design {given} --out {out} --json") == 0
     more, first = json.loads(capsys.readouterr().out), json.loads((folder / "result.json").read_text())
     assert more == json.loads((out / "result.json").read_text())

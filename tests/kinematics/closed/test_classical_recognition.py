@@ -15,7 +15,7 @@ from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Frame, Step
 
 MODELS = ROOT / "models"
-POSES = 10_000
+POSES = 2_000
 M, RAD = 1e-12, 1e-12  # agreement of places and of turns
 
 
