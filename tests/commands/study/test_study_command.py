@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from helpers.drawing import nothing_drawn
@@ -30,6 +31,8 @@ def done(tmp_path_factory):
     command = ["study", str(folder / "grid.toml"), "--out", str(folder / "out"), "--workers", "1", "--json"]
     with nothing_drawn(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("lab.studies.campaigns.CANDIDATES", 200)  # of 1000
+        for module in ("executors", "progress"):  # a thread in place of a process, which would load everything again
+            patch.setattr(f"lab.studies.{module}.local_executor", lambda *_: ThreadPoolExecutor(1))
         assert main(command) == 0
     return folder
 
