@@ -1,5 +1,6 @@
 """What the shape of a mechanism with loops says before anything is measured: freedoms, places, what is singular."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from lab.kinematics.closed.classical.singularity import Distances
 from lab.kinematics.closed.classical_recognition import ClassicalModel, classical_model_of
 from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.closed.modes import platform_poses
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["SINGULAR", "ClosedShape", "closed_shape_of"]
@@ -20,6 +22,7 @@ GRID = 60_000  # poses, at most, of the count of what is reachable
 WALKERS, STEPS = 32, 150  # of the search for singular poses
 FIRST, SHRINKING = 0.05, 0.9  # its first step, beside the limits' width, and what each makes of the next
 SINGULAR = 1e-3  # a distance below which a pose is at a singularity
+CLIMBERS, CLIMBS, FIRST_CLIMB = 12, 60, 0.15  # of the search for the farthest places
 RANK = 1e-9  # of the largest singular value
 
 
@@ -74,8 +77,9 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
     joints, passive = taken[closed.fits], closed.configuration.passive.T[closed.fits]
     home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
     course, places = classical_model_of(mechanism), _places(mechanism, joints, passive)
-    extents = np.stack([places.min(axis=0), places.max(axis=0)], axis=1)
     search = None if course is None else _Search(mechanism, course, joints, passive)
+    found = () if search is None else search.singularities()
+    extents = _extents(mechanism, joints, places, [each.place for each in found])
     modes = None if course is None else np.isfinite(course.modes(mechanism.home[None])).all(axis=2).sum()
     working = None if course is None else np.isfinite(course.inverse_solutions(home.passive.T)).sum(axis=1).prod()
     return ClosedShape(
@@ -88,14 +92,38 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
         extents=extents,
         reachable=None if search is None else search.reachable(),
         conditions=np.quantile(closed.condition[closed.fits], [0.0, 0.5, 1.0]),
-        singularities=() if search is None else search.singularities(),
+        singularities=found,
     )
+
+
+def _extents(mechanism: Mechanism, joints: Array, places: Array, others: Sequence[Array]) -> Array:
+    """The least and largest coordinates ``(3, 2)`` m of the platform's origin, within the limits.
+
+    By walks from the farthest of some poses, with random steps that shrink, each taken where it leads farther.
+
+    Args:
+        joints, places: of poses ``(n, joints)`` and ``(n, 3)`` m.
+        others: further places ``(3,)`` m that are reached.
+    """
+    rng, outward = rng_for(0, "structure"), np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), CLIMBERS, axis=0)
+    farthest = np.argsort(-places @ outward[::CLIMBERS].T, axis=0)[:CLIMBERS].T.ravel()
+    at, far = joints[farthest], (places[farthest] * outward).sum(axis=1)
+    step = FIRST_CLIMB * (mechanism.upper - mechanism.lower)
+    for _ in range(CLIMBS):
+        tried = np.clip(at + step * rng.standard_normal(at.shape), mechanism.lower, mechanism.upper)
+        closed = mechanism.assembled(tried, mechanism.nominal_values, quickly=True)
+        fits = np.flatnonzero(closed.fits)
+        there = _places(mechanism, tried[fits], closed.configuration.passive.T[fits])
+        farther = fits[(there * outward[fits]).sum(axis=1) > far[fits]]
+        at[farther], step = tried[farther], SHRINKING * step
+        far[fits] = np.maximum(far[fits], (there * outward[fits]).sum(axis=1))
+    ends = np.max([far.reshape(6, CLIMBERS).max(axis=1), *(outward[::CLIMBERS] @ place for place in others)], axis=0)
+    return np.stack([-ends[3:], ends[:3]], axis=1)
 
 
 def _places(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
     """Of the platform's origin in the base ``(n, 3)`` m."""
-    configuration = Configuration.of(mechanism.tree, mechanism.dimensions(mechanism.nominal_values), joints, passive.T)
-    return np.broadcast_to(configuration.frames[mechanism.tree.platform][1][:3], (3, len(joints))).T
+    return platform_poses(mechanism, joints, passive)[:, :3, 3]
 
 
 def _rank(configuration: Configuration) -> int:

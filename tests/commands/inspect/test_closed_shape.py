@@ -13,6 +13,7 @@ from lab.cli import main
 from lab.commands.inspect.closed_shape import SINGULAR, ClosedShape, closed_shape_of
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.closed.modes import platform_poses
 from lab.kinematics.joints import JointSpec
 
 MODELS = ROOT / "models"
@@ -37,6 +38,27 @@ def test_freedoms_and_modes(shapes: Shapes) -> None:
         "delta/small": (3, 3, 2, 8),
         "delta/six_rods": (3, 3, None, None),
     }
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_extents_hold_every_place_that_is_named_or_drawn(name: str, shapes: Shapes) -> None:
+    """No nearest pose and no random one is outside; and of many more random ones hardly one comes as far."""
+    mechanism, shape = shapes[name]
+    for each in shape.singularities:
+        assert (each.place >= shape.extents[:, 0] - 1e-12).all() and (each.place <= shape.extents[:, 1] + 1e-12).all()
+    joints = JointSpec.random_joints(mechanism, 5000, np.random.default_rng(8))
+    closed = mechanism.assembled(joints, mechanism.nominal_values)
+    places = platform_poses(mechanism, joints[closed.fits], closed.configuration.passive.T[closed.fits])[:, :3, 3]
+    slack = 1e-3 * np.ptp(shape.extents, axis=1)
+    assert (places >= shape.extents[:, 0] - slack).all() and (places <= shape.extents[:, 1] + slack).all()
+
+
+def test_a_delta_hangs_lowest_with_all_arms_down(shapes: Shapes) -> None:
+    """Its lowest place is in the corner of the limits, by three spheres about the elbows."""
+    mechanism, shape = shapes["delta/mechanism"]
+    arm, rod, radii, down = 0.524, 1.244, 0.163678801 - 0.043878620, mechanism.upper[0]
+    elbow = radii + arm * np.cos(down)
+    assert shape.extents[2, 0] == pytest.approx(-arm * np.sin(down) - np.sqrt(rod**2 - elbow**2), abs=1e-5)
 
 
 def test_an_area_is_the_integral_over_the_readings(shapes: Shapes) -> None:
