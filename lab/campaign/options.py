@@ -10,6 +10,7 @@ from lab.campaign.option_groups import ArmEffects, Fitting, Flag, Names, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import CANDIDATES, POSES, READINGS, SEED, STARTS, TARGETS
 from lab.core.numbers import LARGEST, positive, whole
+from lab.formats.programs.registry import Controller
 
 __all__ = ["DesignOptions", "VirtualCampaign", "check_common"]
 
@@ -101,6 +102,8 @@ class DesignOptions:
     home: Numbers = ()
     """Where the measuring day starts and ends: joint positions in deg (mm of a slide); zero if not given, or the
     nominal configuration of a mechanism."""
+    controller: Controller | None = None
+    """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
     no_check: Flag = False
     """Check nothing for collisions: neither the poses nor the ways between them."""
     seed: int = 0

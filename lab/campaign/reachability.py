@@ -46,11 +46,13 @@ def free_home(model: RobotModel, candidates: Array) -> Array:
     return np.asarray(candidates[np.argmin(np.abs(candidates - home).max(axis=1))])
 
 
-def reachability(model: RobotModel, home: Array, candidates: Array, allowed: Feasible) -> ReachabilityGraph:
+def reachability(
+    model: RobotModel, home: Array, candidates: Array, allowed: Feasible, most: int = HUBS
+) -> ReachabilityGraph:
     """Hubs among the first of the candidates ``(m, joints)``, and what can be reached from them."""
     free = path_check(model)
     found = [home]
-    for pose in candidates[:HUBS]:
+    for pose in candidates[:most]:
         if any(free(hub, pose) for hub in found):
             found.append(pose)
 

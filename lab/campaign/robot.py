@@ -353,6 +353,11 @@ def _read(path: Path, sha256: str) -> Robot:
     else:
         model = load_model(path)
         warnings = (f"{model.missing}, so no shape is shown",) if model.missing else ()
+    if model.overlapping:
+        pairs = ", ".join(f"{first} and {second}" for first, second in model.overlapping)
+        warnings = (*warnings, f"{pairs} touch by construction: their contacts are not checked")
+    if model.held:
+        warnings = (*warnings, f"{', '.join(model.held)} are taken for a gripper's, and held at zero")
     loads = None if model.masses_assumed else _some(loads_of(model))
     return SerialRobot(model, sha256, warnings, loads)
 

@@ -8,9 +8,13 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.formats.urdf_source import UrdfSource, is_urdf, read_urdf
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import DEFAULT_TOOL
 from lab.kinematics.serial.axes_to_dh import chain_from_axes
+from lab.simulation.collisions import at_contacts
 from lab.simulation.joint_limits import joint_limits
 from lab.simulation.link_shapes import dress
 from lab.simulation.model import (
@@ -21,6 +25,7 @@ from lab.simulation.model import (
     at_zero,
     body_pose,
     compiled,
+    coordinates,
     flange_body,
     joint_axes,
     joint_name,
@@ -34,6 +39,8 @@ from lab.simulation.serial_model import SerialModel, last_frame
 
 __all__ = ["load_model"]
 
+_POSES = 200  # at which is looked what overlaps by construction
+
 
 def load_model(path: Path) -> SerialModel:
     """Load an MJCF or a URDF with exactly one serial chain of hinges and slides.
@@ -46,7 +53,11 @@ def load_model(path: Path) -> SerialModel:
     Raises:
         LabError: the file is malformed, or has no chain, several, or one that is not serial.
     """
-    spec, model, missing = _built(path)
+    if not path.is_file():
+        raise LabError(f"{path}: no such file; give a robot's MJCF, URDF or TOML table")
+    refuse_unbounded_model(path)
+    urdf = read_urdf(path) if is_urdf(path) else None
+    spec, model, missing = _built(path, urdf)
     bodies = _serial_bodies(path, model)
     data = at_zero(model)
     flange = _flange_pose(model, data, bodies)
@@ -73,19 +84,43 @@ def load_model(path: Path) -> SerialModel:
     shapeless = not missing and not np.isin(solid, _beyond(model, bodies[0])).any()
     weighed = shapeless and dress(path, spec, chain, T_world_frame0, bodies, tool | spare)
     model = compiled(path, spec)
+    overlapping = _exclude_overlaps(spec, model, chain, (base_body, bodies[0]))
+    model = compiled(path, spec) if overlapping else model
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=bodies,
         base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighed, missing=missing,
+        overlapping=overlapping, held=() if urdf is None else urdf.held,
     )  # fmt: skip
 
 
-def _built(path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel, str]:
+def _exclude_overlaps(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, chain: JointSpec, base: tuple[str, str]
+) -> tuple[tuple[str, str], ...]:
+    """Exclude the contact of bodies that touch in all of many random poses; their names.
+
+    Of the base and the first link, too, where they touch in some: MuJoCo looks at the contact of no other neighbours.
+    """
+    always, sometimes = set[tuple[str, str]](), set[tuple[str, str]]()
+    joints = chain.random_joints(_POSES, rng_for(0, "structure"))
+    for i, data in enumerate(at_contacts(model, coordinates(model, chain.joint_names, joints))):
+        pairs = {(int(min(pair)), int(max(pair))) for pair in model.geom_bodyid[data.contact.geom]}
+        touching = {(str(model.body(a).name), str(model.body(b).name)) for a, b in pairs if a}  # a = 0: the world
+        always, sometimes = touching if i == 0 else always & touching, sometimes | touching
+    names = sorted(always | ({base} & sometimes))
+    for first, second in names:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+    return tuple(names)
+
+
+def _built(path: Path, urdf: UrdfSource | None) -> tuple[mujoco.MjSpec, mujoco.MjModel, str]:
     """The file as a spec and a model; where its meshes cannot be read, without them, and why."""
-    spec = _read(path)
+    spec = _read(path, urdf)
     try:
+        if urdf is not None and urdf.missing:
+            raise LabError(urdf.missing)
         return spec, compiled(path, spec), ""
     except LabError as error:
-        bare = _read(path)
+        bare = _read(path, urdf)
         if not bare.meshes:
             raise
         _delete_meshes(bare)
@@ -105,13 +140,14 @@ def _delete_meshes(spec: mujoco.MjSpec) -> None:
     let_weigh_nothing(spec)
 
 
-def _read(path: Path) -> mujoco.MjSpec:
+def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
     """The file with a name for every body that has no joint, and without sites that have no name."""
-    if not path.is_file():
-        raise LabError(f"{path}: no such file; give a robot's MJCF, URDF or TOML table")
-    refuse_unbounded_model(path)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = (
+            mujoco.MjSpec.from_file(str(path))
+            if urdf is None
+            else mujoco.MjSpec.from_string(urdf.text, assets=urdf.assets)
+        )
     except ValueError as error:
         raise LabError(f"{path}: not a readable MJCF or URDF, mend it there: {one_line(error)}") from error
     spec.compiler.fusestatic = False  # a fixed link says where the flange is

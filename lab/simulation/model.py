@@ -55,6 +55,8 @@ class RobotModel(ABC):
         masses_assumed: whether the masses of some links are.
         acceptance_rad: largest angle off its axis that the reflector takes, where the cell says it; else the
             instrument's.
+        overlapping: pairs of bodies that touch by construction: their contacts are not looked at.
+        held: joints of a gripper, which are held at zero.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
     """
 
@@ -68,6 +70,8 @@ class RobotModel(ABC):
     shapes_assumed: bool = False
     masses_assumed: bool = False
     missing: str = ""
+    overlapping: tuple[tuple[str, str], ...] = ()
+    held: tuple[str, ...] = ()
     acceptance_rad: float | None = None
 
     @property

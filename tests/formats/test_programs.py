@@ -1,21 +1,53 @@
 """Languages of programs, and robot descriptions as URDF: what joints they can move."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import get_args
 
+import pytest
 from helpers.robots import IRB120, SCARA
 
-from lab.formats.programs.registry import LANGUAGES, languages_of, plan_or_refusal, program_file_names, refusals
+from lab.formats.programs.registry import (
+    LANGUAGES,
+    Controller,
+    language_of,
+    plan_or_refusal,
+    program_file_names,
+    refusal,
+)
 from lab.formats.urdf import URDF
 
 
 def test_each_language_moves_the_joints_or_says_why_not() -> None:
-    assert languages_of(IRB120.chain) == LANGUAGES and refusals(IRB120.chain) == ()
-    assert len(languages_of(SCARA)) + len(refusals(SCARA)) == len(LANGUAGES)
+    assert tuple(language.name.lower() for language in LANGUAGES) == get_args(Controller)
     for language in LANGUAGES:
         name = language.name.lower()
-        assert plan_or_refusal(IRB120.chain)[name] in program_file_names()
+        assert plan_or_refusal(IRB120.chain, name)[name] in program_file_names()
+        assert refusal(IRB120.chain, name) is None
         why = language.refusal(SCARA)
-        assert plan_or_refusal(SCARA)[name] == (why or f"plan{language.suffix}")
+        assert why is not None and plan_or_refusal(SCARA, name)[name] == refusal(SCARA, name) == why
+        others = {key: said for key, said in plan_or_refusal(IRB120.chain, name).items() if key != name}
+        assert all(said.startswith(f"no program in it: {language.name}") for said in others.values())
+
+
+@pytest.mark.parametrize(
+    ("robot", "language"),
+    [
+        ("irb120", "RAPID"), ("abb_irb1200_5_90", "RAPID"), ("ur5_robot", "URScript"), ("ur10e", "URScript"),
+        ("kr6_r900", "KRL"), ("kuka_arm", "KRL"), ("lrmate200id", "FANUC"), ("tx40", "VAL3"), ("rx160", "VAL3"),
+        ("panda", None), ("turtle", None), ("arm", None), ("krane", None), ("two links", None),
+    ],
+)  # fmt: skip
+def test_a_makers_language_is_told_by_the_robots_name(robot: str, language: str | None) -> None:
+    """No RAPID for a Universal Robot; where the maker is not known there is no program, and it is said."""
+    chain = replace(IRB120.chain, name=robot)
+    found = language_of(chain, None)
+    assert (found and found.name) == language
+    if language is None:
+        assert f"the maker of robot {robot} is not known; choose --controller of rapid," in (refusal(chain, None) or "")
+        assert not any(each in program_file_names() for each in plan_or_refusal(chain, None).values())
+    asked = language_of(chain, "krl")
+    assert asked is not None and asked.name == "KRL"
 
 
 def test_the_urdf_of_a_robot_has_its_joints() -> None:

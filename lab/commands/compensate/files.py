@@ -35,7 +35,7 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     for name in run.robot.description_files:
         (folder / name).write_text(run.robot.description(name, arm.targets, values), encoding="utf-8")
     if len(rows):
-        for name, content in target_files(run.robot.chain, _moves(result)).items():
+        for name, content in target_files(run.robot.chain, result.options.controller, _moves(result)).items():
             (folder / name).write_bytes(content)
     write_json(folder / "result.json", result.to_dict())
 

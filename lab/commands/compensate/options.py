@@ -7,6 +7,7 @@ import tyro
 
 from lab.campaign.option_groups import Flag
 from lab.core.orientation import AngleConvention
+from lab.formats.programs.registry import Controller
 
 __all__ = ["CompensateOptions"]
 
@@ -27,6 +28,8 @@ class CompensateOptions:
     """Build on a run too whose files were changed since it was written."""
     cell: Path | None = None
     """What stands around the robot, and its narrower limits: TOML; that of the run, if not given."""
+    controller: Controller | None = None
+    """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
     no_check: Flag = False
     """Check nothing for collisions: neither the corrected targets nor the ways between them."""
     load: Path | None = None

@@ -19,7 +19,7 @@ from lab.commands.values import number
 from lab.compensation.compensator import Compensation
 from lab.compensation.ik_results import NEAR_RAD
 from lab.core.se3 import Array
-from lab.formats.programs.registry import refusals
+from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
@@ -93,7 +93,13 @@ class CompensationResult(Result):
         far: tuple[str, ...] = ()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
-        return (*self.notes, *far, *self._unchecked, *refusals(self.run.robot.chain))
+        return (*self.notes, *far, *self._unchecked, *self._no_program)
+
+    @property
+    def _no_program(self) -> tuple[str, ...]:
+        """Why there is no program for the controller."""
+        why = refusal(self.run.robot.chain, self.options.controller)
+        return () if why is None else (why,)
 
     @property
     def _unchecked(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.observation_kinds import kind_named
-from lab.campaign.reachability import HUBS, ReachabilityGraph, free_home, reachability, refusals, stops_in_order
+from lab.campaign.reachability import ReachabilityGraph, free_home, reachability, refusals, stops_in_order
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
@@ -20,6 +20,7 @@ from lab.core.measurements import asked
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
+from lab.kinematics.inverse.branches import nearest_whole_turns
 from lab.kinematics.inverse.newton import PLACES, PoseTarget
 from lab.pose_selection.tour import rated
 from lab.simulation.collisions import collides, random_poses
@@ -29,6 +30,7 @@ __all__ = ["compensate"]
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
+_HUBS = 100  # free poses tried as ones to pass through on the way to others
 UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
 UNPLACED_M = 1e-7  # and a place
 
@@ -160,8 +162,10 @@ def _access(options: CompensateOptions, run: Calibrated) -> ReachabilityGraph | 
     model = run.robot.model
     if options.no_check or model.missing:
         return None
-    free = random_poses(model, HUBS, rng_for(0, "poses"))
-    return reachability(model, free_home(model, free), free, lambda joints: ~collides(model, joints))
+    free = random_poses(model, _HUBS, rng_for(0, "poses"))
+    home = free_home(model, free)
+    near = nearest_whole_turns(model.chain, free, home)  # the same poses, without a turn of a joint on the way
+    return reachability(model, home, near, lambda joints: ~collides(model, joints), _HUBS)
 
 
 def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:

@@ -6,7 +6,7 @@ from lab.commands.design.figures import curve_picture, poses_picture
 from lab.commands.design.result import DesignResult
 from lab.commands.provenance import provenance_section
 from lab.formats.programs.protocol import PAUSE_S
-from lab.formats.programs.registry import PLAN, languages_of, refusals
+from lab.formats.programs.registry import PLAN, language_of, plan_or_refusal, refusal
 from lab.render.document import (
     NARROW,
     PAGE,
@@ -108,8 +108,9 @@ def _tour(result: DesignResult) -> str:
     """How long the day is."""
     tour = result.tour
     via = f", {result.via} of them by way of poses that are only passed" if result.via else ""
-    languages = languages_of(result.problem.robot.chain)
-    moving = "".join(f" {PLAN}{each.suffix} moves at {each.speed}, which takes longer." for each in languages)
+    chain, controller = result.problem.robot.chain, result.options.controller
+    language = None if refusal(chain, controller) else language_of(chain, controller)
+    moving = f" {PLAN}{language.suffix} moves at {language.speed}, which takes longer." if language else ""
     return (
         f"The tour has {len(tour.stops) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
         f"acceleration, home to home, and {PAUSE_S} s of waiting at each pose.{moving} {_checked(result)}"
@@ -153,10 +154,12 @@ def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
 def _files(result: DesignResult) -> tuple[Block, ...]:
     """The files to measure with, and why there is none for a controller."""
     chain = result.problem.robot.chain
-    programs = "".join(f", {PLAN}{language.suffix} for the controller" for language in languages_of(chain))
+    why = refusal(chain, result.options.controller)
+    files = plan_or_refusal(chain, result.options.controller).values()
+    programs = "".join(f", {file} for the controller" for file in files if file.startswith(f"{PLAN}."))
     return (
         Paragraph(f"Files: plan.csv with every stop, to measure or via{programs}.", shown_in=PAGE | TERMINAL),
-        *(Paragraph(sentence(why), shown_in=PAGE | TERMINAL) for why in refusals(chain)),
+        *((Paragraph(sentence(why), shown_in=PAGE | TERMINAL),) if why else ()),
     )
 
 

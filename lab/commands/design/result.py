@@ -192,7 +192,7 @@ class DesignResult(Result):
             "checked": not self.options.no_check,
             "stops": self.stops.to_list(self.problem.robot.chain),
             "curve": [step.to_dict() for step in self.curve],
-            **plan_or_refusal(self.problem.robot.chain),
+            **plan_or_refusal(self.problem.robot.chain, self.options.controller),
             "seconds": round(self.seconds, 4),
             "warnings": list(self.warnings),
         }
@@ -228,7 +228,7 @@ class DesignResult(Result):
         write_json(folder / "config.json", config("design", self.options, robot.sha256))
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
         tour = MeasuringTour(robot.name, self.tour.stops, self.tour.measured, self.pose_ids, not self.options.no_check)
-        for name, content in plan_files(robot.chain, tour).items():
+        for name, content in plan_files(robot.chain, self.options.controller, tour).items():
             (folder / name).write_bytes(content)
         write_json(folder / "result.json", self.to_dict())
         write_figures(folder, self)

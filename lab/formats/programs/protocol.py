@@ -72,6 +72,10 @@ class Language(Protocol):
         """What the names of its files end in, with the dot."""
 
     @property
+    def makers(self) -> tuple[str, ...]:
+        """Words by which the names of its robots are told, in small letters: "irb" of an irb120."""
+
+    @property
     def speed(self) -> str:
         """How fast its programs move, as the language says it."""
 

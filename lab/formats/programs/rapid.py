@@ -28,6 +28,7 @@ class Rapid:
 
     name = "RAPID"
     suffix = ".mod"
+    makers = ("abb", "irb")
     speed = _SPEED
 
     def refusal(self, joints: JointSpec) -> str | None:

@@ -1,61 +1,84 @@
-"""The languages in which programs are written: a line adds one."""
+"""The languages in which programs are written: a line adds one. Which of them is written is chosen, or the maker's."""
 
-from collections.abc import Mapping
-from typing import Any
+import re
+from typing import Literal
 
+from lab.formats.programs.fanuc import FanucLs
+from lab.formats.programs.krl import Krl
 from lab.formats.programs.protocol import Language, MeasuringTour, TargetMoves
 from lab.formats.programs.rapid import Rapid
+from lab.formats.programs.urscript import UrScript
+from lab.formats.programs.val3 import Val3
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
     "LANGUAGES",
     "PLAN",
     "PROGRAM",
-    "languages_of",
+    "Controller",
+    "language_of",
     "plan_files",
     "plan_or_refusal",
-    "planned_in",
     "program_file_names",
-    "refusals",
+    "refusal",
     "target_files",
 ]
 
-LANGUAGES: tuple[Language, ...] = (Rapid(),)
+LANGUAGES: tuple[Language, ...] = (Rapid(), UrScript(), Krl(), FanucLs(), Val3())
+Controller = Literal["rapid", "urscript", "krl", "fanuc", "val3"]  # the languages' names
 PLAN, PROGRAM = "plan", "program"  # names of the files, before their suffix
 
 
-def languages_of(joints: JointSpec) -> tuple[Language, ...]:
-    """The languages whose programs can move these joints."""
-    return tuple(language for language in LANGUAGES if language.refusal(joints) is None)
+def language_of(joints: JointSpec, controller: str | None) -> Language | None:
+    """The language that is asked for, else that of the robot's maker where the robot's name tells it; None if neither.
+
+    A maker is told by a word of the robot's name that is one of a language's, or begins with one before a digit.
+    """
+    if controller is not None:
+        return next(language for language in LANGUAGES if language.name.lower() == controller)
+    words = re.findall(r"[a-z]+\d*|\d+", joints.name.lower())
+    for language in LANGUAGES:
+        for maker in language.makers:
+            if any(word == maker or re.fullmatch(rf"{maker}(?<!\d)\d+", word) for word in words):
+                return language
+    return None
 
 
-def refusals(joints: JointSpec) -> tuple[str, ...]:
-    """Why there are no programs in the other languages, in words."""
-    return tuple(why for language in LANGUAGES if (why := language.refusal(joints)) is not None)
+def refusal(joints: JointSpec, controller: str | None) -> str | None:
+    """Why there is no program, in words; None where there is one."""
+    language = language_of(joints, controller)
+    if language is None:
+        known = ", ".join(each.name.lower() for each in LANGUAGES)
+        return f"no program is written: the maker of robot {joints.name} is not known; choose --controller of {known}"
+    return language.refusal(joints)
 
 
-def plan_or_refusal(joints: JointSpec) -> dict[str, str]:
+def plan_or_refusal(joints: JointSpec, controller: str | None) -> dict[str, str]:
     """For each language, by its name in lower case: the file that holds the tour, or why there is none."""
-    return {language.name.lower(): language.refusal(joints) or PLAN + language.suffix for language in LANGUAGES}
+    written = _language(joints, controller)
+    why = refusal(joints, controller)
+    other = "" if written is None else f"no program in it: {written.name} is the controller's language"
+    return {each.name.lower(): PLAN + each.suffix if each is written else why or other for each in LANGUAGES}
 
 
-def planned_in(result: Mapping[str, Any]) -> tuple[list[Language], list[str]]:
-    """The languages that a plan was written in, and why not in the others, from what ``plan_or_refusal`` gave."""
-    written = {language.name.lower(): PLAN + language.suffix for language in LANGUAGES}
-    languages = [each for each in LANGUAGES if result[each.name.lower()] == written[each.name.lower()]]
-    return languages, [result[key] for key, file in written.items() if result[key] != file]
+def plan_files(joints: JointSpec, controller: str | None, tour: MeasuringTour) -> dict[str, bytes]:
+    """The tour in the controller's language, by the file's name; empty where it cannot move these joints."""
+    language = _language(joints, controller)
+    return {} if language is None else {PLAN + language.suffix: language.measuring_tour(tour)}
 
 
-def plan_files(joints: JointSpec, tour: MeasuringTour) -> dict[str, bytes]:
-    """The tour in every language that can move these joints, by the files' names."""
-    return {PLAN + language.suffix: language.measuring_tour(tour) for language in languages_of(joints)}
-
-
-def target_files(joints: JointSpec, moves: TargetMoves) -> dict[str, bytes]:
-    """The moves to compensated targets in every language that can move these joints, by the files' names."""
-    return {PROGRAM + language.suffix: language.target_moves(moves) for language in languages_of(joints)}
+def target_files(joints: JointSpec, controller: str | None, moves: TargetMoves) -> dict[str, bytes]:
+    """The moves to compensated targets in the controller's language, by the file's name."""
+    language = _language(joints, controller)
+    return {} if language is None else {PROGRAM + language.suffix: language.target_moves(moves)}
 
 
 def program_file_names() -> tuple[str, ...]:
     """The names that a program's file can have in a run's folder."""
     return tuple(stem + language.suffix for stem in (PLAN, PROGRAM) for language in LANGUAGES)
+
+
+def _language(joints: JointSpec, controller: str | None) -> Language | None:
+    """The language in which there is a program."""
+    language = language_of(joints, controller)
+    return None if language is None or language.refusal(joints) is not None else language

@@ -189,7 +189,7 @@ def test_only_six_revolute_joints_make_a_rapid_module(tmp_path: Path, monkeypatc
     assert "RRRRRP" in str(Rapid().refusal(slide))
     monkeypatch.chdir(tmp_path)
     Path("arm.xml").write_text(ARM_XML.replace("mass=", 'contype="0" conaffinity="0" mass='))
-    assert run("design --robot arm.xml --candidates 60 --poses 8 --starts 1 --json") == 0
+    assert run("design --robot arm.xml --controller rapid --candidates 60 --poses 8 --starts 1 --json") == 0
     result = json.loads(capsys.readouterr().out)
     assert "six revolute" in result["rapid"] and result["warnings"]  # the arm gives no joint speeds
     assert not (tmp_path / "runs" / "design-arm-seed0" / "plan.mod").exists()

@@ -14,6 +14,7 @@ class Spoken:
 
     name = "Spoken"
     suffix = ".txt"
+    makers = ("talker",)
     speed = "slowly"
 
     def refusal(self, joints: JointSpec) -> str | None:
@@ -45,21 +46,22 @@ def two_languages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "LANGUAGES", (Rapid(), Spoken()))
 
 
-def test_each_language_writes_for_the_robots_that_it_can_move() -> None:
+def test_the_chosen_language_writes_for_the_robots_that_it_can_move() -> None:
     tour = MeasuringTour("arm", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))
-    assert registry.plan_files(joints(2), tour) == {"plan.txt": b"arm: 4 stops, 3, 4"}
+    assert registry.plan_files(joints(2), "spoken", tour) == {"plan.txt": b"arm: 4 stops, 3, 4"}
     moves = TargetMoves("arm", ("a", "b"), np.zeros((2, 2)), np.arange(2), np.eye(4), np.eye(4))
-    assert registry.target_files(joints(2), moves) == {"program.txt": b"arm: a, b"}
+    assert registry.target_files(joints(2), "spoken", moves) == {"program.txt": b"arm: a, b"}
     six = TargetMoves("arm", ("a",), np.zeros((1, 6)), np.arange(1), np.eye(4), np.eye(4))
-    assert list(registry.target_files(joints(6), six)) == ["program.mod"]
+    assert list(registry.target_files(joints(6), "rapid", six)) == ["program.mod"]
+    assert registry.target_files(joints(6), "spoken", six) == registry.target_files(joints(6), None, six) == {}
 
 
 def test_a_result_says_of_each_language_the_file_or_the_reason() -> None:
-    said = registry.plan_or_refusal(joints(6))
-    assert said == {"rapid": "plan.mod", "spoken": "no spoken program for 6 joints"}
-    languages, refusals = registry.planned_in(said)
-    assert [language.name for language in languages] == ["RAPID"] and refusals == ["no spoken program for 6 joints"]
-    assert registry.refusals(joints(6)) == ("no spoken program for 6 joints",)
+    said = registry.plan_or_refusal(joints(6), "rapid")
+    assert said == {"rapid": "plan.mod", "spoken": "no program in it: RAPID is the controller's language"}
+    assert registry.plan_or_refusal(joints(6), "spoken")["spoken"] == "no spoken program for 6 joints"
+    assert registry.refusal(joints(6), "spoken") == "no spoken program for 6 joints"
+    assert registry.refusal(joints(2), "spoken") is None
 
 
 def test_a_run_may_hold_the_files_of_every_language() -> None:

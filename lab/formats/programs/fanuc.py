@@ -1,0 +1,87 @@
+"""A measuring tour and compensated targets as LS, the listing of FANUC's TP programs that controllers load.
+
+Joint positions are in degrees with three decimals, as controllers print them; lengths in mm; W, P and R turn about the
+fixed x, y and z. The layout is that of listings in public; which options a controller needs to load one is not known
+here, and the file says so.
+"""
+
+from textwrap import wrap
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.steps import (
+    CHECKED,
+    UNCHECKED,
+    Step,
+    ascii_words,
+    move_steps,
+    numbers,
+    six_revolute,
+    tour_steps,
+)
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["FanucLs"]
+
+_DIGITS = 3
+_PER_CENT = 20
+_LONGEST = 32  # characters of a comment
+_NOTES = (
+    "LOADING MAY TAKE AN OPTION",
+    "J3 COUNTS AS IN THE MODEL",
+    "COMPARE ONE POSE FIRST",
+)
+
+
+class FanucLs:
+    """Listings for robots with six revolute axes."""
+
+    name = "FANUC"
+    suffix = ".ls"
+    makers = ("fanuc", "lrmate", "crx", "m10", "m20", "m710", "m900", "r2000")
+    speed = f"{_PER_CENT} % of the joints' speed"
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        """None for six revolute joints; else the reason."""
+        return six_revolute(joints, self.name)
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        """A program ``MEASURE_POSES``: home, every pose with a wait, home."""
+        return _listing("MEASURE_POSES", [f"{len(tour.ids)} POSES"], tour.checked, tour_steps(tour))
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        """A program ``MOVE_TO_TARGETS`` through joint positions; tool and frame as comments, to be entered by hand."""
+        frames = [
+            *(f"UTOOL {each}" for each in _frame(moves.T_last_tool)),
+            *(f"UFRAME {each}" for each in _frame(moves.T_frame0_instrument)),
+        ]
+        return _listing("MOVE_TO_TARGETS", [f"{len(moves.ids)} TARGETS", *frames], moves.checked, move_steps(moves))
+
+
+def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:
+    words = CHECKED if checked else UNCHECKED
+    lines = [f"!{each}" for each in (*notes, *wrap(words, _LONGEST), *_NOTES)]
+    for i, step in enumerate(steps, start=1):
+        lines += [f"!{ascii_words(step.words)}", f"J P[{i}] {_PER_CENT}% FINE"]
+        lines += [f"WAIT {step.wait_s:6.2f}(sec)"] if step.wait_s else []
+    numbered = [f"{i:4d}:{'' if line[0] == 'J' else '  '}{line} ;" for i, line in enumerate(lines, start=1)]
+    head = [f"/PROG  {name}", "/ATTR", 'COMMENT = "lab";', f"LINE_COUNT = {len(numbered)};"]
+    head += ["DEFAULT_GROUP = 1,*,*,*,*;", "/MN"]
+    positions = [_position(i, step.joints) for i, step in enumerate(steps, start=1)]
+    return ("\r\n".join([*head, *numbered, "/POS", *positions, "/END"]) + "\r\n").encode("ascii")
+
+
+def _position(number: int, joints: Array) -> str:
+    angles = [f"\tJ{i}= {each:>9} deg" for i, each in enumerate(numbers(np.rad2deg(joints), _DIGITS), start=1)]
+    rows = [",".join(angles[:3]) + ",", ",".join(angles[3:])]
+    return "\r\n".join([f"P[{number}]{{", "   GP1:", "\tUF : 0, UT : 1,", *rows, "};"])
+
+
+def _frame(matrix: Array) -> list[str]:
+    """A pose ``(4, 4)`` (m) in mm and degrees, a number to a comment: these are short."""
+    places = numbers(1e3 * matrix[:3, 3], _DIGITS)
+    turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])), _DIGITS)
+    return [f"{key} {value}" for key, value in zip("XYZWPR", [*places, *turns], strict=True)]

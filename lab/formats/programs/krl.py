@@ -1,0 +1,80 @@
+"""A measuring tour and compensated targets in KRL, the language of KUKA's controllers (KR C).
+
+Joint positions are in degrees, lengths in mm; of a frame A turns about z, B about the new y, C about the new x (KUKA
+System Software, Operating and Programming Instructions for System Integrators, "FRAME").
+"""
+
+import re
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.steps import (
+    CHECKED,
+    UNCHECKED,
+    Step,
+    ascii_words,
+    move_steps,
+    numbers,
+    six_revolute,
+    tour_steps,
+)
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["Krl"]
+
+_DIGITS = 6
+_PER_CENT = 20
+
+
+class Krl:
+    """Modules for robots with six revolute axes."""
+
+    name = "KRL"
+    suffix = ".src"
+    makers = ("kuka", "kr", "agilus")
+    speed = f"{_PER_CENT} % of the joints' speed"
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        """None for six revolute joints; else the reason."""
+        return six_revolute(joints, self.name)
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        """A module ``measure_poses``: home, every pose with a wait, home."""
+        head = [
+            f"; {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
+            f"; {CHECKED if tour.checked else UNCHECKED}",
+            "; Axis zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            "; Declare the tool's load before.",
+        ]
+        return _module("measure_poses", head, [], tour_steps(tour))
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        """A module ``move_to_targets`` through axis positions, with the tool and the base that they are of."""
+        head = [
+            f"; {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the axes.",
+            f"; {CHECKED if moves.checked else UNCHECKED}",
+            "; $TOOL and $BASE suit the controller's nominal links best. They hold where its flange is the last",
+            "; frame of the lab's table, and its robot root is frame 0 of it. Declare the tool's load before.",
+        ]
+        frames = [f"$TOOL = {_frame(moves.T_last_tool)}", f"$BASE = {_frame(moves.T_frame0_instrument)}"]
+        return _module("move_to_targets", head, frames, move_steps(moves))
+
+
+def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) -> bytes:
+    lines = [f"DEF {re.sub(r'[^A-Za-z0-9_]', '_', name)}()", *head, "BAS(#INITMOV, 0)", f"BAS(#VEL_PTP, {_PER_CENT})"]
+    lines += frames
+    for step in steps:
+        axes = ", ".join(f"A{i} {each}" for i, each in enumerate(numbers(np.rad2deg(step.joints), _DIGITS), start=1))
+        lines += [f"; {step.words}", f"PTP {{AXIS: {axes}}}"]
+        lines += [f"WAIT SEC {step.wait_s:.1f}"] if step.wait_s else []
+    return ("\r\n".join(["&ACCESS RVO", *lines, "END"]) + "\r\n").encode("ascii")
+
+
+def _frame(matrix: Array) -> str:
+    """A pose ``(4, 4)`` (m) in mm and degrees."""
+    places = numbers(1e3 * matrix[:3, 3], _DIGITS)
+    turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])[::-1]), _DIGITS)
+    return "{" + ", ".join(f"{key} {value}" for key, value in zip("XYZABC", [*places, *turns], strict=True)) + "}"

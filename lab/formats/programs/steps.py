@@ -1,0 +1,68 @@
+"""A program as its steps: where to move one after the other, what to wait for, what to call each stop."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.core.se3 import Array
+from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["CHECKED", "UNCHECKED", "Step", "ascii_words", "move_steps", "numbers", "six_revolute", "tour_steps"]
+
+CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
+UNCHECKED = "NOT CHECKED FOR COLLISIONS: run it slowly first."
+_AXES = 6
+
+
+@dataclass(frozen=True)
+class Step:
+    """A move of all joints in a straight line to a stop.
+
+    Attributes:
+        joints: ``(n,)`` rad, m of a slide.
+        words: what the stop is, for a comment: letters, digits and blanks.
+        wait_s: how long to stand there.
+    """
+
+    joints: Array
+    words: str
+    wait_s: float
+
+
+def tour_steps(tour: MeasuringTour) -> list[Step]:
+    """The steps of a measuring tour, from home to home, with a wait at each measured pose."""
+    steps, pose = list[Step](), 0
+    for i, (joints, measured) in enumerate(zip(tour.stops, tour.measured.tolist(), strict=True)):
+        at_end = i in (0, len(tour.stops) - 1)
+        words = "home" if at_end else "via" if measured < 0 else f"pose {ascii_words(tour.ids[pose])}"
+        pose += measured >= 0
+        steps.append(Step(joints, words, PAUSE_S if measured >= 0 else 0.0))
+    return steps
+
+
+def move_steps(moves: TargetMoves) -> list[Step]:
+    """The steps to compensated targets, with the stops that are passed on the way."""
+    return [
+        Step(joints, f"target {ascii_words(moves.ids[i])}" if i >= 0 else "via", 0.0)
+        for i, joints in zip(moves.which.tolist(), moves.stops, strict=True)
+    ]
+
+
+def six_revolute(joints: JointSpec, language: str) -> str | None:
+    """None for six revolute joints; else why there is no program in this language."""
+    if joints.size == _AXES and not any(joints.prismatic):
+        return None
+    kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
+    return f"no {language} program: its joint positions have six revolute axes, robot {joints.name} has {kinds}"
+
+
+def numbers(values: Array | Sequence[float], digits: int) -> list[str]:
+    """Numbers in plain digits, zero without a sign."""
+    return [f"{value + 0.0:.{digits}f}" for value in np.round(np.asarray(values), digits)]
+
+
+def ascii_words(text: str) -> str:
+    """A text as letters, digits and blanks of ASCII alone, for comments and messages of any language."""
+    return "".join(each if each.isascii() and (each.isalnum() or each in " ._-") else "_" for each in text)[:32]

@@ -1,0 +1,76 @@
+"""A measuring tour and compensated targets in URScript, the language of Universal Robots' controllers.
+
+Joint positions are in rad, lengths in m, rotations as rotation vectors (The URScript Programming Language, Universal
+Robots, "movej", "set_tcp", "pose").
+"""
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.steps import (
+    CHECKED,
+    UNCHECKED,
+    Step,
+    ascii_words,
+    move_steps,
+    numbers,
+    six_revolute,
+    tour_steps,
+)
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["UrScript"]
+
+_DIGITS = 8  # of a rad: 10 nm at 1 m
+_SPEED, _ACCELERATION = 0.5, 0.8  # rad/s, rad/s^2
+
+
+class UrScript:
+    """Scripts for robots with six revolute axes."""
+
+    name = "URScript"
+    suffix = ".script"
+    makers = ("ur3", "ur5", "ur7", "ur8", "ur10", "ur12", "ur15", "ur16", "ur20", "ur30")
+    speed = f"{_SPEED:g} rad/s"
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        """None for six revolute joints; else the reason."""
+        return six_revolute(joints, self.name)
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        """A function ``measure_poses``: home, every pose with a wait, home."""
+        head = [
+            f"  # {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
+            f"  # {CHECKED if tour.checked else UNCHECKED}",
+            "  # Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+        ]
+        return _script("measure_poses", head, tour_steps(tour))
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        """A function ``move_to_targets`` through joint positions, with the tool and the frame that they are of."""
+        head = [
+            f"  # {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the joints.",
+            f"  # {CHECKED if moves.checked else UNCHECKED}",
+            "  # Tool and frame suit the controller's nominal links best. They hold where its flange is the last frame",
+            "  # of the lab's table, and its base is frame 0 of it.",
+            f"  set_tcp({_pose(moves.T_last_tool)})",
+            f"  global instrument_frame = {_pose(moves.T_frame0_instrument)}",
+        ]
+        return _script("move_to_targets", head, move_steps(moves))
+
+
+def _script(name: str, head: list[str], steps: list[Step]) -> bytes:
+    lines = [f"def {name}():", *head]
+    for step in steps:
+        joints = ", ".join(numbers(step.joints, _DIGITS))
+        lines += [f"  # {step.words}", f"  movej([{joints}], a={_ACCELERATION:g}, v={_SPEED:g})"]
+        lines += [f'  textmsg("{step.words}")', f"  sleep({step.wait_s:.1f})"] if step.wait_s else []
+    return ("\n".join([*lines, "end", f"{name}()"]) + "\n").encode("ascii")
+
+
+def _pose(matrix: Array) -> str:
+    """A pose ``(4, 4)`` (m) as position and rotation vector."""
+    values = np.concatenate([matrix[:3, 3], se3.log(matrix[:3, :3])])
+    return f"p[{', '.join(numbers(values, _DIGITS))}]"

@@ -1,0 +1,94 @@
+"""A measuring tour and compensated targets in VAL 3, the language of Stäubli's controllers (CS8, CS9).
+
+Joint positions are in degrees, lengths in mm; of a frame Rx turns about x, Ry about the new y, Rz about the new z
+(VAL 3 Reference Manual, Stäubli, "trsf type"). The file is a program of an application, to be added to one that has
+the usual motion descriptor mNomSpeed; its layout is that of programs in public, and the file says so.
+"""
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.steps import (
+    CHECKED,
+    UNCHECKED,
+    Step,
+    ascii_words,
+    move_steps,
+    numbers,
+    six_revolute,
+    tour_steps,
+)
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["Val3"]
+
+_DIGITS = 6
+_SPACE = "http://www.staubli.com/robotics/VAL3/Program/2"
+_INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
+_NOTE = "  // The layout of this file follows public programs: add it to an application that has mNomSpeed."
+
+
+class Val3:
+    """Programs for robots with six revolute axes."""
+
+    name = "VAL3"
+    suffix = ".pgx"
+    makers = ("staubli", "tx", "tx2", "rx")
+    speed = "mNomSpeed"
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        """None for six revolute joints; else the reason."""
+        return six_revolute(joints, self.name)
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        """A program ``measurePoses``: home, every pose with a wait, home."""
+        head = [
+            f"  // {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
+            f"  // {CHECKED if tour.checked else UNCHECKED}",
+            "  // Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+        ]
+        return _program("measurePoses", {"jTo": "joint"}, head, tour_steps(tour))
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        """A program ``moveToTargets`` through joint positions, with the tool and the frame that they are of."""
+        head = [
+            f"  // {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the joints.",
+            f"  // {CHECKED if moves.checked else UNCHECKED}",
+            "  // Tool and frame suit the controller's nominal links best. They hold where its flange is the last",
+            "  // frame of the lab's table, and its world is frame 0 of it.",
+            f"  trTool={_frame(moves.T_last_tool)}",
+            f"  trFrame={_frame(moves.T_frame0_instrument)}",
+        ]
+        local = {"jTo": "joint", "trTool": "trsf", "trFrame": "trsf"}
+        return _program("moveToTargets", local, head, move_steps(moves))
+
+
+def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step]) -> bytes:
+    lines = ["begin", *head, _NOTE]
+    for step in steps:
+        joints = ",".join(numbers(np.rad2deg(step.joints), _DIGITS))
+        lines += [f"  // {step.words}", f"  jTo={{{joints}}}", "  movej(jTo,flange,mNomSpeed)", "  waitEndMove()"]
+        lines += [f"  delay({step.wait_s:.1f})"] if step.wait_s else []
+    code = "\n".join([*lines, "end"])
+    variables = [f'      <Local name="{key}" type="{kind}" xsi:type="array" size="1" />' for key, kind in local.items()]
+    text = [
+        '<?xml version="1.0" encoding="utf-8" ?>',
+        f'<Programs xmlns:xsi="{_INSTANCE}" xmlns="{_SPACE}">',
+        f'  <Program name="{name}">',
+        "    <Locals>",
+        *variables,
+        "    </Locals>",
+        f"    <Code><![CDATA[{code}]]></Code>",
+        "  </Program>",
+        "</Programs>",
+    ]
+    return ("\n".join(text) + "\n").encode("ascii")
+
+
+def _frame(matrix: Array) -> str:
+    """A pose ``(4, 4)`` (m) in mm and degrees: R = Rx Ry Rz is the inverse of a roll, pitch and yaw turned back."""
+    back = se3.roll_pitch_yaw(matrix[:3, :3].T)
+    values = [*(1e3 * matrix[:3, 3]), *np.rad2deg(-back)]
+    return "{" + ",".join(numbers(values, _DIGITS)) + "}"
