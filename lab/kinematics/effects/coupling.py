@@ -22,7 +22,7 @@ from lab.kinematics.effects.effect import (
 )
 from lab.kinematics.parameter import joint_parameter
 
-__all__ = ["COUPLED", "Coupling", "JointCoupling", "coupling"]
+__all__ = ["COUPLED", "Coupling", "FullCoupling", "FullJointCoupling", "JointCoupling", "coupling"]
 
 
 def coupling(group: str, pairs: Sequence[tuple[int, int]]) -> Effect:
@@ -116,3 +116,24 @@ class Coupling(VirtualEffect):
         for i in range(max(1, chain.size - 2), chain.size):
             coupled[i, i - 1] = not (chain.prismatic[i] or chain.prismatic[i - 1])
         return JointCoupling(self.coupling_ppm / 1e6 * rngs[0].standard_normal(coupled.shape) * coupled)
+
+
+@dataclass(frozen=True)
+class FullJointCoupling(JointCoupling):
+    """Of one arm: any hinge follows any other, beside what couples the wrist."""
+
+
+@dataclass(frozen=True)
+class FullCoupling(VirtualEffect):
+    """Joints of a virtual arm that all follow each other."""
+
+    full_coupling_ppm: float = 0.0
+    """How far every joint follows every other (1σ)."""
+
+    draws: ClassVar[int] = 1
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Normal draws, of all pairs of hinges."""
+        size, turning = arm.chain.size, ~np.array(arm.chain.prismatic)
+        pairs = np.outer(turning, turning) & ~np.eye(size, dtype=bool)
+        return FullJointCoupling(self.full_coupling_ppm / 1e6 * rngs[0].standard_normal((size, size)) * pairs)

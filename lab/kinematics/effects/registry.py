@@ -17,7 +17,7 @@ from lab.kinematics.effects.bad_readings import BadReadings
 from lab.kinematics.effects.bending import Bending
 from lab.kinematics.effects.campaign import Duration, Payloads
 from lab.kinematics.effects.compliance import Compliance
-from lab.kinematics.effects.coupling import Coupling
+from lab.kinematics.effects.coupling import Coupling, FullCoupling
 from lab.kinematics.effects.drift import Drift
 from lab.kinematics.effects.effect import (
     NO_SESSIONS,
@@ -33,6 +33,7 @@ from lab.kinematics.effects.growth import Growth
 from lab.kinematics.effects.harmonics import Harmonics
 from lab.kinematics.effects.lag import Lag
 from lab.kinematics.effects.repeatability import Repeatability
+from lab.kinematics.effects.ripple import Ripple
 from lab.kinematics.effects.sessions import Bump
 from lab.kinematics.joints import JointSpec
 
@@ -54,6 +55,8 @@ Kind = TypeVar("Kind", bound=VirtualEffect)
 
 @dataclass(frozen=True)
 class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
+    FullCoupling,
+    Ripple,
     Bending,
     BadReadings,
     Duration,

@@ -8,8 +8,8 @@ from helpers.robots import IRB120, SCARA
 
 from lab.campaign.option_groups import ArmEffects
 from lab.core.errors import LabError
-from lab.kinematics.effects.conditions import in_order
-from lab.kinematics.effects.effect import ArmFacts, SessionInfo, SimulatedEffect
+from lab.kinematics.effects.conditions import PoseConditions, in_order
+from lab.kinematics.effects.effect import ArmFacts, MovesJoints, SessionInfo, SimulatedEffect
 from lab.kinematics.effects.registry import (
     CAMPAIGN_SPECIFIC,
     CANDIDATES,
@@ -18,6 +18,8 @@ from lab.kinematics.effects.registry import (
     EffectOptions,
     effect,
     fitted_groups,
+    said_of_term,
+    searched_terms,
 )
 from lab.simulation.effects import random_effects
 
@@ -114,3 +116,31 @@ def test_what_cannot_be_fitted_says_why() -> None:
 def test_conditions_come_in_the_order_of_a_files_columns() -> None:
     mixed = ["session 2", "time_s", "approach_q2", "payload_kg", "approach_q1", "time_s"]
     assert in_order(mixed) == ("payload_kg", "approach_q2", "approach_q1", "time_s", "session 2")
+
+
+@pytest.mark.parametrize("options", [{"ripple_mrad": 0.1}, {"full_coupling_ppm": 50.0}], ids=str)
+def test_a_simulated_effect_is_what_single_joints_groups_fit(options: dict[str, float]) -> None:
+    """With the true parameters, the groups of single joints move the joints as the simulation does."""
+    part = next(
+        part
+        for part in random_effects(FACTS, EffectOptions(**options), np.random.default_rng(2)).parts
+        if any(part.true_parameters().values())
+    )
+    assert isinstance(part, MovesJoints)
+    joints = IRB120.chain.random_joints(30, np.random.default_rng(0))
+    truth, fitted = part.true_parameters(), np.zeros(joints.shape)
+    for name, group in searched_terms(FACTS).items():
+        own = [each.name for each in group.parameters]
+        if set(own) & set(truth):
+            values = np.array([truth[each] for each in own])
+            fitted += group.offsets(joints, np.zeros((30, 0)), values)[0]
+            assert said_of_term(name)
+    conditions = PoseConditions({}, 30, IRB120.chain.joint_names)
+    np.testing.assert_allclose(part.joint_offsets(joints, conditions), fitted, atol=1e-18)
+    assert np.abs(fitted).max() > 2e-5 and (np.abs(fitted).max(axis=0) > 0).all()
+    slides = ArmFacts(SCARA)
+    for each in random_effects(slides, EffectOptions(**options), np.random.default_rng(2)).parts:
+        each.refuse_unfit(SCARA)
+        if isinstance(each, MovesJoints) and any(each.true_parameters().values()):
+            moved = each.joint_offsets(joints[:, :4], PoseConditions({}, 30, SCARA.joint_names))
+            assert not moved[:, 2].any() and moved[:, 0].any()
