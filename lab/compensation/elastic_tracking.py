@@ -1,7 +1,7 @@
 """Tracking errors of an arm with elastic links along a trajectory, and the trajectory that makes up for them.
 
-Quasi-static (Benmisra 2007, figure 3.7): at each instant the links bear gravity, a payload and the inertia of the arm as
-it moves rigidly by q, q', q''. Vibration is left out.
+Quasi-static (Benmisra 2007, figure 3.7): at each instant the links bear gravity, a payload and the inertia of the arm
+as it moves rigidly by q, q', q''. Vibration is left out.
 """
 
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ def tracking(
     Args:
         values: parameters ``(p,)`` of the arm.
         links: its links with their loads.
-        sections: ``(n, 4)`` compliances of each link (``beam.COMPLIANCES``); links whose compliances are zero are stiff.
+        sections: ``(n, 4)`` compliances of each link (``beam.COMPLIANCES``); zeros of a stiff link.
         times: ``(k,)`` s since the start.
         payload_kg: carried all the way.
     """
