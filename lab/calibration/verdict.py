@@ -36,6 +36,7 @@ WORSE = 1.1  # times the nominal model's mean error
 NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of the error
 BEYOND_VALIDATION = 3.0  # times the 95 % error at the validation poses: elsewhere the arm is less certain
 KNOWN_BEFORE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
+ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
 MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
 MOST_OUTLIERS = 0.05  # of the hold-out set
 _FLOOR_M = 1e-7  # errors below are rounding
@@ -224,6 +225,8 @@ class _Judging:
             return Answer("not judged", words), [Reason(words, np.inf, "not judged")]
         before, after = float(np.nanmean(errors.before)), float(np.nanmean(errors.after))
         said = f"{_mm(before)} with the nominal model, {_mm(after)} with the calibrated one (means)"
+        if self.gate_m is not None and after > self.gate_m:
+            said += f", {_mm(after * self._share_without_noise())} of it without the noise of the validation"
         reasons = self._above_gate(after) or self._no_gain(errors, before, after)
         reasons += self._doubtful_validation()
         if any(each.word == "bad" for each in reasons):
@@ -241,9 +244,8 @@ class _Judging:
             words = f"the {_mm(limit)} of an arm within its tolerances that was never calibrated"
         if not after > limit:
             return []
-        if (without := after * self._share_without_noise()) <= limit:
-            text = f"{_mm(after)} on poses not fitted, above {words}; without the noise it would be {_mm(without)}"
-            return [Reason(text, after / limit)]
+        if after * self._share_without_noise() <= limit:
+            return []
         return [Reason(f"{begun} {words}{guess}", after / limit, "bad")]
 
     def _share_without_noise(self) -> float:
@@ -331,7 +333,7 @@ class _Judging:
             else f"the error over the workspace cannot be predicted{of_condition}"
         )
         reasons = [Reason(_far(far[0]), far[0].size / self._largest(far[0]))] if far else []
-        reasons += [Reason(f"{said}; above {words}", times) for times, words in self._exceeded()[:1]]
+        reasons += [Reason(f"{said}; {words}", times) for times, words in self._exceeded()[:1]]
         off = [each for each in self.distances if each.sure_tolerances > MOST_TOLERANCES]
         if off and not far:
             reasons.append(Reason(_far(off[0]), off[0].tolerances / MOST_TOLERANCES))
@@ -347,22 +349,29 @@ class _Judging:
     def _exceeded(self) -> list[tuple[float, str]]:
         """The limits that the predicted error over the workspace exceeds: how many times, and which; the worst first.
 
-        Under a gate its root mean square counts, as the gate is of a mean; else what is known from elsewhere.
+        Under a gate the predicted mean counts, as the gate is of a mean; where the model shows lack of fit, which is
+        larger elsewhere, the predicted 95 % error. Without a gate it is what is known from elsewhere.
         """
         predicted, found, errors = self.workspace, self.identification, self.validation.errors
+        if self.gate_m is not None:
+            if self.goodness is not None and self.goodness.adequate is False:
+                times, words = predicted.p95_m / self.gate_m, "with the lack of fit that"
+            else:
+                times, words = (
+                    predicted.mean_m / self.gate_m / ROUGHLY,
+                    f"the predicted mean of {_mm(predicted.mean_m)}",
+                )
+            return [(times, f"{words} is above the gate of {_mm(self.gate_m)}")] if times > 1 else []
         never = KNOWN_BEFORE * predicted.tolerance_rms_m
         limits = [
             (predicted.p95_m, never, f"{_mm(never)}, half of what the tolerances make of an arm never calibrated")
         ]
-        if self.gate_m is not None:
-            words = f"the gate of {_mm(self.gate_m)}, as its root mean square is"
-            limits.append((predicted.rms_m, self.gate_m, words))
-        elif errors is not None and np.isfinite(errors.after).any():
+        if errors is not None and np.isfinite(errors.after).any():
             noise = BEYOND_VALIDATION * found.sigma_m if found.sigma_known else 0.0
             validated = BEYOND_VALIDATION * max(float(np.nanpercentile(errors.after, 95)), noise) + _FLOOR_M
             words = f"{_mm(validated)}, {BEYOND_VALIDATION:g} times the 95 % error at the validation poses"
             limits.append((predicted.p95_m, validated, words))
-        over = [(value / limit, words) for value, limit, words in limits if limit > 0 and value > limit]
+        over = [(value / limit, f"above {words}") for value, limit, words in limits if limit > 0 and value > limit]
         return sorted(over, reverse=True)
 
 

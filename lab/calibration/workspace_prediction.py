@@ -20,8 +20,16 @@ from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
 
-__all__ = ["Distance", "WorkspacePrediction", "distances_from_nominal", "predict_over_workspace", "tolerance_rms"]
+__all__ = [
+    "MEAN_OF_RMS",
+    "Distance",
+    "WorkspacePrediction",
+    "distances_from_nominal",
+    "predict_over_workspace",
+    "tolerance_rms",
+]
 
+MEAN_OF_RMS = float(np.sqrt(8 / (3 * np.pi)))  # of the lengths of isotropic normal errors (Maxwell)
 _POSES = 200
 _SHARE = 0.95
 
@@ -32,12 +40,13 @@ class WorkspacePrediction:
 
     Attributes:
         rms_m: root mean square, by the parameters' covariance.
-        p95_m: the length that 95 % of the errors do not exceed, over poses and over campaigns like this one; where
-            the residuals are more than the noise, as large as they say.
+        mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
+            like this one; where the residuals are more than the noise, as large as they say.
         tolerance_rms_m: root mean square error of an arm within the tolerances that was never calibrated.
     """
 
     rms_m: float
+    mean_m: float
     p95_m: float
     tolerance_rms_m: float
 
@@ -74,21 +83,22 @@ def predict_over_workspace(
     """
     model, nothing = identification.model, float("nan")
     if not observation_of(model).positions:
-        return WorkspacePrediction(nothing, nothing, nothing)
+        return WorkspacePrediction(nothing, nothing, nothing, nothing)
     jacobian = _target_jacobian(model, identification.values)
     placed = indices_of_groups(model.parameters, ("base", "tool"))
     of_tolerances = float(np.sqrt(np.mean(tolerance_rms(model, jacobian, tolerance, placed) ** 2)))
     free = jacobian[..., list(identification.fit.free)]
     squares = free @ identification.covariance @ np.swapaxes(free, 1, 2)
     if not np.isfinite(squares).all():
-        return WorkspacePrediction(nothing, nothing, of_tolerances)
+        return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
     rms = float(np.sqrt(np.trace(squares, axis1=1, axis2=2).mean()))
     known = identification.sigma_known and not lack_of_fit
     dof = None if known else max(identification.dof, 1)
     larger = 1.0
     if lack_of_fit and identification.sigma_known:
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
-    return WorkspacePrediction(rms, larger * _length_not_exceeded(squares, dof), of_tolerances)
+    mean, most = MEAN_OF_RMS * rms, _length_not_exceeded(squares, dof)
+    return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances)
 
 
 def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: tuple[int, ...] = ()) -> Array:

@@ -21,7 +21,7 @@ from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.validation import errors_at, hold_out, validate_rows
 from lab.calibration.verdict import Verdict, Word, verdict
 from lab.calibration.weights import Noise, weighed
-from lab.calibration.workspace_prediction import predict_over_workspace
+from lab.calibration.workspace_prediction import MEAN_OF_RMS, predict_over_workspace
 from lab.campaign.option_groups import Flag
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
@@ -44,7 +44,6 @@ _LACKING, _KNOWN = 0.4, 0.7  # shares of the campaigns
 _GATES_M = (0.05e-3, 2e-3)  # what users ask for
 _HOLDOUT = 0.3
 _CLEARLY_BAD, _AS_PREDICTED = 1.5, 1.1
-_MEAN_OF_RMS = np.sqrt(8 / (3 * np.pi))  # of the length of an isotropic normal error
 _ELSEWHERE = 200  # poses of the whole workspace, where the truth is taken
 
 
@@ -179,7 +178,7 @@ def _judged(
     observation = observation_of(arm)
     observed, known = weighed(observation, rows, noise)
     goodness = goodness_of_fit(arm, observed, found.fit, known=known, held=weighed(observation, held, noise)[0])
-    predicted_m = _MEAN_OF_RMS * predict_over_workspace(found, Tolerance()).rms_m
+    predicted_m = MEAN_OF_RMS * predict_over_workspace(found, Tolerance()).rms_m
     gate_m = float(np.exp(rng.uniform(*np.log(_GATES_M))))
     judged = verdict(found, validate_rows(found, held), gate_m, goodness=goodness)
     if kind in _WRONG:
