@@ -62,6 +62,8 @@ def _ended(arguments: list[str]) -> int:
             return program.INTERRUPTED
         said, code = _told(arguments, error)
         program.say(said)
+        if "--json" in arguments:
+            program.say_as_json(said, code)
         return code
     except KeyboardInterrupt as stop:
         program.say(f"interrupted; {str(stop) or 'nothing was written'}")

@@ -2,6 +2,7 @@
 
 import codecs
 import io
+import json
 import os
 import sys
 import traceback
@@ -20,6 +21,7 @@ __all__ = [
     "output_may_close",
     "plain_streams",
     "say",
+    "say_as_json",
     "was_interrupted",
     "write_log",
 ]
@@ -58,6 +60,12 @@ def say(words: str) -> None:
         line = f"{line[: LONGEST_LINE // 2]} … {line[-LONGEST_LINE // 2 :]}"
     with suppress(OSError):  # nobody is there to be told
         print(f"lab: {line}", file=sys.stderr, flush=True)
+
+
+def say_as_json(words: str, code: int) -> None:
+    """An error as one JSON object on standard output, for programs that read results there."""
+    with suppress(OSError):
+        print(json.dumps({"error": {"message": words, "exit_code": code}}), flush=True)
 
 
 @contextmanager

@@ -4,9 +4,10 @@ import itertools
 import json
 import platform
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields, is_dataclass
 from functools import cache
+from hashlib import sha256
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,7 @@ from lab.formats.text_file import read_bytes
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["config", "free_name", "input_files", "run_folder", "write_json"]
+__all__ = ["SCHEMA", "config", "free_name", "input_files", "run_folder", "write_json"]
 
 _FILES = {
     "config.json",
@@ -50,6 +51,7 @@ _FILES |= {
     CHECKSUMS,
     *program_file_names(),
 }  # a folder with anything else is not replaced
+SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas says it
 LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
@@ -139,9 +141,24 @@ def config(
     options: "DataclassInstance",
     model_sha256: str,
 ) -> dict[str, Any]:
-    """Every option, and what else the numbers depend on."""
+    """Every option, and what else the numbers depend on: the content of the files, versions of libraries and schema."""
     versions = _library_versions() | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
-    return {"command": command, "options": asdict(options), "model_sha256": model_sha256, "versions": versions}
+    return {
+        "schema": SCHEMA,
+        "command": command,
+        "options": asdict(options),
+        "model_sha256": model_sha256,
+        "inputs_sha256": dict(_input_hashes(options)),
+        "versions": versions,
+    }
+
+
+def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
+    """The SHA-256 of each file that options name, and of the ``result.json`` of each run."""
+    for path in input_files(options):
+        content = path / "result.json" if path.is_dir() else path
+        with suppress(OSError):  # of a file that nobody has to read any more there is nothing to say
+            yield str(path), sha256(content.read_bytes()).hexdigest()
 
 
 @cache

@@ -56,6 +56,7 @@ class Findings:
     after_mm: Mapping[str, float] | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
+    schema: int = 0
 
     @property
     def usable(self) -> bool:
@@ -152,6 +153,8 @@ class Calibrated:
     def warnings(self) -> tuple[str, ...]:
         """What whoever builds on the run should be told of it."""
         result, said = self.result, [*self.robot.warnings, *self.edits]
+        if result.schema == 0:
+            said.append(f"{self.folder}: an older version of the lab made this run: its verdict gives no answers")
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
             belief = "may be too small" if result.usable else "is not to be believed"

@@ -139,7 +139,10 @@ class CalibrationResult(Result):
     def to_dict(self) -> dict[str, Any]:
         """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
         identification, before, after = self.identification, self.before, self.after
+        from lab.commands.run_folder import SCHEMA
+
         result: dict[str, Any] = {
+            "schema": SCHEMA,
             "robot": self.robot.name,
             "poses": len(self.fitted),
             "targets": list(self.fitted.targets),
