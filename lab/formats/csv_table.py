@@ -6,6 +6,7 @@ Numbers are read as decimals and scaled exactly. The columns that were read are 
 import csv
 import io
 import re
+from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 
@@ -16,10 +17,24 @@ from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES
 from lab.core.se3 import Array
 from lab.formats.text_file import read_text
 
-__all__ = ["LARGEST", "CsvTable"]
+__all__ = ["LARGEST", "CsvTable", "text_cell"]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
 LARGEST = 1e15  # in m, rad and whatever else a column holds; more is a mistake, and its square overflows
+
+_FORMULA = re.compile(
+    r"'*[=+\-@\t\r]"
+)  # how a text begins that a spreadsheet takes for a formula, or one that was marked
+_MARK = "'"
+
+
+def text_cell(text: str) -> str:
+    """A text as a cell that a spreadsheet takes for text: one that looks like a formula begins with an apostrophe.
+
+    ``CsvTable`` reads it back as it was.
+    """
+    return _MARK + text if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
 class CsvTable:
@@ -74,7 +89,7 @@ class CsvTable:
         if not lines or lines[0] > 1:
             raise LabError(f"{self.path}: line 1 is blank; begin the file with the header")
         self._check_table(table[0], table[1:], lines[1:])
-        return table[0], table[1:], lines[1:]
+        return [_unmarked(name) for name in table[0]], table[1:], lines[1:]
 
     def _check_table(self, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
         COLUMNS(f"{self.path}: line 1", header)
@@ -98,7 +113,7 @@ class CsvTable:
         if name in self.unread:
             self.unread.remove(name)
         column = self.header.index(name)
-        return tuple(row[column] for row in self.rows)
+        return tuple(_unmarked(row[column]) for row in self.rows)
 
     def fail(self, row: int, column: str, what: str) -> LabError:
         """An error in a cell: what is wrong there, and how to fix it."""
@@ -117,6 +132,8 @@ class CsvTable:
         """
         cells = self.texts(column)
         assert cells is not None
+        if not self.semicolons and (quick := _plain_numbers(cells, exponent)) is not None:
+            return quick
         out = np.full(len(cells), np.nan)
         for i, cell in enumerate(cells):
             if cell or not empty:
@@ -153,3 +170,24 @@ class CsvTable:
         plain = cell.replace(",", ".")
         self.rows[row][self.header.index(column)] = plain  # what is kept of the file has points
         return plain
+
+
+def _plain_numbers(cells: Sequence[str], exponent: int) -> Array | None:
+    """A column ``(n,)`` of plain decimals times ten to an exponent, correctly rounded; None of any other.
+
+    A decimal with its exponent written behind it is read to the nearest number, as its exact product is.
+    """
+    text = "\n".join(cells)
+    if not all(cells) or not _PLAIN.fullmatch(text) or (exponent and ("e" in text or "E" in text)):
+        return None
+    end = f"e{exponent}" if exponent else ""
+    try:
+        values = np.array([float(cell + end) for cell in cells])
+    except ValueError:  # two points, or a sign inside: the table's own reader says where
+        return None
+    return values if np.abs(values).max() <= LARGEST else None
+
+
+def _unmarked(cell: str) -> str:
+    """A cell as ``text_cell`` was given it."""
+    return cell[1:] if cell.startswith(_MARK) and _FORMULA.match(cell) else cell

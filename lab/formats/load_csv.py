@@ -17,7 +17,6 @@ from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import GRAVITY, Mounting, PayloadSamples
 from lab.core.se3 import Array
-from lab.formats.csv_table import LARGEST
 from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.structured import structured
 from lab.formats.toml import is_number, read_toml
@@ -31,7 +30,6 @@ SLACK = 0.01  # rad or m beyond its limits that a joint may be read
 LEAST_MOVING = 10  # rows of a run that is differentiated in time
 _LEAST_STATIC = {True: 2, False: 3}  # loaded poses, with torques or without: below the rank is short anyway
 _OTHER_UNIT = {"rad": "deg", "deg": "rad", "m": "mm", "mm": "m"}
-_PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
 
 Limits = tuple[Array, Array]
 
@@ -105,18 +103,6 @@ class _LoadReader(PoseReader):
                 self._refuse_uneven(time_s, np.flatnonzero(loaded == run))
         self._rest([])
         return PayloadSamples(time_s, joints, torques, wrench, loaded, tuple(self.lines), tuple(self.warnings))
-
-    def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
-        """A column as ``CsvTable.numbers`` reads it, but plain numbers at once: runs have ten thousands of rows."""
-        cells = self.texts(column)
-        if cells and exponent == 0 and all(cells) and _PLAIN.fullmatch("\n".join(cells)):
-            try:
-                values = np.array([float(cell) for cell in cells])
-            except ValueError:  # the table's own reader says where
-                return super().numbers(column)
-            if np.abs(values).max() <= LARGEST:
-                return values
-        return super().numbers(column, exponent)
 
     def _number(self, row: int, column: str, cell: str, exponent: int) -> float:
         if not cell or cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):

@@ -17,7 +17,7 @@ from lab.core.errors import LabError
 from lab.core.limits import TARGETS, checked_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.formats.csv_table import CsvTable
+from lab.formats.csv_table import CsvTable, text_cell
 from lab.formats.orientations import ENDS
 
 __all__ = ["USES", "ObservedColumns", "PoseReader", "read_measurements", "write_measurements"]
@@ -59,11 +59,11 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
     """
     columns: dict[str, Sequence[str]] = {}
     if data.ids != tuple(str(i) for i in range(len(data))):
-        columns["id"] = data.ids
+        columns["id"] = [text_cell(name) for name in data.ids]
     if data.marked or set(data.use) != {"calibrate"}:
         columns["use"] = data.use
     if any(data.sessions):
-        columns["session"] = data.sessions
+        columns["session"] = [text_cell(name) for name in data.sessions]
     for j, name in enumerate(data.joint_names):
         unit, exponent = ("mm", 3) if prismatic[j] else ("rad", 0)
         columns[f"{name}_{unit}"] = [_decimal(value, exponent) for value in data.joints[:, j]]
@@ -74,7 +74,7 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
         columns["sigma_mm"] = [_decimal(value, 3) for value in data.sigma_m]
     for name, numbers in data.conditions.items():
         columns[name] = [_decimal(value, 0) for value in numbers]
-    columns.update(data.other)
+    columns |= {text_cell(name): [text_cell(text) for text in texts] for name, texts in data.other.items()}
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
@@ -85,7 +85,8 @@ def _decimal(value: float, exponent: int) -> str:
     """``value * 10**exponent`` exactly, in plain digits; "" for NaN."""
     if np.isnan(value):
         return ""
-    return format(Decimal(repr(float(value))).scaleb(exponent), "f")
+    text = repr(float(value))
+    return text if not exponent and "e" not in text else format(Decimal(text).scaleb(exponent), "f")
 
 
 def read_measurements(

@@ -1,6 +1,8 @@
 """Measurement files: nothing is lost, units come from names."""
 
+import csv
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -144,3 +146,20 @@ def test_a_kind_of_observation_has_columns_of_its_own(tmp_path) -> None:
     ]
     points = read_measurements(path, ("a", "b"), (False, False))
     assert "range_mm" in points.other and "range_mm, mirror have no meaning here" in points.warnings[-1]
+
+
+FORMULAS = ("=cmd|' /C calc'!A0", "+1+cmd", "-2+3", "@SUM(A1)", "'=x", "''-x", "-5", "+1.5", "'", "it's", "a=b")
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_texts_are_no_formulas_to_a_spreadsheet_and_come_back(text: str, tmp_path: Path) -> None:
+    """OWASP's CSV injection: a cell that begins with = + - @ is run by whoever opens the file."""
+    data = measured(("q1",), np.zeros((2, 1)), ("p1",), np.ones((2, 1, 3)))
+    data = replace(data, ids=(text, "plain"), sessions=(text, "s"), other={"note": (text, "-3.5")})
+    path = tmp_path / "day.csv"
+    write_measurements(path, data, (False,))
+    written = list(csv.reader(path.read_text().splitlines()))
+    formulas = [cell for row in written for cell in row if cell[:1] in ("=", "+", "-", "@")]
+    assert all(np.isfinite(float(cell)) for cell in formulas)  # a plain number is none
+    back = read_measurements(path, ("q1",), (False,))
+    assert back.ids == data.ids and back.sessions == data.sessions and back.other["note"] == (text, "-3.5")

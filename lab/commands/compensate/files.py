@@ -12,6 +12,7 @@ from lab.commands.compensate.result import CompensationResult
 from lab.commands.run_folder import config, write_json
 from lab.commands.stops import joint_columns
 from lab.core import se3
+from lab.formats.csv_table import text_cell
 from lab.formats.programs.protocol import TargetMoves
 from lab.formats.programs.registry import target_files
 
@@ -81,4 +82,4 @@ def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Seq
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         for row in zip(*columns.values(), strict=True):
-            writer.writerow([value if isinstance(value, str) else repr(float(value)) for value in row])
+            writer.writerow([text_cell(value) if isinstance(value, str) else repr(float(value)) for value in row])

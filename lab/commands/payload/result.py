@@ -16,6 +16,7 @@ from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
 from lab.formats.load_csv import WRENCH
 from lab.payload_identification.estimate import LoadEstimate, Nuisance
+from lab.payload_identification.plausibility import Implausibility
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,6 +41,7 @@ class PayloadResult(Result):
         cost_m: root mean square over the workspace of how far a corrected point is off by the payload's uncertainty
             (1 sigma); NaN where its weight was not identified.
         targets: the tracked points, where the payload was identified from sag.
+        implausible: why it cannot be what it was identified as.
     """
 
     options: PayloadOptions
@@ -52,11 +54,12 @@ class PayloadResult(Result):
     cost_m: float
     warnings: tuple[str, ...]
     targets: tuple[str, ...] = ()
+    implausible: tuple[Implausibility, ...] = ()
 
     @property
     def _trusted(self) -> bool:
-        """Whether mass and centre of mass are identified, without lack of fit, and no sample is wild."""
-        identified = np.isfinite(self.estimate.phi[:4]).all()
+        """Whether mass and centre of mass are identified and can be, without lack of fit, and no sample is wild."""
+        identified = np.isfinite(self.estimate.phi[:4]).all() and not self.implausible
         return bool(identified and self.estimate.adequate is not False and wild_sample(self.estimate) is None)
 
     @property
@@ -102,6 +105,7 @@ class PayloadResult(Result):
             "adequate": found.adequate,
             "adequacy": found.verdict.words,
             "p": number(found.verdict.p),
+            "implausible": [each.words for each in self.implausible],
             "physical": found.physical,
             "made_physical": self.made_physical,
             "unseen": list(found.unidentified),

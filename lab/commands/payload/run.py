@@ -1,5 +1,6 @@
 """The payload at the flange, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +20,13 @@ from lab.core.se3 import Array
 from lab.formats.load_csv import read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import COLUMNS
 from lab.payload_identification.estimate import LoadEstimate
 from lab.payload_identification.from_sag import CompliantArm, from_sag
 from lab.payload_identification.from_torques import from_torques
 from lab.payload_identification.from_wrench import from_wrench
 from lab.payload_identification.physical_consistency import physical_estimate
+from lab.payload_identification.plausibility import ArmSize, Implausibility, implausibilities
 from lab.payload_identification.sag_uncertainty import sag_uncertainty
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload import drawn_mounting, own_dynamics
@@ -85,12 +88,18 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | No
         raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
     arm = robot.serial_arm(("p1",))
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
-        fitted = _sensible(_fitted(options, robot, samples, mounting, method))
+        fitted = _fitted(options, robot, samples, mounting, method)
+        strange = implausibilities(
+            fitted, _size(robot), samples, lambda other: _fitted(options, robot, other, mounting, method)
+        )
+        _refuse_senseless(fitted, strange)
     estimate = physical_estimate(fitted) if options.physical else fitted
     compliance = _compliance(robot, options.stiffness_nm_per_rad)
     cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
-    warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate))
-    return PayloadResult(options, robot, samples, mounting, fitted, estimate, compliance, cost, warnings)
+    warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate, strange))
+    return PayloadResult(
+        options, robot, samples, mounting, fitted, estimate, compliance, cost, warnings, implausible=strange
+    )
 
 
 def _fitted(
@@ -112,16 +121,15 @@ def _fitted(
     return from_torques(arm, values, samples, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
 
 
-def _sensible(found: LoadEstimate) -> LoadEstimate:
-    """The estimate, if anything at all was identified, and the mass is not below zero."""
+def _refuse_senseless(found: LoadEstimate, strange: Sequence[Implausibility]) -> None:
+    """Refuse an estimate of nothing at all, or of a mass below zero."""
     if not found.identified:
         raise LabError("nothing of the load shows: move the arm, so that gravity pulls at its joints in other ways")
     if found.mass_kg + found.mass_half_width_kg < 0:
-        raise LabError(
-            f"the load would weigh {found.mass_kg:.4g} kg: loaded and unloaded rows are exchanged, or the sensor's "
-            "sign is the other one; mend that"
-        )
-    return found
+        cause = "loaded and unloaded rows are exchanged, or the sensor's sign is the other one"
+        if len(strange) > 1:
+            cause = strange[-1].words
+        raise LabError(f"the load would weigh {found.mass_kg:.4g} kg: {cause}; mend that")
 
 
 def _refuse(options: PayloadOptions, name: str, given: bool, method: str) -> None:
@@ -144,12 +152,25 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
         raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
     joints, unloaded, loaded = _paired(options, data)
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
-        fitted = _sensible(from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded))
+        fitted = from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded)
+        strange = implausibilities(fitted, _size(robot))
+        _refuse_senseless(fitted, strange)
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
-    warnings = (*run.warnings, *data.warnings, *_warnings(estimate))
-    return PayloadResult(options, robot, None, mounting, fitted, estimate, compliance, cost, warnings, data.targets)
+    warnings = (*run.warnings, *data.warnings, *_warnings(estimate, strange))
+    return PayloadResult(
+        options, robot, None, mounting, fitted, estimate, compliance, cost, warnings, data.targets, strange
+    )
+
+
+def _size(robot: Robot) -> ArmSize:
+    """Of what the payload hangs at."""
+    chain = robot.serial_model.chain
+    lengths = np.abs(chain.table[:, [COLUMNS.index("d"), COLUMNS.index("a")]]).sum()
+    slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0).sum()
+    mass = np.nan if robot.loads is None else float(robot.loads.mass_kg.sum())
+    return ArmSize(float(lengths + slides), mass)
 
 
 def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array]:
@@ -184,9 +205,10 @@ def _cost(
     return float(np.sqrt((off**2).mean()))
 
 
-def _warnings(estimate: LoadEstimate) -> list[str]:
+def _warnings(estimate: LoadEstimate, strange: Sequence[Implausibility]) -> list[str]:
     """What a reader of the estimate should be told."""
-    warnings = [] if (wild := wild_sample(estimate)) is None else [wild]
+    warnings = [f"not plausible: {each.words}" for each in strange]
+    warnings += [] if (wild := wild_sample(estimate)) is None else [wild]
     if estimate.adequate is False:
         warnings.append(estimate.verdict.words)
     if estimate.physical is False:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lab.commands.study.format import circumstances, level_words
+from lab.formats.csv_table import text_cell
 from lab.studies.analysis import Analysis, Comparison
 from lab.studies.grid import FACTORS
 
@@ -68,4 +69,5 @@ def _write(path: Path, header: Sequence[str], rows: Iterable[list[Any]]) -> None
         writer.writerow(header)
         for row in rows:
             cells = ["" if isinstance(each, float) and not isfinite(each) else each for each in row]
+            cells = [text_cell(each) if isinstance(each, str) else each for each in cells]
             writer.writerow(cells + [""] * (len(header) - len(cells)))

@@ -16,6 +16,7 @@ __all__ = ["Rapid"]
 _AXES = 6
 _SPEED = "v200"
 _LONGEST_NAME = 32
+_LONGEST_ID = 60  # characters of an id in a comment
 _PREFIX = "j_"  # of joint targets: no reserved word and nothing of the controller begins so
 _TOOL, _WORK_OBJECT = "calibration_tool", "instrument_frame"
 _LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"  # a controller moves no tool without a mass and a centre
@@ -89,7 +90,7 @@ class Rapid:
         for i, joints in zip(moves.which.tolist(), moves.stops, strict=True):
             via += i < 0
             name = names[i] if i >= 0 else f"via{via:03d}"
-            targets += [f"  ! id {ids[i]!a}"] if i >= 0 and name != _PREFIX + ids[i] else []
+            targets += [f"  ! id {_shortened(ids[i])!a}"] if i >= 0 and name != _PREFIX + ids[i] else []
             targets.append(_joint_target(name, joints))
             lines.append(_move(name, _TOOL))
             lines += [f'    TPWrite "{name}: {i + 1} of {len(ids)}";'] if i >= 0 else []
@@ -103,12 +104,22 @@ def _checked(checked: bool) -> str:
     return "  ! Checked free of collisions in the lab's model only: run it slowly first, in manual mode."
 
 
+def _shortened(text: str) -> str:
+    """A text that leaves a line short enough for a controller."""
+    return text if len(text) <= _LONGEST_ID else text[: _LONGEST_ID - 3] + "..."
+
+
 def _target_names(ids: Sequence[str]) -> list[str]:
     """A legal name for each id; RAPID does not tell small letters from capitals."""
     names: dict[str, str] = {}
+    next_of: dict[str, int] = {}  # where to go on, of ids that begin alike
     for each in ids:
-        tries = (_name(_PREFIX + each, f"_{i}" if i > 1 else "") for i in itertools.count(1))
-        name = next(name for name in tries if name.lower() not in names)
+        stem = _name(_PREFIX + each)
+        for i in itertools.count(next_of.get(stem.lower(), 1)):
+            name = _name(_PREFIX + each, f"_{i}" if i > 1 else "")
+            if name.lower() not in names:
+                break
+        next_of[stem.lower()] = i + 1
         names[name.lower()] = name
     return list(names.values())
 

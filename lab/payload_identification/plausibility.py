@@ -1,0 +1,160 @@
+"""Whether a payload can be what it was identified as, and if not, what else the file may say.
+
+Least squares fits whatever it is given: moments in another unit give a centre of mass metres away, and joints that are
+a row late a payload that is none. A payload is judged by what arms carry and by its own interval; and, where it fits
+badly or cannot be, the fit is repeated as if the file had been written otherwise. What then fits far better is named.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.load_samples import PayloadSamples
+from lab.core.se3 import Array
+from lab.payload_identification.estimate import LoadEstimate
+
+__all__ = ["ArmSize", "Implausibility", "implausibilities"]
+
+MOST_OF_ARM = 1.5  # times its own mass that an arm carries: the strongest carry half of it
+MOST_KG = 1000.0  # where the arm's mass is not known
+FITS_BADLY = 0.3  # of what was to be explained that is left
+FAR_BETTER = 0.5  # times as much left
+SHIFTS = (1, -1, 2, -2)  # rows
+_DEGREE = np.pi / 180
+
+Fit = Callable[[PayloadSamples], LoadEstimate]
+
+
+@dataclass(frozen=True)
+class ArmSize:
+    """What bounds the payloads that an arm can have.
+
+    Attributes:
+        reach_m: from the base to the flange, stretched out.
+        mass_kg: of its links; NaN where unknown.
+    """
+
+    reach_m: float
+    mass_kg: float
+
+
+@dataclass(frozen=True)
+class Implausibility:
+    """Why a payload is not to be believed, with what would make it plausible, if anything was found."""
+
+    words: str
+
+
+def implausibilities(
+    found: LoadEstimate, arm: ArmSize, samples: PayloadSamples | None = None, fit: Fit | None = None
+) -> tuple[Implausibility, ...]:
+    """What of a payload cannot be, or is better explained by a mistake in the file.
+
+    Args:
+        arm: that carries it.
+        samples: that it was identified from.
+        fit: identifies it from others; a LabError where it cannot.
+    """
+    said = [*_of_mass(found, arm), *_of_centre(found, arm)]
+    if samples is not None and fit is not None and (said or _left(found) > FITS_BADLY):
+        said += _otherwise(found, arm, samples, fit)
+    return tuple(Implausibility(words) for words in said)
+
+
+def _of_mass(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
+    mass, width = found.mass_kg, found.mass_half_width_kg
+    if not np.isfinite(mass):
+        return
+    most = MOST_OF_ARM * arm.mass_kg if np.isfinite(arm.mass_kg) else MOST_KG
+    if mass > most:
+        unit = "Nmm or mN" if mass / 1e3 <= most else "another unit"
+        yield (
+            f"{mass:.4g} kg are more than an arm of its size carries ({most:.3g} kg): are torques or forces in {unit}?"
+        )
+    elif mass + width < 0:
+        yield f"the payload would weigh {mass:.3g} kg"
+    elif not mass > width:
+        yield (
+            f"the mass is {mass:.2g} ± {width:.2g} kg, which no load at all explains as well: was one carried, and are "
+            "loaded and unloaded rows marked as they were?"
+        )
+
+
+def _of_centre(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
+    centre = found.com_m
+    distance = float(np.linalg.norm(centre))
+    if not np.isfinite(distance) or distance <= arm.reach_m or not found.mass_kg > found.mass_half_width_kg:
+        return
+    if (found.com_half_width > arm.reach_m).any():
+        return  # it is not known, and its interval says so
+    unit = f"Nmm (it would be {distance:.3g} mm away)" if distance / 1e3 <= arm.reach_m else "another unit"
+    yield (
+        f"the centre of mass is {distance:.3g} m from the flange, farther than the arm reaches ({arm.reach_m:.2g} m): "
+        f"are moments in {unit}?"
+    )
+
+
+def _left(found: LoadEstimate) -> float:
+    """Which share of what was to be explained is left, about each channel's mean."""
+    spread = found.measured - found.measured.mean(axis=0)
+    size = float(np.sqrt((spread**2).sum()))
+    return float(np.sqrt((found.residual**2).sum())) / size if size else 0.0
+
+
+def _otherwise(found: LoadEstimate, arm: ArmSize, samples: PayloadSamples, fit: Fit) -> Iterator[str]:
+    """What the file would have to mean for a payload that fits far better, and can be."""
+    here = _left(found)
+    for words, other in _readings(samples):
+        try:
+            again = fit(other)
+        except (LabError, np.linalg.LinAlgError):
+            continue
+        if _left(again) < FAR_BETTER * here and not [*_of_mass(again, arm), *_of_centre(again, arm)]:
+            yield (
+                f"{words}: {100 * _left(again):.2g} % of what was measured is then left unexplained, and "
+                f"{100 * here:.2g} % is as the file stands (the payload would be {again.mass_kg:.3g} kg)"
+            )
+            return
+
+
+def _readings(samples: PayloadSamples) -> Iterator[tuple[str, PayloadSamples]]:
+    """What a file may have been meant to say."""
+    for rows in SHIFTS:
+        shifted = _shifted(samples, rows)
+        if shifted is not None:
+            side = "later" if rows > 0 else "earlier"
+            count = f"{abs(rows)} row" + ("s" if abs(rows) > 1 else "")
+            yield f"the joint positions seem to be {count} {side} than what was measured there", shifted
+    if samples.loaded.all() and len(samples) > 1:
+        first = np.arange(len(samples)) < len(samples) // 2
+        for words, loaded in (("first", first), ("second", ~first)):
+            yield (
+                f"every row is marked as loaded, but only the {words} half seems to be",
+                replace(samples, loaded=loaded),
+            )
+    yield (
+        "the joint positions seem to be radians in columns of degrees",
+        replace(samples, joints=samples.joints / _DEGREE),
+    )
+    yield (
+        "the joint positions seem to be degrees in columns of radians",
+        replace(samples, joints=samples.joints * _DEGREE),
+    )
+
+
+def _shifted(samples: PayloadSamples, rows: int) -> PayloadSamples | None:
+    """With each row's joint positions taken so many rows later, within each run; None where a run is too short."""
+    parts = []
+    for loaded in (True, False):
+        run = np.flatnonzero(samples.loaded == loaded)
+        if len(run) == 0:
+            continue
+        if len(run) <= 2 * abs(rows):
+            return None
+        measured, positions = (run[:-rows], run[rows:]) if rows > 0 else (run[-rows:], run[:rows])
+        parts.append((measured, positions))
+    measured, positions = (np.concatenate(each) for each in zip(*parts, strict=True))
+    joints: Array = samples.joints[positions]
+    return replace(samples.take(measured), joints=joints)
