@@ -97,6 +97,8 @@ class DesignOptions:
     """How many feasible poses to choose from."""
     starts: int = 4
     """How many times to choose anew; the best is kept."""
+    curve: Flag = False
+    """Draw the predicted error against the number of poses from a design of each number, which takes much longer."""
     extend: Path | None = None
     """Poses measured already (CSV), to which these are added."""
     home: Numbers = ()

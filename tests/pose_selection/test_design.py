@@ -162,6 +162,18 @@ def test_a_small_measured_set_is_extended(tmp_path) -> None:
         design(DesignOptions(poses=5, candidates=100, starts=1, extend=path))
 
 
+def test_the_continuous_design_bounds_the_curve_and_many_poses_come_near_it() -> None:
+    options = DesignOptions("course2r", poses=12, candidates=300, starts=1)
+    continuous, designed = design(options).curve, design(replace(options, curve=True)).curve
+    assert [step.poses for step in continuous] == [step.poses for step in designed]
+    ratio = [
+        b.prediction.coverage_radius / a.prediction.coverage_radius for a, b in zip(continuous, designed, strict=True)
+    ]
+    assert min(ratio) > 0.97 and ratio[-1] < 1.1 < ratio[0]  # it is D-optimal, not the best in this
+    assert all(a.o1 > 0.999 * b.o1 for a, b in zip(continuous, designed, strict=True))  # O1 is what it is best in
+    assert continuous[-1].o1 < 1.05 * designed[-1].o1
+
+
 def test_requests_that_cannot_be_met_say_why() -> None:
     joints, jacobian = pool(50)
     goal, rng = criterion("O1", 27), np.random.default_rng(9)
@@ -253,7 +265,7 @@ def test_the_prediction_is_true_in_300_campaigns() -> None:
 
 
 def test_an_accuracy_is_promised_with_as_few_poses_as_it_takes() -> None:
-    plan = design(DesignOptions("course2r", accuracy_mm=0.01, candidates=60, starts=1))
+    plan = design(DesignOptions("course2r", accuracy_mm=0.01, candidates=60, starts=1, curve=True))
     assert plan.prediction.coverage_radius <= 10e-6
     assert next(step.poses for step in plan.curve if step.prediction.coverage_radius <= 10e-6) >= len(plan.joints)
 

@@ -41,6 +41,11 @@ _CURVE = (
 _POSES = (
     "The targets at the poses, numbered in the order of the tour, and below the position of each joint in its range."
 )
+_OF = {
+    "designs": "Each number is of a design of so many poses.",
+    "continuous design": "The numbers are of the certificate's continuous design, which shares any number of poses out "
+    "among the candidates. Designs of whole poses are worse, near the fewest by more than twice; --curve designs each.",
+}
 _BOUND = "With 95 % confidence, 95 % of the validation poses have an error below the 95 %/95 % tolerance bound."
 
 
@@ -54,7 +59,11 @@ def design_document(result: DesignResult) -> Document:
             Warnings(result.warnings),
             Section(
                 "Number of poses",
-                (Figure("curve-figure", (curve_picture(result),), _CURVE), _steps(values), Paragraph(_BOUND, "note")),
+                (
+                    Figure("curve-figure", (curve_picture(result),), _CURVE),
+                    _steps(values),
+                    Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
+                ),
             ),
             Section(
                 "Poses and tour",
@@ -88,6 +97,11 @@ def _predicted(values: dict[str, Any]) -> str:
         f"{predicted['max']:.4f} mm RMS at the worst pose; its 95 %/95 % tolerance bound is "
         f"{values['promise_mm']:.4f} mm. Only the instrument's noise is counted, and the robot is taken to be rigid."
     )
+
+
+def _curve_note(values: dict[str, Any]) -> Paragraph:
+    """What the numbers of the curve are."""
+    return Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note")
 
 
 def _steps(values: dict[str, Any]) -> Table:

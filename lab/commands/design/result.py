@@ -40,7 +40,7 @@ _VARIANCE = "mm², of the position on test poses, whatever the units of the para
 
 @dataclass(frozen=True)
 class DesignStep:
-    """One point of the curve against the number of poses: predicted error and O1 of an exchanged design."""
+    """One point of the curve against the number of poses: predicted error and O1 of a design of so many."""
 
     poses: int
     prediction: PredictedAccuracy
@@ -191,6 +191,7 @@ class DesignResult(Result):
             "reflector": self.reflector,
             "checked": not self.options.no_check,
             "stops": self.stops.to_list(self.problem.robot.chain),
+            "curve_of": "designs" if self.options.curve else "continuous design",
             "curve": [step.to_dict() for step in self.curve],
             **plan_or_refusal(self.problem.robot.chain, self.options.controller),
             "seconds": round(self.seconds, 4),

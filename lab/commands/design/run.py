@@ -1,7 +1,7 @@
 """Plan a measuring day: which poses, in what order, how many, and how good the choice is."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.pose_selection.certificate import certify
+from lab.pose_selection.certificate import Certificate, certify
 from lab.pose_selection.criteria import indices
 from lab.pose_selection.exchange import Design, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
@@ -28,6 +28,7 @@ __all__ = ["design"]
 
 POSES = 30  # where neither a number nor an accuracy is asked for
 _CURVE_STEPS = 10
+_NO_WEIGHT = 1e-6  # of the continuous design: a pose with less is left out
 MOST_POSES = 200  # where an accuracy is asked for
 
 
@@ -84,6 +85,8 @@ def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignRes
     measured = None if problem.measured is None else problem.measured / n0
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.before])
+    most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
+    sizes = np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)).tolist()
     progress("4 of 5, tour")
     chain, warnings = rated(problem.robot.chain)
     home, safe = problem.access.hubs[0], problem.access.hubs[1:]
@@ -100,7 +103,11 @@ def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignRes
         d_efficiency=certificate.efficiency(everything),
         indices=indices(everything),
         prediction=_prediction(problem, design.joints, options.seed),
-        curve=_curve(options, problem, least, count, quick, progress),
+        curve=tuple(
+            _designed_steps(options, problem, sizes, quick, progress)
+            if options.curve
+            else _continuous_steps(options, problem, sizes, pool, design, certificate)
+        ),
         tour=tour,
         seconds=time.perf_counter() - started,
         warnings=(*problem.warnings, *warnings),
@@ -158,21 +165,40 @@ def _accurate_design(
     return design
 
 
-def _curve(
+def _designed_steps(
     options: DesignOptions,
     problem: PoseProblem,
-    least: int,
-    count: int,
+    sizes: Sequence[int],
     quick: Callable[[int], Design],
     progress: Stage,
-) -> tuple[DesignStep, ...]:
-    """Predicted error and O1 against the number of poses, from the fewest possible to twice the plan's."""
-    most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
-    steps = []
-    for size in np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)):
-        progress(f"5 of 5, curve, {size} poses", len(steps), _CURVE_STEPS)
-        chosen = quick(int(size))
-        everything = np.concatenate([chosen.jacobian, problem.before])
-        o1 = float(indices(everything).o1)
-        steps.append(DesignStep(int(size), _prediction(problem, chosen.joints, options.seed), o1))
-    return tuple(steps)
+) -> Iterator[DesignStep]:
+    """Predicted error and O1 of exchanged designs of these sizes."""
+    for done, size in enumerate(sizes):
+        progress(f"5 of 5, curve, {size} poses", done, len(sizes))
+        chosen = quick(size)
+        o1 = float(indices(np.concatenate([chosen.jacobian, problem.before])).o1)
+        yield DesignStep(size, _prediction(problem, chosen.joints, options.seed), o1)
+
+
+def _continuous_steps(
+    options: DesignOptions,
+    problem: PoseProblem,
+    sizes: Sequence[int],
+    pool: Array,
+    design: Design,
+    certificate: Certificate,
+) -> Iterator[DesignStep]:
+    """Predicted error and O1 of the certificate's continuous design, as if so many poses could be shared out by it.
+
+    At little cost: a design of whole poses comes near it where there are several times as many as the fewest.
+    """
+    support = np.flatnonzero(certificate.weights > _NO_WEIGHT)
+    weights = certificate.weights[support] / certificate.weights[support].sum()
+    joints = np.concatenate([problem.candidates.joints, design.joints[design.rows < 0]])[support]
+    weighted = np.sqrt(weights)[:, None, None]
+    per_pose, before = information(weighted * problem.whitened(joints)), information(problem.whitened(problem.already))
+    for size in sizes:
+        rows = np.concatenate([np.sqrt(size) * weighted * pool[support], problem.before])
+        o1 = indices(rows * np.sqrt(len(rows) / (size + len(problem.before)))).o1
+        prediction = predict(size * per_pose + before, problem.test, rng_for(options.seed, "promise"))
+        yield DesignStep(size, prediction, float(o1))
