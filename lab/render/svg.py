@@ -85,6 +85,7 @@ def save_figure(folder: Path, name: str, figure: "Figure") -> None:
 
     with matplotlib.rc_context(FIGURE_STYLE):
         figure.savefig(folder / f"{name}.png", dpi=_DOTS_PER_INCH)
+        figure.set_layout_engine("none")  # what the first one found, which takes as long as drawing
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
 
 

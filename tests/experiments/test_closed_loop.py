@@ -1,6 +1,6 @@
 """The loop closed: ISO 9283, and corrected targets run on a virtual arm."""
 
-from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,12 +8,12 @@ from helpers.robots import IRB120
 from helpers.run_script import answer_in_processes, answer_of
 
 from lab.campaign.option_groups import ArmEffects
-from lab.campaign.options import DesignOptions, VirtualCampaign
+from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.run import calibrate
 from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
 from lab.core.instruments import instrument
 from lab.experiments.closed_loop import close_loop, reachable_cube
-from lab.simulation.collisions import collides
+from lab.simulation.collisions import collides, random_poses
 
 
 def test_the_poses_are_those_of_the_standard() -> None:
@@ -66,8 +66,10 @@ def test_the_cube_is_within_reach_and_touches_nothing() -> None:
 
 
 def test_a_compensated_arm_that_bends_hits(monkeypatch: pytest.MonkeyPatch) -> None:
-    little = partial(DesignOptions, candidates=100, starts=1)  # poses chosen with less effort
-    monkeypatch.setattr("lab.experiments.closed_loop_study.DesignOptions", little)
+    poses = SimpleNamespace(joints=random_poses(IRB120.model, 40, np.random.default_rng(0)))  # without any choice
+    monkeypatch.setattr("lab.experiments.closed_loop_study.pose_problem", lambda asked: None)
+    monkeypatch.setattr("lab.experiments.closed_loop_study.best_design", lambda *_: poses)
+    monkeypatch.setattr("lab.experiments.closed_loop_study.POSES", 40)
     bent = answer_of("closed_loop.py", "--arms", 1, "--targets", 20, "--stiffness-nm-per-rad", 1e5, "--payload-kg", 3)
     assert 1 <= bent["ap_before_mm"] <= 4 and 0.002 < bent["rp_mm"] < 0.02
     assert bent["model"] == "compliance" and bent["ap_after_mm"] <= 0.015 and bent["targets_after_mm"] <= 0.015

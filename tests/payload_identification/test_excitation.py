@@ -280,6 +280,7 @@ def test_static_poses_keep_the_torques() -> None:
 # The TX 40
 
 
+@pytest.mark.slow
 def test_a_little_search_beats_random_paths() -> None:
     rng = np.random.default_rng(0)
     best = design_path(torques, SIGMA_NM, LIMITS, touches_nothing, rng, starts=1, rounds=2)

@@ -264,6 +264,7 @@ def test_the_prediction_is_true_in_300_campaigns() -> None:
     check_campaigns(300, within=0.05, kept_least=0.93, twenty=twenty, promised=promised)
 
 
+@pytest.mark.slow
 def test_an_accuracy_is_promised_with_as_few_poses_as_it_takes() -> None:
     plan = design(DesignOptions("course2r", accuracy_mm=0.01, candidates=60, starts=1, curve=True))
     assert plan.prediction.coverage_radius <= 10e-6
@@ -277,8 +278,11 @@ def test_an_accuracy_is_promised_with_as_few_poses_as_it_takes() -> None:
             DesignOptions(criterion="O4", accuracy_mm=0.012, candidates=200, starts=1), marks=pytest.mark.slow
         ),
         DesignOptions(instrument="faro-vantage", poses=14, candidates=100, starts=1, scaling="length"),
-        DesignOptions(
-            criterion="I", instrument="leica-at960", targets=("p1", "p2", "p3"), poses=10, candidates=60, starts=1
+        pytest.param(
+            DesignOptions(
+                criterion="I", instrument="leica-at960", targets=("p1", "p2", "p3"), poses=10, candidates=60, starts=1
+            ),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["O4 to an accuracy", "faro, lengths", "I, leica, three targets"],

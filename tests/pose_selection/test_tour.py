@@ -252,6 +252,7 @@ def test_each_move_changes_the_length_by_what_was_predicted() -> None:
     assert tried == 9 * 8 + 2 * 9 * (7 + 6 + 5)
 
 
+@pytest.mark.slow
 def test_kicks_find_what_descents_alone_do_not() -> None:
     joints = random_poses(MODEL, 60, np.random.default_rng(2))
     cost = RoadmapGraph(joints, *RATES, anywhere).cost

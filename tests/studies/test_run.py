@@ -288,6 +288,7 @@ def test_a_study_that_cannot_be_leaves_nothing(tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_task_that_no_worker_survives(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster.scheduler, "allowed_failures", 0)
     said = pytest.raises(StoppedError, match="ended one after another")

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from helpers.fixture_data import many, true_values
 from helpers.observed_files import cable_file
 from helpers.robots import IRB120
@@ -46,6 +47,7 @@ def wire_readings(seed: int, marks: list[int], move_m: float) -> tuple[Fixtures,
     return observation, replace(data, conditions={FIXTURE: np.zeros(300)})
 
 
+@pytest.mark.slow
 def test_moved_anchors_of_a_virtual_wire() -> None:
     """Moves of centimetres beside links off by 0.5 mm and 1 mrad; none where there was none."""
     right = 0

@@ -76,7 +76,13 @@ def test_bad_rows_are_named_and_do_no_harm(known: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "known"), [(UNIFORM, True), (NoiseDistribution(), True), (NoiseDistribution(), False), (UNIFORM, False)]
+    ("shape", "known"),
+    [
+        (UNIFORM, True),
+        (NoiseDistribution(), False),
+        pytest.param(NoiseDistribution(), True, marks=pytest.mark.slow),
+        pytest.param(UNIFORM, False, marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize("campaigns", [40, pytest.param(100, marks=pytest.mark.slow)])
 def test_nothing_but_noise_is_named_at_the_level(shape: NoiseDistribution, known: bool, campaigns: int) -> None:

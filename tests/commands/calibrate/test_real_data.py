@@ -79,7 +79,7 @@ def liaowu(model: str, robust: bool = False):
     )
 
 
-@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize("robust", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_irb120_bends(robust: bool) -> None:
     """Its compliance is found, and halves what geometry leaves on poses of another day."""
     outcome = liaowu("auto", robust)
