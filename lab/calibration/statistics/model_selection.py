@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lab.calibration.identify import WEAK, Identification, IdentifyOptions
+from lab.calibration.identify import Identification, IdentifyOptions
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.candidate_models import LEAST_SIGMA_M, FullModel, ModelWith, NominalOf, SelectionTask
 from lab.calibration.statistics.nested_models import NestedModels, Score
@@ -33,6 +33,7 @@ __all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
 
 _GEOMETRY = "geometric"
 _NO_TERMS: Mapping[str, Effect] = MappingProxyType({})
+_TELLING = 1e-4  # rad or m: a term that is known no better says nothing of poses that are not near measured ones
 _SEARCHES = 6  # of terms, each around what the one before found
 _BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
 
@@ -247,7 +248,7 @@ class _Growth:
             found.fit.free,
             configurations(task.data.joints),
             found.extra_residuals,
-            largest_std=WEAK,
+            largest_std=_TELLING,
             floor=1.0 if known else LEAST_SIGMA_M,
         )
         room = self.large().least_rows / ROWS_PER_PARAMETER - len(found.fit.free)

@@ -51,7 +51,9 @@ def geometry(data: Measurements) -> Identification:
     return identify(arm, data, arm.nominal(IRB120.tool))
 
 
-def search_of(data: Measurements, found: Identification, names: list[str] | None = None) -> TermSearch:
+def search_of(
+    data: Measurements, found: Identification, names: list[str] | None = None, largest_std: float = WEAK
+) -> TermSearch:
     table = TermTable.of({name: TERMS[name] for name in names or TERMS}, data)
     return TermSearch.at(
         table,
@@ -61,7 +63,7 @@ def search_of(data: Measurements, found: Identification, names: list[str] | None
         found.fit.free,
         configurations(data.joints),
         found.extra_residuals,
-        largest_std=WEAK,
+        largest_std=largest_std,
         floor=1e-9,
     )
 
@@ -191,6 +193,19 @@ def test_what_is_fitted_is_not_searched() -> None:
     search = search_of(data, identify(arm, data, arm.nominal(IRB120.tool)))
     left = [name for name, allowed in zip(search.table.names, search.allowed, strict=True) if not allowed]
     assert set(left) == {"joint2.harmonic20", *(f"joint{i}.harmonic1" for i in range(1, 7))}
+
+
+def test_a_joint_that_hardly_moved_says_nothing_of_slow_waves() -> None:
+    """Within 0.3 rad a wave of twice a turn looks like an offset: beyond, it would make anything of that."""
+    data = campaign(0, {})
+    joints = data.joints.copy()
+    joints[:, 1] = 0.15 * np.sin(np.arange(len(joints)))
+    arm = IRB120.arm(("p1",))
+    points = arm.points(joints, arm.nominal(IRB120.tool)) + SIGMA * np.random.default_rng(0).normal(size=(80, 1, 3))
+    narrow = measured(IRB120.chain.joint_names, joints, ("p1",), points)
+    search = search_of(narrow, geometry(narrow), largest_std=1e-4)
+    useful = dict(zip(search.table.names, search._useful(search._gram()), strict=True))
+    assert not useful["joint2.harmonic2"] and useful["joint2.harmonic40"] and useful["joint3.harmonic2"]
 
 
 def test_terms_are_told_in_words() -> None:
