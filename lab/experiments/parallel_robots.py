@@ -85,11 +85,14 @@ CASES = {
     "3-RPR pose": Case("rpr3", THREE, fix=()),
     "3-RPR point p1, frame known": Case("rpr3", ("p1",), (), "known", EVERYWHERE, ANCHORS),
     "3-RPR point p1": Case("rpr3"),
+    "3-RRR pose": Case("rrr3", THREE, fix=()),
+    "3-PRR pose": Case("prr3", THREE, fix=()),
+    "Hexapod pose": Case("hexapod", THREE, fix=()),
     "Delta": Case("delta"),
     "Delta of 800 mm": Case(SMALL),
     "IRB 120": Case("irb120", fix=()),
 }
-NOISELESS = ("2-RPR at P", "3-RPR point p1", "Delta", "Delta of 800 mm")
+NOISELESS = ("2-RPR at P", "3-RPR point p1", "3-RRR pose", "3-PRR pose", "Hexapod pose", "Delta", "Delta of 800 mm")
 
 
 @dataclass(frozen=True)
