@@ -27,8 +27,8 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
     try:
         found = path.stat()
         if not stat.S_ISREG(found.st_mode):
-            kind = "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file"
-            raise LabError(f"{path}: is {kind}; give a file")
+            kind = "a directory" if stat.S_ISDIR(found.st_mode) else "no regular file"
+            raise LabError(f"{path}: cannot be read (it is {kind}); {mend}")
         most(path, found.st_size)
         with path.open("rb") as file:
             content = file.read(most.most + 1)

@@ -33,6 +33,7 @@ from lab.campaign.virtual_robot import (
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.calibrate.plausibility import refuse_noise_in_another_unit, without_copies
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.commands.keywords import options_of, takes
@@ -256,6 +257,7 @@ def _read(
         columns = kind_named(options.observe).columns
         read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
+    read = without_copies(path, read) if options.observe == "points" else read
     return read if load is None else load.weighed(read)
 
 
@@ -296,6 +298,7 @@ def _outcome(
     bad: frozenset[str] = frozenset(),
 ) -> CalibrationResult:
     robot, data, identification = fitter.robot, fitter.data, fit.identification
+    refuse_noise_in_another_unit(options.noise_mm, fit.rows, identification)
     gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
     word = verdict(identification, validation, gate_m, goodness=fit.adequacy, tolerance=fitter.tolerance)
     warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]

@@ -1,0 +1,67 @@
+"""Whether measurements are what they are taken for: rows that are copies, and a noise in another unit."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lab.calibration.identify import Identification
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+
+__all__ = ["refuse_noise_in_another_unit", "without_copies"]
+
+LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
+LEAST_FREEDOM = 10
+LEAST_ROWS = 5  # of fewer the fit says what they lack
+UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
+
+
+def without_copies(path: Path, data: Measurements) -> Measurements:
+    """The rows that do not repeat an earlier one to the last digit, with a warning of the others.
+
+    Nothing is measured twice alike: a copy would count as a measurement of its own, and make intervals too narrow.
+    """
+    first: dict[bytes, int] = {}
+    copies: list[tuple[int, int]] = []
+    conditions = [column[:, None] for _, column in sorted(data.conditions.items())]
+    numbers = np.concatenate([data.joints, data.points.reshape(len(data), -1), *conditions], axis=1)
+    for row in np.flatnonzero(data.seen.any(axis=1)).tolist():
+        key = numbers[row].tobytes() + data.sessions[row].encode()
+        if (same := first.setdefault(key, row)) != row:
+            copies.append((row, same))
+    if not copies or len(data) - len(copies) < LEAST_ROWS:
+        return data
+    row, same = copies[0]
+    count = "1 row is a copy" if len(copies) == 1 else f"{len(copies)} rows are copies"
+    said = (
+        f"{path}: {count} of an earlier one to the last digit (the first: {data.where(row)}, of {data.where(same)}), "
+        "which measurements never are: left out"
+    )
+    gone = {row for row, _ in copies}
+    kept = data.take([row for row in range(len(data)) if row not in gone])
+    return replace(kept, warnings=(*kept.warnings, said))
+
+
+def refuse_noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> None:
+    """Refuse a noise that is far more than the residuals of the fit.
+
+    Args:
+        noise_mm: the option; None where it was not given.
+        rows: that were fitted.
+
+    Raises:
+        LabError: it is; with the number that it would be in the right unit.
+    """
+    name, given_mm = "--noise-mm", noise_mm
+    if given_mm is None:
+        name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
+        given_mm = 1e3 * float(np.median(known)) if known.size else None
+    estimated_m = found.residual_sigma_m
+    if given_mm is None or found.dof < LEAST_FREEDOM or not estimated_m > LEAST_RESIDUAL_M:
+        return
+    if given_mm / 1e3 > UNIT * estimated_m:
+        raise LabError(
+            f"{name} {given_mm:g}: the residuals are those of a noise of {1e3 * estimated_m:.2g} mm, "
+            f"{given_mm / 1e3 / estimated_m:.0f} times less; is it in µm? That would be {given_mm / 1e3:g} mm"
+        )
