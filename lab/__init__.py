@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lab.commands.calibrate.result import CalibrationResult
     from lab.commands.calibrate.run import calibrate, identify
     from lab.commands.calibrate.simulate import MeasuringDay, simulate
+    from lab.commands.compare.run import compare
     from lab.commands.compensate.result import CompensationResult
     from lab.commands.compensate.run import compensate
     from lab.commands.design.result import DesignResult
@@ -65,6 +66,7 @@ __all__ = [
     "WorldFrames",
     "__version__",
     "calibrate",
+    "compare",
     "compensate",
     "design",
     "identify",
@@ -87,6 +89,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.calibrate.result": ("CalibrationResult",),
     "lab.commands.calibrate.run": ("calibrate", "identify"),
     "lab.commands.calibrate.simulate": ("MeasuringDay", "simulate"),
+    "lab.commands.compare.run": ("compare",),
     "lab.commands.compensate.result": ("CompensationResult",),
     "lab.commands.compensate.run": ("compensate",),
     "lab.commands.design.result": ("DesignResult",),

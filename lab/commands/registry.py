@@ -105,6 +105,13 @@ COMMANDS = (
         "verify-{file}",
     ),
     Command(
+        "compare",
+        "Compare calibrations of one robot: which parameters of its links have moved, and by how much.",
+        "lab.commands.compare.options:CompareOptions",
+        "lab.commands.compare.run:compare",
+        "compare",
+    ),
+    Command(
         "payload",
         "Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.",
         "lab.commands.payload.options:PayloadOptions",

@@ -124,7 +124,8 @@ def _is_config(path: Path) -> bool:
 def input_files(options: Any) -> tuple[Path, ...]:
     """The files and folders that options name, which a run of them never replaces."""
     values = [getattr(options, field.name) for field in fields(options)]
-    own = [value for value in values if isinstance(value, Path)]
+    listed = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
+    own = [each for each in listed if isinstance(each, Path)]
     own += [Path(value) for value in values if isinstance(value, str) and Path(value).suffix and Path(value).is_file()]
     return tuple(own) + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
 

@@ -94,6 +94,7 @@ class Calibrated:
         result: what ``result.json`` holds.
         options: of the run.
         load: at the flange, where that was identified.
+        estimates: ``(f,)`` of the identified parameters: ``values`` share aliased errors among more of them.
         edits: what is said of its files if they were changed since the run was written.
     """
 
@@ -109,6 +110,7 @@ class Calibrated:
     result: Findings
     options: Mapping[str, Any]
     load: HandLoad | None
+    estimates: Array
     edits: tuple[str, ...] = ()
 
     @property
@@ -226,7 +228,7 @@ def calibrated_by(
     if not isinstance(run, CalibrationResult):
         return read_calibrated(folder, load, cell, accept_edited=accept_edited)
     findings = structured(folder, Findings, run.to_dict(), extra=True)
-    rows = {row.name: _Row(row.name, row.nominal, row.exported) for row in run.parameters}
+    rows = {row.name: _Row(row.name, row.nominal, row.exported, row.estimate) for row in run.parameters}
     robot, payload = carrying(run.robot.placed_in(cell), load or run.options.fitting.load)
     found = run.identification
     names = tuple(found.model.names[i] for i in found.fit.free)
@@ -268,8 +270,9 @@ def _calibrated(
     labels, matrix = covariance
     kept = [i for i, name in enumerate(labels) if name in arm.names]
     names, part = tuple(labels[i] for i in kept), matrix[np.ix_(kept, kept)]
+    estimates = np.array([rows[name].estimate for name in names])
     return Calibrated(
-        folder, robot, arm, exported, nominal, se3.exp(turn), names, part, left_out, result, options, load
+        folder, robot, arm, exported, nominal, se3.exp(turn), names, part, left_out, result, options, load, estimates
     )
 
 
@@ -289,6 +292,7 @@ class _Row:
     name: str
     nominal: float
     exported: float
+    estimate: float
 
 
 def _read(folder: Path, name: str, kind: type[Kind]) -> Kind:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lab.commands.compensate.result import CompensationResult, NearSingular
+from lab.commands.compensate.result import CompensationResult, NearSingular, verdict_of
 from lab.commands.provenance import provenance_section
 from lab.commands.stops import VIA
 from lab.core.se3 import Array
@@ -33,7 +33,7 @@ MOST_LISTED = 100  # targets, in each table
 def compensation_document(result: CompensationResult) -> Document:
     """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
     failed = len(result.failed)
-    verdict = Badge(f"{failed} not reached" if failed else "all reached", result.verdict)
+    verdict = Badge(f"{failed} not reached" if failed else "all reached", verdict_of(result))
     count = f"{len(result.reached)} of {len(result.targets)}"
     return Document(
         f"{result.run.robot.name}: {count} targets of {result.targets.tool} corrected",

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["CompensationResult", "NearSingular"]
+__all__ = ["CompensationResult", "NearSingular", "verdict_of"]
 
 
 _USUAL_TOLERANCES = {"tolerance_mm": 1e3 * TOLERANCE_M, "tolerance_mrad": 1e3 * TOLERANCE_RAD}
@@ -116,11 +116,6 @@ class CompensationResult(Result):
         return tuple((name, reason) for name, reason, reached in found if reason and reached)
 
     @property
-    def verdict(self) -> Literal["good", "doubtful", "bad"]:
-        """``bad`` where a target is not reached, ``doubtful`` with ``reasons``, else ``good``."""
-        return "bad" if self.failed else "doubtful" if self.reasons else "good"
-
-    @property
     def reasons(self) -> tuple[str, ...]:
         """Why the corrected targets are not to be trusted blindly."""
         of_run, run = self.run.result, []
@@ -197,7 +192,7 @@ class CompensationResult(Result):
         return {
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
-            "verdict": self.verdict,
+            "verdict": verdict_of(self),
             "reasons": list(self.reasons),
             "run_verdict": self.run.result.to_dict(),
             "tool": self.targets.tool,
@@ -296,6 +291,11 @@ class CompensationResult(Result):
     def R_targets(self) -> Array:
         """Rotations ``(n, 3, 3)`` of the tool in the corrected targets, in the frame of the targets' file."""
         return np.asarray(self.found.rotations @ self.run.R_last_tool)
+
+
+def verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:
+    """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
+    return "bad" if result.failed else "doubtful" if result.reasons else "good"
 
 
 def _near(each: NearSingular) -> dict[str, Any]:

@@ -1,0 +1,63 @@
+"""``lab compare`` on calibrations of one virtual arm, before and after a zero of a joint has moved."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lab
+from lab.cli import main
+from lab.core.errors import LabError
+
+MOVED_RAD = 0.5e-3
+
+
+@pytest.fixture(scope="module")
+def three() -> list:
+    """An arm calibrated twice, and once more after the zero of its third joint moved."""
+    day = lab.simulate("irb120", poses=90, seed=7, targets=("p1", "p2")).measurements
+    parts = [day.take(range(i, i + 30)) for i in (0, 30, 60)]
+    joints = parts[2].joints.copy()
+    joints[:, 2] -= MOVED_RAD  # what the controller says, when the joint stands farther than it knows
+    parts[2] = replace(parts[2], joints=joints)
+    return [lab.identify(part, robot="irb120", instrument="uniform-8um") for part in parts]
+
+
+def test_the_joint_that_moved_is_named(three: list) -> None:
+    found = lab.compare(three).to_dict()
+    same, other = found["compared"]
+    assert not same["changed"] and same["moved"] == []
+    assert other["changed"] and other["moved"][0] == "link3.theta"
+    change = other["differences"]["link3.theta"]
+    assert change["interval_95"][0] < MOVED_RAD < change["interval_95"][1]
+    assert not any(name.startswith(("base", "tool")) for name in other["differences"])
+    page = " ".join(lab.compare(three).summary().split())
+    assert "Moved: link3.theta by +0.49" in page and "as far as the two can tell" in page
+
+
+def test_folders_are_compared_as_results_are(three: list, tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folders = [str(result.save(tmp_path / f"run{i}")) for i, result in enumerate(three)]
+    assert main(["compare", *folders, "--json", "--out", "compared"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    in_memory = lab.compare(three).to_dict()
+    for ours, theirs in zip(told["compared"], in_memory["compared"], strict=True):
+        assert ours["p"] == pytest.approx(theirs["p"], rel=1e-6) and ours["moved"] == theirs["moved"]
+    assert main(["compare", *folders[:2], "--out", folders[0]]) == 2  # which would replace what it reads
+    assert "made from" in capsys.readouterr().err
+    assert main(["compare", folders[0]]) == 2 and "two or more runs" in capsys.readouterr().err
+
+
+def test_what_cannot_be_compared_is_refused(three: list) -> None:
+    other = lab.calibrate("scara", poses=12)
+    with pytest.raises(LabError, match="is of another robot"):
+        lab.compare([three[0], other])
+    fixed = lab.identify(three[1].measurements, robot="irb120", instrument="uniform-8um", fix=("link3.a",))
+    with pytest.raises(LabError, match=r"link3\.a was identified in it or in .*, but not in both"):
+        lab.compare([three[0], fixed])
+    unjudged = replace(three[1], verdict=replace(three[1].verdict, word="bad", reasons=("why",)))
+    with pytest.raises(LabError, match="the verdict of this run is 'bad'"):
+        lab.compare([three[0], unjudged])
+    assert np.isfinite(lab.compare([three[0], unjudged], force=True).differences[0].p)
