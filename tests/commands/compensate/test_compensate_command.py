@@ -16,6 +16,7 @@ from lab.cli import main
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.core.whole_folder import CHECKSUMS, checksum_lines
 from lab.formats.dh_table_toml import read_table
 from lab.formats.target_csv import read_targets
 from lab.kinematics.differential import singular_distance
@@ -172,9 +173,10 @@ def test_it_prints_for_a_person(run: Path, tmp_path, capsys) -> None:
 
 def copied(run: Path, tmp_path: Path, name: str, change) -> Path:
     folder = tmp_path / "changed"
-    shutil.copytree(run, folder)
+    shutil.copytree(run, folder, ignore=shutil.ignore_patterns(CHECKSUMS))
     path = folder / name
     path.write_text(change(path.read_text()))
+    (folder / CHECKSUMS).write_text(checksum_lines(folder))  # as if it had been written so
     return folder
 
 
@@ -189,6 +191,32 @@ def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, ca
     assert main([*arguments, "--force"]) == 0
     said = capsys.readouterr()
     assert f"the verdict of the run is '{verdict}'" in said.err and "not to be believed" in said.err
+
+
+def test_a_doubtful_run_is_used_and_its_reasons_are_repeated(run: Path, tmp_path, capsys) -> None:
+    doubt = {"verdict": "doubtful", "reason": "lack of fit", "reasons": ["lack of fit"], "gate_mm": 0.25}
+    changed = copied(run, tmp_path, "result.json", lambda text: json.dumps({**json.loads(text), **doubt}))
+    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
+    code, found = compensated(capsys, tmp_path / "targets.csv", changed, tmp_path / "out")
+    assert code == 0 and found["verdict"] == "doubtful" and found["reasons"] == ["the run is doubtful: lack of fit"]
+    assert found["run_verdict"] == {"verdict": "doubtful", "reasons": ["lack of fit"], "gate_mm": 0.25}
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The run is doubtful: lack of fit" in page and "gate: 0.25 mm" in page
+
+
+def test_targets_that_are_moved_too_far_are_doubtful(run: Path, tmp_path, capsys) -> None:
+    """With tolerances a hundred times smaller the same corrections are more than any arm needs."""
+    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
+    assert compensated(capsys, tmp_path / "targets.csv", run, tmp_path / "usual")[1]["verdict"] == "good"
+
+    def precise(text: str) -> str:
+        config = json.loads(text)
+        config["options"]["fitting"] |= {"tolerance_mm": 0.005, "tolerance_mrad": 0.015}
+        return json.dumps(config)
+
+    changed = copied(run, tmp_path, "config.json", precise)
+    code, found = compensated(capsys, tmp_path / "targets.csv", changed, tmp_path / "out")
+    assert code == 0 and found["verdict"] == "doubtful" and "by more than 10 tolerances" in found["reasons"][0]
 
 
 @pytest.mark.parametrize(
