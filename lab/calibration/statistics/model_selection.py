@@ -17,6 +17,7 @@ import numpy as np
 
 from lab.calibration.identify import Identification, IdentifyOptions
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.statistics.alternatives import Alternative, alternatives
 from lab.calibration.statistics.candidate_models import LEAST_SIGMA_M, FullModel, ModelWith, NominalOf, SelectionTask
 from lab.calibration.statistics.nested_models import NestedModels, Score
 from lab.calibration.statistics.term_search import FoundTerm, TermSearch, TermTable
@@ -74,11 +75,13 @@ class Selection:
         chosen: its groups, in the order in which they were taken.
         identification: of that model.
         groups: geometry alone, the chosen ones in their order, then the others.
+        alternatives: other explanations of what loads do, which these measurements cannot tell from the chosen ones.
     """
 
     chosen: tuple[str, ...]
     identification: Identification
     groups: tuple[GroupTrial, ...]
+    alternatives: tuple[Alternative, ...] = ()
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -127,7 +130,9 @@ def select(
     rows = growth.rows | refused
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
-    return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others))
+    held = [parameter for name in rows for parameter in rows[name].held]
+    same = alternatives(task, growth.taken, growth.found, growth.candidates, held)
+    return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
 
 
 def follow(

@@ -29,6 +29,7 @@ from lab.commands.calibrate.warnings import (
     of_nominal,
     of_outliers,
     of_prior,
+    of_twist,
     of_weakness,
 )
 from lab.core.errors import LabError
@@ -158,6 +159,7 @@ class Fitter:
         if only_positions(observation):
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs)
         warnings += of_joints(found, observations, clean, self._moves(clean))
+        warnings += of_twist(self.robot, found)
         warnings += of_export(self.robot, found, groups, observations.inputs)
         return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, tuple(warnings))
 

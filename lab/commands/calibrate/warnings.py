@@ -7,6 +7,7 @@ from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, prior_of
+from lab.calibration.statistics.alternatives import Alternative
 from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_joint_positions, rounding
 from lab.calibration.statistics.model_selection import Selection
@@ -16,9 +17,11 @@ from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.model_words import listed
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.kinematics.dynamics.link_loads import link_ends
 from lab.kinematics.parameter import targets_of
+from lab.kinematics.serial.chain import Chain
 
-__all__ = ["of_export", "of_groups", "of_joints", "of_nominal", "of_outliers", "of_prior", "of_weakness"]
+__all__ = ["of_export", "of_groups", "of_joints", "of_nominal", "of_outliers", "of_prior", "of_twist", "of_weakness"]
 
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _STRANGE = 0.05  # m or rad from the nominal value
@@ -117,7 +120,7 @@ def of_joints(found: Identification, seen: Observations, rows: Measurements, mov
 def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measurements) -> list[str]:
     """What was assumed of the payload, and which groups were not tried because a column of the file has gaps."""
     said = []
-    if {"compliance", "payload"} & set(groups) and "payload_kg" not in data.conditions:
+    if {"compliance", "payload", "bending", "torsion"} & set(groups) and "payload_kg" not in data.conditions:
         said.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
     if selection is not None:
         said += [
@@ -125,7 +128,37 @@ def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measur
             for group in selection.groups
             if group.incomplete_data
         ]
+        said += [_told_apart(each, selection.identification, data) for each in selection.alternatives]
     return said
+
+
+def of_twist(robot: Robot, found: Identification) -> list[str]:
+    """Twists of links along their own joint's axis, which no pose and no load tells from that joint's compliance."""
+    chain, free = robot.chain, {found.model.names[i] for i in found.fit.free}
+    if not isinstance(chain, Chain):
+        return []
+    along = [link + 1 for link, end in enumerate(link_ends(chain)) if not end[:2].any()]
+    return [
+        f"link{link}.gj, the twist of a link along its own joint's axis, is the compliance of joint {link} as well: no "
+        "pose and no payload tells them apart"
+        for link in along
+        if f"link{link}.gj" in free
+    ]
+
+
+def _told_apart(each: Alternative, found: Identification, data: Measurements) -> str:
+    """One explanation of two, and what would tell."""
+    said = (
+        f"{each.chosen} and {each.other} cannot be told apart by these poses (with {each.other} instead chi2 changes "
+        f"by {each.fit_rise:+.1f}): one is as good an explanation as the other; "
+    )
+    if not each.can_be_told:
+        return said + f"no pose and payload would tell: they differ by at most {1e3 * each.differ_m:.2g} mm"
+    joints = ", ".join(f"{value:.3g}" for value in each.inputs[: data.joints.shape[1]])
+    payload = dict(zip(found.model.conditions, each.inputs[data.joints.shape[1] :], strict=True)).get("payload_kg", 0.0)
+    return said + (
+        f"measure near joints {joints} (rad, m) with {payload:.3g} kg, where they differ by {1e3 * each.differ_m:.2g} mm"
+    )
 
 
 def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], inputs: Array) -> list[str]:
