@@ -1,4 +1,4 @@
-"""The elastic arm along a trajectory: what is corrected is hit by a chain of rigid pieces that bears the same motion."""
+"""The elastic arm along a trajectory: what is corrected is hit by a chain of pieces that bears the same motion."""
 
 import numpy as np
 from helpers.robots import IRB120

@@ -157,7 +157,8 @@ def _told_apart(each: Alternative, found: Identification, data: Measurements) ->
     joints = ", ".join(f"{value:.3g}" for value in each.inputs[: data.joints.shape[1]])
     payload = dict(zip(found.model.conditions, each.inputs[data.joints.shape[1] :], strict=True)).get("payload_kg", 0.0)
     return said + (
-        f"measure near joints {joints} (rad, m) with {payload:.3g} kg, where they differ by {1e3 * each.differ_m:.2g} mm"
+        f"measure near joints {joints} (rad, m) with {payload:.3g} kg: there they differ by "
+        f"{1e3 * each.differ_m:.2g} mm"
     )
 
 

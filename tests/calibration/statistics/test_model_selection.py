@@ -33,7 +33,14 @@ from lab.simulation.true_robot import random_perturbation, random_tracker, true_
 
 SIGMA = 5e-6
 SESSIONS = SessionInfo(("a", "b"))
-SIZE = {"compliance": 1e-5, "gear": 2e-4, "backlash": 1e-4, "drift": 1e-4}  # of the others 1e-4
+SIZE = {
+    "ei_y": 2e-5,
+    "ei_z": 2e-5,
+    "compliance": 1e-5,
+    "gear": 2e-4,
+    "backlash": 1e-4,
+    "drift": 1e-4,
+}  # of others 1e-4
 
 
 def nominal(model: Model) -> Array:
@@ -82,7 +89,7 @@ ESTIMATED = pytest.param(False, marks=pytest.mark.slow, id="sigma estimated")
 
 
 @pytest.mark.parametrize("known", [pytest.param(True, id="sigma known"), ESTIMATED])
-@pytest.mark.parametrize("group", CANDIDATES)
+@pytest.mark.parametrize("group", [name for name in CANDIDATES if name != "torsion"])  # which one target does not show
 def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None:
     found = select(irb120, example([group]), nominal, Noise(None, SIGMA) if known else None)
     assert found.chosen == (group,) and [g.name for g in found.groups] == [
@@ -95,7 +102,11 @@ def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None
     assert taken.holdout_m < 0.6 * geometry.holdout_m and taken.bic < geometry.bic - 100 and taken.f_p < 1e-10
     assert len(found.identification.fit.free) == geometry.parameters + taken.parameters
     for other in found.groups[2:]:
-        assert not other.chosen and other.infeasibility_reason and other.parameters > 0 and other.bic > taken.bic - 10
+        assert not other.chosen and other.infeasibility_reason
+        if other.name == "torsion" and not other.parameters:  # one target hardly turns where links twist
+            assert other.infeasibility_reason == "these poses do not show it"
+            continue
+        assert other.parameters > 0 and other.bic > taken.bic - 10
 
 
 def test_a_rigid_arm_stays_rigid() -> None:
