@@ -102,7 +102,7 @@ def _payload(result: PayloadResult) -> tuple[Block, ...]:
     rows = tuple((name, *_rounded(value, width), unit) for name, value, width, unit in parameter_rows(result.estimate))
     caption = f"About and along the frame of the {result.estimate.frame}, with half-widths of 95 % intervals."
     physical = "No body has what least squares found: these are the nearest parameters that one has."
-    note = Paragraph(physical if result.made_physical else "", "note")
+    note = Paragraph(physical if result.estimate is not result.fitted else "", "note")
     return Table(("", "value", "±", "unit"), rows, caption), note
 
 

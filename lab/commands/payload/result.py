@@ -36,7 +36,8 @@ class PayloadResult(Result):
         options: what was asked.
         samples: what was read; None where the payload was identified from sag.
         mounting: how the base and a wrist sensor stand.
-        fitted: by least squares; ``estimate`` is the physically consistent one where that was asked for.
+        fitted: by least squares; ``estimate`` is another, the nearest that a body can have, where that was asked for
+            and no body has these.
         compliance: ``(joints,)`` rad/Nm (m/N), by which the cost is computed.
         cost_m: root mean square over the workspace of how far a corrected point is off by the payload's uncertainty
             (1 sigma); NaN where its weight was not identified.
@@ -73,11 +74,6 @@ class PayloadResult(Result):
         return HandLoad.of(self.estimate)
 
     @property
-    def made_physical(self) -> bool:
-        """Whether least squares found what no body has, and the nearest physical parameters are given."""
-        return self.estimate is not self.fitted
-
-    @property
     def channels(self) -> tuple[tuple[str, str], ...]:
         """Names and units of the columns that the payload was identified from."""
         chain = self.robot.chain
@@ -107,7 +103,7 @@ class PayloadResult(Result):
             "p": number(found.verdict.p),
             "implausible": [each.words for each in self.implausible],
             "physical": found.physical,
-            "made_physical": self.made_physical,
+            "made_physical": found is not self.fitted,  # least squares found what no body has
             "unseen": list(found.unidentified),
             "also_fitted": [_nuisance(each) for each in found.nuisance],
             "numbers": found.rows,
