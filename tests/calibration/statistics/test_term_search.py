@@ -99,6 +99,7 @@ def test_the_search_takes_what_lowers_the_squares_most() -> None:
     assert {term.name for term in taken} == {"joint2.harmonic20", "joint3.gravity3", "joint5.coupling2"}
     rows = np.concatenate([search.basis, search.residual[:, None]], axis=1)
     assert np.abs(rows[:, :-1].T @ rows[:, -1]).max() < 1e-9 * np.linalg.norm(search.residual)
+    np.testing.assert_allclose(search._shared, search.basis.T @ search.columns, atol=1e-9)
     np.testing.assert_allclose(search.basis.T @ search.basis, np.eye(search.basis.shape[1]), atol=1e-12)
 
 
