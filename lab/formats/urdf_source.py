@@ -59,7 +59,7 @@ def read_urdf(path: Path) -> UrdfSource:
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
-        raise LabError(f"{path}: not a readable URDF, mend it there: {error}") from error
+        raise LabError(f"{path}: not a readable MJCF or URDF, mend it there: {error}") from error
     if any(_XACRO in element.tag for element in root.iter()):
         raise LabError(f"{path}: is a xacro that is not expanded; run 'xacro {path.name} > robot.urdf', and give that")
     _keep_solid_shapes(root)

@@ -139,7 +139,7 @@ def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
     with pytest.raises(LabError, match="declares entities"):
         read_urdf(path)
     path.write_text("<robot>")
-    with pytest.raises(LabError, match="not a readable URDF"):
+    with pytest.raises(LabError, match="not a readable MJCF or URDF"):
         read_urdf(path)
     with pytest.raises(LabError, match="not a COLLADA file"):
         stl_of_collada(path, b"<a")
