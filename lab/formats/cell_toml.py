@@ -15,6 +15,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.structured import structured
+from lab.formats.text_file import refuse_unbounded
 from lab.formats.toml import read_toml
 from lab.kinematics.joints import JointSpec
 
@@ -234,6 +235,7 @@ def read_cell(path: Path) -> Cell:
         LabError: it cannot be read, or says what makes no sense; the message names the file and the key.
     """
     content = read_toml(path)
+    refuse_unbounded(path, content)
     if "path" in content:
         raise LabError(f"{path}: 'path' is no option of a cell; there are {_list(_options())}")
     cell = structured(path, Cell, {**content, "path": path})
