@@ -25,7 +25,7 @@ __all__ = ["LEAST_SIGMA_M", "FullModel", "ModelWith", "NominalOf", "SelectionTas
 
 LEAST_SIGMA_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
 # largest standard deviations that tell; else WEAK
-_USEFUL: dict[Kind, float] = {"compliance": 1e-4, "section": 1e-5, "mass": 1.0}
+_USEFUL: dict[Kind, float] = {"compliance": 1e-4, "section": 1e-4, "mass": 1.0}
 
 ModelWith = Callable[[Sequence[str]], Model]
 NominalOf = Callable[[Model], Array]
