@@ -100,5 +100,5 @@ def test_lines_and_circles(tmp_path, capsys) -> None:
 )
 def test_what_cannot_be_is_refused_in_a_line(tmp_path, capsys, text: str, words: str) -> None:
     code, seen, error = run(capsys, tmp_path, text, "--robot", "course2r")
-    assert code == 2 and not seen and words in error and len(error.splitlines()) == 1 and "points.csv" in error
+    assert code == 2 and words in error and len(error.splitlines()) == 1 and "points.csv" in seen["error"]["message"]
     assert not (tmp_path / "run").exists()
