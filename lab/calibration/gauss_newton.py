@@ -5,11 +5,13 @@ values of its triangle, so that a deficient system gives the shortest step, and 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lab.calibration.noise.correlation import Correlation
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
@@ -46,11 +48,13 @@ class Observations:
         points: ``(n, k, d)``, k things of d numbers each (positions in m, d = 3), NaN where not observed.
         whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, d, d)`` the inverse of
             the covariance's Cholesky factor; ones where the noise is to be estimated.
+        correlation: of errors that several of the numbers share, in units of that noise; None where there are none.
     """
 
     inputs: Array
     points: Array
     whiten: Array
+    correlation: Correlation | None = None
 
     @staticmethod
     def unweighted(data: Measurements) -> "Observations":
@@ -60,13 +64,37 @@ class Observations:
     def apply(self, vectors: Array) -> Array:
         """Whitened rows of the observed points: ``(n, k, d, ...)`` to ``(r, ...)``, r of their numbers."""
         observed = seen_mask(self.points)
-        if self.whiten.ndim == 2:
-            rows = vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
-        else:
-            flat = vectors.reshape(*vectors.shape[:3], -1)
-            rows = (self.whiten @ flat).reshape(vectors.shape)
+        rows = self.in_units_of_noise(vectors)
+        if self.correlation is not None:
+            shared = np.where(observed.reshape(*observed.shape, *[1] * (vectors.ndim - 2)), rows, 0.0)
+            n, k, d = vectors.shape[:3]
+            rows = self.correlation.white(shared.reshape(n, k * d, *vectors.shape[3:])).reshape(vectors.shape)
         picked: Array = (rows if observed.all() else rows[observed]).reshape(-1, *vectors.shape[3:])
         return picked
+
+    def in_units_of_noise(self, vectors: Array) -> Array:
+        """Vectors ``(n, k, d, ...)`` by the instrument's noise, what the errors share aside."""
+        if self.whiten.ndim == 2:
+            return vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
+        return np.asarray((self.whiten @ vectors.reshape(*vectors.shape[:3], -1)).reshape(vectors.shape))
+
+    def take(self, rows: NDArray[np.int_]) -> "Observations":
+        """Some of the poses."""
+        correlation = None if self.correlation is None else self.correlation.take(rows)
+        return Observations(self.inputs[rows], self.points[rows], self.whiten[rows], correlation)
+
+    def joined(self, other: "Observations") -> "Observations":
+        """These poses, then others that are weighed by the same noise."""
+        pairs = ((self.inputs, other.inputs), (self.points, other.points), (self.whiten, other.whiten))
+        inputs, points, whiten = (np.concatenate(pair) for pair in pairs)
+        correlation = None
+        if self.correlation is not None and other.correlation is not None:
+            correlation = self.correlation.joined(other.correlation)
+        return Observations(inputs, points, whiten, correlation)
+
+    def pose_by_pose(self) -> "Observations":
+        """The same variances within each pose, as if the errors of different poses had nothing in common."""
+        return self if self.correlation is None else replace(self, correlation=self.correlation.of_single_poses())
 
 
 @dataclass(frozen=True)

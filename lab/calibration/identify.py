@@ -85,7 +85,7 @@ class Identification:
         dof: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
         extra_residuals: what was known beside the measurements, weighted as they are: constraints, a prior.
-        dof_each: ``(f,)`` of each parameter's interval, where the covariance is not sigma's (``sandwich``).
+        dof_each: ``(f,)`` of each parameter's interval, where the covariance is not that of one sigma alone.
         residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not observed.
         spread: of the measured points, to that of the nominal model's in the same poses: a wrong unit shows here.
     """
@@ -119,7 +119,7 @@ class Identification:
     @property
     def half_width_95(self) -> Array:
         """Half of each 95 % interval ``(f,)`` in standard deviations: Student's t where sigma was estimated."""
-        if self.sigma_known:
+        if self.sigma_known and self.dof_each is None:
             return np.full(len(self.fit.free), 1.959963984540054)
         dof = np.full(len(self.fit.free), self.dof) if self.dof_each is None else self.dof_each
         return np.asarray(np.where(dof > 0, scipy.stats.t.ppf(0.975, np.maximum(dof, 1)), np.nan))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations, typical_weight, whitening
+from lab.calibration.noise.shared_errors import SharedErrors, correlated
 from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
@@ -19,12 +20,13 @@ class Noise:
     """What the identifier assumes of the noise: an instrument's, a given sigma, or nothing.
 
     A row's own ``sigma_m`` goes before both. With nothing, all measurements weigh the same and
-    sigma is estimated from the residuals.
+    sigma is estimated from the residuals. ``shared`` are errors beside the instrument's.
     """
 
     instrument: Instrument | None = None
     sigma_m: float | None = None
     readings: int = 1
+    shared: SharedErrors | None = None
 
 
 def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
@@ -33,6 +35,13 @@ def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple
     Raises:
         LabError: only some rows have a sigma of their own, or the instrument measures nothing that is observed.
     """
+    observed, known = _by_instrument(observation, data, noise)
+    if noise.shared is None:
+        return observed, known
+    return correlated(observation.model, observed, data, noise.shared, known=known), known
+
+
+def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
     inputs, units = data.inputs(observation.model.conditions), observation.units
     given = np.isfinite(data.sigma_m)
     instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None

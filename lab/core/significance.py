@@ -11,6 +11,7 @@ __all__ = [
     "STUDY_COMPARISON",
     "TERM_SEARCH",
     "UNSOLICITED_WARNING",
+    "VARIANCE_COMPONENTS",
     "VERDICT_LACK_OF_FIT",
     "VERIFICATION",
 ]
@@ -35,6 +36,9 @@ TERM_SEARCH = 0.005
 
 CAMPAIGN_OUTLIERS = 0.01
 """Whether any pose of a campaign is an outlier."""
+
+VARIANCE_COMPONENTS = 0.01
+"""Whether errors beside the instrument's are shared: by a pose's joints, or from pose to pose."""
 
 VERIFICATION = 0.01
 """Whether an arm has changed since it was calibrated."""

@@ -6,7 +6,7 @@ whose covariance is C: without any change r has the covariance S = noise + J C J
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.initial_guess import initial_guess
+from lab.calibration.noise.correlation import Correlation
 from lab.calibration.weights import root_mean_square_sigma
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import seen_mask
@@ -199,14 +200,32 @@ class VerificationProblem:
             for rows in (there.axes * there.sizes, there.coloured(fit.model.basis))
         )
         numbers = len(there.residual)
-        noise = numbers * root_mean_square_sigma(self.observed, 0) ** 2
+        noise = numbers * root_mean_square_sigma(self.observed, 0) ** 2 + self._shared_squares()
         return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / numbers))
 
     def in_metres(self, rows: Array) -> Array:
         """Rows ``(N, h)`` in units of the noise, in metres."""
+        if self.observed.correlation is not None:
+            rows = self._spread_over_poses(rows, self.observed.correlation)
         whiten, blocks = self.observed.whiten[seen_mask(self.observed.points)], rows.reshape(len(rows) // 3, 3, -1)
         metres = blocks / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, blocks)
         return np.asarray(metres.reshape(rows.shape))
+
+    def _spread_over_poses(self, rows: Array, correlation: Correlation) -> Array:
+        """Rows ``(N, h)`` with the errors that they share, in units of the instrument's noise."""
+        mask = np.repeat(seen_mask(self.observed.points), 3, axis=1)
+        blocks = np.zeros((*mask.shape, rows.shape[1]))
+        blocks[mask] = rows
+        return np.asarray(correlation.coloured(blocks)[mask])
+
+    def _shared_squares(self) -> float:
+        """The sum (m^2) of the variances of all numbers, the instrument's aside."""
+        if (shared := self.observed.correlation) is None:
+            return 0.0
+        alone = replace(self, observed=replace(self.observed, correlation=None))
+        mask = np.repeat(seen_mask(self.observed.points), 3, axis=1)
+        parts = (shared.scatter, shared.shift, shared.trend)
+        return sum(float((alone.in_metres(part[mask]) ** 2).sum()) for part in parts if part.size)
 
     def _at(self, values: Array) -> WhitenedSystem:
         points, slopes = self.prediction.arm.observe(self.observed.inputs, values)

@@ -13,17 +13,27 @@ from scipy import stats
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
-from lab.core.linear_model import matched_dof, p_value_of_squares
+from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 from lab.kinematics.model import Model
 
-__all__ = ["By", "GoodnessOfFit", "Isotropy", "Sandwich", "goodness_of_fit", "isotropy", "sandwich"]
+__all__ = [
+    "By",
+    "GoodnessOfFit",
+    "Isotropy",
+    "Sandwich",
+    "goodness_beside_shared_errors",
+    "goodness_of_fit",
+    "isotropy",
+    "sandwich",
+]
 
+_TOLD = 1e-3  # of a column that the model does not say already
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
 
-By = Literal["chi2", "repeats", "holdout", "nothing"]
+By = Literal["chi2", "repeats", "holdout", "joints", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +43,8 @@ class GoodnessOfFit:
     Attributes:
         adequate: None where it cannot be said.
         p: the chance of residuals as large as these if it were; NaN if nothing tells.
-        by: chi squared against a known sigma, F against repeats, or F of held-out errors.
+        by: chi squared against a known sigma, F against repeats, F of held-out errors, or F of what varies with the
+            joints' positions.
         words: a sentence for the report, with its figures.
     """
 
@@ -73,6 +84,45 @@ def goodness_of_fit(
         return _by_holdout(linear, linearized(model, held, fit.values, fit.free))
     why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
     return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")
+
+
+def goodness_beside_shared_errors(linear: LinearizedFit, slopes: Array, joints: Array, shared: str) -> GoodnessOfFit:
+    """Whether residuals that shared errors explain vary with the joints' positions all the same.
+
+    Errors that are estimated from the residuals always explain their size. But they are drawn anew at each pose, and
+    what a model lacks comes back where the joints do: F of the sine and cosine of each joint's position, acting on
+    that joint, under the covariance with the shared errors.
+
+    Args:
+        linear: of the fit, whitened by that covariance.
+        slopes: ``(n, m, joints)`` derivatives by the joints' positions, whitened alike.
+        joints: ``(n, joints)`` rad or m.
+        shared: what they are, for a person.
+    """
+    within = linear.everywhere()
+    periodic = np.concatenate([slopes * wave(joints)[:, None, :] for wave in (np.sin, np.cos)], axis=2)
+    columns = np.zeros((*linear.mask.shape, periodic.shape[2]))
+    columns[: len(periodic)] = periodic
+    left = within.residuals(np.moveaxis(columns, 2, 0)).reshape(periodic.shape[2], -1).T
+    sizes = np.linalg.norm(columns.reshape(left.shape), axis=0)
+    told = LinearModel.of(left[:, np.linalg.norm(left, axis=0) > _TOLD * sizes], _TOLD)
+    dof = within.dof - told.rank
+    if told.rank < 1 or dof < 1:
+        return GoodnessOfFit(None, float("nan"), "nothing", f"{shared}: lack of fit cannot be tested beside that")
+    explained = float((told.coordinates(linear.residual.ravel()) ** 2).sum())
+    variance = max((float((linear.residual**2).sum()) - explained) / dof, 1e-300)
+    p = float(p_value_of_squares(explained, told.rank, dof, variance))
+    test = f"(F test of each joint's sine and cosine, {told.rank} and {dof} degrees of freedom, p = {p:.2g})"
+    if p < LACK_OF_FIT:
+        return GoodnessOfFit(
+            False,
+            p,
+            "joints",
+            f"lack of fit: beside errors at random ({shared}) the residuals vary with the joints {test}",
+        )
+    return GoodnessOfFit(
+        True, p, "joints", f"no lack of fit detected: {shared}, and nothing varies with the joints {test}"
+    )
 
 
 def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:

@@ -151,8 +151,7 @@ def off_held_out(
 
 def leave_out(observed: Observations, rows: NDArray[np.int_]) -> Observations:
     """The observations without some rows."""
-    keep = np.setdiff1d(np.arange(len(observed.inputs)), rows)
-    return Observations(observed.inputs[keep], observed.points[keep], observed.whiten[keep])
+    return observed.take(np.setdiff1d(np.arange(len(observed.inputs)), rows))
 
 
 def would_matter(model: Model, observed: Observations, fitted: Array, without: Array) -> float:

@@ -22,6 +22,7 @@ from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.provenance import provenance_section
 from lab.core.se3 import Array
+from lab.core.significance import VARIANCE_COMPONENTS
 from lab.kinematics.parameter import Parameter
 from lab.render.document import (
     EVERYWHERE,
@@ -196,6 +197,9 @@ def _noise(result: CalibrationResult) -> str:
     rotations = f" and {short(1e3 * rotation)} mrad" if np.isfinite(rotation) else ""
     how = "given" if found.sigma_known else "estimated from the residuals"
     text = f"The noise per axis is {short(1e3 * sigma_m)} mm{rotations} (1σ, {how})."
+    if (shared := result.fit.noise.shared) is not None:
+        found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
+        text += f" Beside it ({found_by}): {'; '.join(shared.words)}. Weights, intervals and tests are those of both."
     if np.isfinite(predicted):
         text += (
             f" The parameters' covariance alone predicts a position error of {short(1e3 * predicted)} mm "

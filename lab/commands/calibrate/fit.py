@@ -2,18 +2,27 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.noise.search import NoiseSearch
+from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.candidate_models import SelectionTask
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit, isotropy, sandwich
+from lab.calibration.statistics.goodness_of_fit import (
+    GoodnessOfFit,
+    goodness_beside_shared_errors,
+    goodness_of_fit,
+    isotropy,
+    sandwich,
+)
+from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.model_selection import Selection, follow, select
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
@@ -22,6 +31,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
+from lab.commands.calibrate.noise import noise_of
 from lab.commands.calibrate.warnings import (
     of_export,
     of_groups,
@@ -103,6 +113,12 @@ class Fitter:
         """Of manufacture."""
         return Tolerance(self.options.tolerance_mm / 1e3, self.options.tolerance_mrad / 1e3)
 
+    def modelled(self, groups: Sequence[str], held: Sequence[str]) -> tuple[Model, IdentifyOptions]:
+        """The arm with these groups less the parameters held, and what is asked of its identification."""
+        model = self.model_with(groups)
+        request = self.request if self.options.model == "geometric" else self.request.of(model.names)
+        return model, replace(request, fix=(*request.fix, *held))
+
     def identified(
         self, rows: Measurements, groups: Sequence[str], held: Sequence[str] = ()
     ) -> tuple[Identification, Measurements, Outliers | None]:
@@ -111,16 +127,14 @@ class Fitter:
         Args:
             held: parameters of the groups that the selection found these poses not to show.
         """
-        model = self.model_with(groups)
-        request = self.request if self.options.model == "geometric" else self.request.of(model.names)
-        request = replace(request, fix=(*request.fix, *held))
-        found, clean, outliers = self._identify(model, rows, request), rows, None
+        model, request = self.modelled(groups, held)
+        found, clean, outliers = self.identified_from(model, rows, request), rows, None
         for _ in range(_CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
-            before, outliers = outliers, self._outliers(found, rows)
+            before, outliers = outliers, self.outliers_of(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
                 break
             clean = rows.take(np.setdiff1d(np.arange(len(rows)), outliers.rows))
-            found = self._identify(model, clean, request)
+            found = self.identified_from(model, clean, request)
         return found, clean, outliers
 
     def __call__(self, rows: Measurements, held: Measurements | None = None) -> FitReport:
@@ -129,12 +143,36 @@ class Fitter:
         Args:
             rows, held: some of what is observed; ``held`` are poses held out, by which lack of fit can be tested.
         """
-        selection = self._selected(rows)
+        fitter, selection, search = self._balanced_selection(rows)
+        return fitter._report(rows, held, selection, search)
+
+    def _balanced_selection(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
+        """The model that the rows call for, and their noise: each is chosen with the other."""
+        fitter, selection = self, self._selected(rows)
+        for _ in range(_BALANCINGS):
+            groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
+            search = noise_of(_OneModel(self, groups, unshown), rows)
+            before, fitter = fitter.noise.shared, self.knowing(search.shared)
+            if selection is None or _kinds(before) == _kinds(search.shared):
+                break
+            chosen, selection = selection.chosen, fitter._selected(rows)
+            assert selection is not None
+            if set(chosen) == set(selection.chosen):
+                break
+        return fitter, selection, search
+
+    def knowing(self, shared: SharedErrors | None) -> "Fitter":
+        """The fitter with the errors that its measurements share."""
+        return replace(self, noise=replace(self.noise, shared=shared))
+
+    def _report(
+        self, rows: Measurements, held: Measurements | None, selection: Selection | None, search: NoiseSearch
+    ) -> FitReport:
         groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
         found, clean, outliers = self.identified(rows, groups, unshown)
         observation, robust = observation_of(found.model), self.options.robust
         observations, known = weighed(observation, clean, self.noise)
-        outliers = outliers or self._outliers(found, rows)
+        outliers = outliers or self.outliers_of(found, rows)
         off = named_poses(rows, outliers)
         if held is not None and observation.positions:
             off += named_poses(held, self._off_held_out(found, clean, held), held_out=True)
@@ -142,8 +180,8 @@ class Fitter:
         judged = self._adequacy(found, clean, judged_by)
         warnings = [judged.words] if judged.adequate is False else []
         warnings += [] if robust else of_outliers(found, observations, outliers)
-        trusted = found
-        if not warnings and only_positions(observation):
+        trusted = search.corrected(found)
+        if not warnings and only_positions(observation) and search.shared is None:
             trusted, warnings = self._trusted(found, observations, known)
         if count := sum(pose.held_out for pose in off):
             warnings.append(
@@ -161,7 +199,8 @@ class Fitter:
         warnings += of_joints(found, observations, clean, self._moves(clean))
         warnings += of_twist(self.robot, found)
         warnings += of_export(self.robot, found, groups, observations.inputs)
-        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, tuple(warnings))
+        said = tuple(warnings)
+        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search)
 
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""
@@ -227,16 +266,18 @@ class Fitter:
         uniform = device is not None and device.kind == "uniform" and self.noise.sigma_m is None
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
-    def _identify(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
+    def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
+        """The parameters of a model from all these rows."""
         model = self.kind.balanced(model, rows, self.nominal(model), request)
         return identify(model, rows, self.nominal(model), self.noise, request)
 
-    def _outliers(self, start: Identification, rows: Measurements) -> Outliers:
+    def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
+        """The rows that are off, by a search that starts from an identification."""
         observation = observation_of(start.model)
         observations, known = weighed(observation, rows, self.noise)
         return find_outliers(
             start.model,
-            observations,
+            observations.pose_by_pose(),
             start.fit.free,
             start.nominal_aligned,
             known=known,
@@ -249,9 +290,7 @@ class Fitter:
     def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements) -> HeldOut:
         observation = observation_of(found.model)
         parts = [weighed(observation, part, self.noise) for part in (rows, held)]
-        both = Observations(
-            *(np.concatenate(pair) for pair in zip(*(astuple(observations) for observations, _ in parts), strict=True))
-        )
+        both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
         return off_held_out(
             found.model,
             both,
@@ -265,13 +304,16 @@ class Fitter:
     def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> GoodnessOfFit:
         observation = observation_of(found.model)
         observations, known = weighed(observation, rows, self.noise)
+        labels = repeats(rows)
+        if self.noise.shared is not None and len(np.unique(labels)) == len(labels):
+            return _beside_shared_errors(found, observations, rows, self.noise.shared)
         return goodness_of_fit(
             found.model,
             observations,
             found.fit,
-            known=known,
+            known=known and self.noise.shared is None,
             shape=self._shape,
-            labels=repeats(rows),
+            labels=labels,
             held=weighed(observation, held, self.noise)[0] if held is not None and observation.positions else None,
             extra_residuals=found.extra_residuals,
         )
@@ -300,3 +342,41 @@ class Fitter:
             moves[name] = joints - last.get(session, joints)
             last[session] = joints
         return np.array([moves[name] for name in rows.ids])
+
+
+def _beside_shared_errors(
+    found: Identification, observations: Observations, rows: Measurements, shared: SharedErrors
+) -> GoodnessOfFit:
+    linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
+    slopes = by_joint_positions(found.model, observations.inputs, found.values, rows.joints.shape[1])
+    white = np.zeros((*linear.mask.shape, slopes.shape[3]))
+    white[linear.mask & (np.arange(len(linear.mask)) < linear.poses)[:, None]] = observations.apply(slopes)
+    return goodness_beside_shared_errors(linear, white[: linear.poses], rows.joints, "; ".join(shared.words))
+
+
+@dataclass(frozen=True)
+class _OneModel:
+    """How one model of a fitter fits any rows."""
+
+    fitter: Fitter
+    groups: tuple[str, ...]
+    held: tuple[str, ...]
+
+    @property
+    def noise(self) -> Noise:
+        """Of the instrument."""
+        return self.fitter.noise
+
+    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+        """The identification from all these rows."""
+        model, request = self.fitter.modelled(self.groups, self.held)
+        return self.fitter.knowing(shared).identified_from(model, rows, request)
+
+    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+        """The poses that are off."""
+        return self.fitter.knowing(shared).outliers_of(found, rows)
+
+
+def _kinds(shared: SharedErrors | None) -> tuple[bool, ...]:
+    """Which errors are shared."""
+    return () if shared is None else (shared.scatter_rad > 0, shared.wandering_m > 0, shared.drift_m > 0)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from lab.calibration.identify import Identification
+from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
@@ -40,6 +41,7 @@ class FitReport:
         outliers: poses that are off: left out if asked for, else fitted all the same.
         left_out: whether they were.
         selection: of the model's groups, where that was asked for.
+        noise: which errors the measurements share.
     """
 
     identification: Identification
@@ -51,6 +53,7 @@ class FitReport:
     adequacy: GoodnessOfFit
     selection: Selection | None
     warnings: tuple[str, ...]
+    noise: NoiseSearch
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:

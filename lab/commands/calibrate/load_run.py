@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.verdict import gate_words
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.integrity import said_of_edits
+from lab.commands.calibrate.noise import noise_model_from_dict
 from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
 from lab.core import se3
 from lab.core.covariance import refuse_impossible_covariance
@@ -42,6 +44,7 @@ class Findings:
     Attributes:
         freedom: residual degrees of freedom.
         after_mm: errors after the identification; None where nothing was there to validate on.
+        noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
     """
 
     model: str
@@ -54,6 +57,7 @@ class Findings:
     adequate: bool | None
     adequacy: str
     after_mm: Mapping[str, float] | None = None
+    noise_model: Mapping[str, Any] | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
     schema: int = 0
@@ -144,12 +148,20 @@ class Calibrated:
             sigma_m: noise of new measurements.
         """
         result = self.result
+        if result.noise_model is not None:  # it says itself how large the residuals are
+            return 0.0, 1.0, result.noise_model["freedom"] or result.freedom
         if result.noise_known and result.adequate is not False:
             return 0.0, 1.0, None
         residual_m = (result.residual_mm or 0.0) / 1e3
         noise_m = (result.noise_mm or 0.0) / 1e3 if result.noise_known else sigma_m
         larger = (residual_m / noise_m) ** 2 if result.noise_known else 1.0
         return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result.freedom
+
+    @property
+    def shared(self) -> SharedErrors | None:
+        """Errors that the numbers of a measurement share, beside the instrument's."""
+        values = dict(zip(self.arm.names, self.values.tolist(), strict=True))
+        return noise_model_from_dict(self.result.noise_model, values)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from lab.commands.calibrate.findings import (
     weak_directions_of,
 )
 from lab.commands.calibrate.fit_result import FitReport, Named
+from lab.commands.calibrate.noise import noise_model_to_dict
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
@@ -164,6 +165,7 @@ class CalibrationResult(Result):
             "noise_mm": number(1e3 * identification.sigma_m),
             "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
             "noise_known": identification.sigma_known,
+            "noise_model": noise_model_to_dict(self.fit.noise.shared, identification.dof_each),
             "residual_mm": number(1e3 * identification.residual_sigma_m),
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),

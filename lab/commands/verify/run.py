@@ -161,16 +161,18 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
 
 def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
     """Of the new measurements: as given, else as the run took it, else as it found it."""
+    shared = calibrated.shared
+    given = None if shared is None else replace(shared, independent_share=1.0)
     if options.noise_mm is not None:
-        return Noise(sigma_m=options.noise_mm / 1e3)
+        return Noise(sigma_m=options.noise_mm / 1e3, shared=given)
     if options.instrument is not None:
-        return Noise(instrument(options.instrument))
+        return Noise(instrument(options.instrument), shared=given)
     then = calibrated.options
     if then.get("noise_mm") is not None:
-        return Noise(sigma_m=then["noise_mm"] / 1e3)
+        return Noise(sigma_m=then["noise_mm"] / 1e3, shared=shared)
     if then.get("instrument") not in (None, "exact"):
-        return Noise(instrument(then["instrument"]), readings=then.get("readings", 1))
-    return Noise(sigma_m=max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M))
+        return Noise(instrument(then["instrument"]), readings=then.get("readings", 1), shared=shared)
+    return Noise(sigma_m=max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M), shared=given)
 
 
 def _widened(observations: Observations, lacking_m: float) -> Observations:

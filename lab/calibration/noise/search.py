@@ -1,0 +1,103 @@
+"""Which errors the numbers of a fit share, and what that does to the fit's covariance."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lab.calibration.identify import Identification
+from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
+from lab.calibration.noise.likelihood import ErrorShapes, RestrictedProblem
+from lab.calibration.noise.shared_errors import Clock, SharedErrors, error_shapes, row_times
+from lab.calibration.noise.small_samples import small_sample
+from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.statistics.linearized import LinearizedFit, linearized
+from lab.calibration.weights import Noise, weighed
+from lab.core.measurements import Measurements
+
+__all__ = ["NoiseSearch", "search_noise"]
+
+_LEAST_POSES = 10  # fewer say nothing of how errors are shared
+_LEAST_DOF = 20
+_FLOOR_M = 1e-7  # an estimated sigma below is what arithmetic leaves, or the models of each other
+
+
+@dataclass(frozen=True)
+class NoiseSearch:
+    """The errors that the residuals of a fit show.
+
+    Attributes:
+        shared: beside the instrument's; None where there are none.
+        trials: every kind that was tried, with its p-value.
+        deviance: minus twice the restricted log-likelihood of what was chosen.
+    """
+
+    shared: SharedErrors | None
+    trials: tuple[ComponentTrial, ...]
+    deviance: float
+    linear: LinearizedFit | None = None
+    problem: RestrictedProblem | None = None
+    estimate: Estimate | None = None
+
+    def corrected(self, found: Identification) -> Identification:
+        """An identification with these errors, its covariance and intervals those of estimated variances."""
+        if self.shared is None or self.problem is None or self.linear is None or self.estimate is None:
+            return found
+        small = small_sample(self.problem, self.estimate)
+        factor = small.factor / self.linear.scale[:, None] * self.linear.scale
+        return replace(found, covariance=factor @ found.covariance @ factor.T, dof_each=small.dof)
+
+
+def search_noise(found: Identification, data: Measurements, noise: Noise) -> NoiseSearch:
+    """Choose the errors that the rows of an identification share, by restricted likelihood on its linear problem.
+
+    Args:
+        found: the identification.
+        data: the rows that it comes from.
+        noise: of the instrument; what it says of shared errors is left aside.
+    """
+    observation = observation_of(found.model)
+    nothing = NoiseSearch(None, (), float("nan"))
+    if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
+        return nothing
+    model = observation.model
+    observed, known = weighed(observation, data, replace(noise, shared=None))
+    linear = linearized(model, observed, found.values, found.fit.free, found.extra_residuals)
+    if not linear.everywhere().full_rank:
+        return nothing
+    if not known and float((linear.residual**2).sum()) < _FLOOR_M**2 * found.dof:
+        return nothing
+    times = row_times(data)
+    clock = Clock.of(times)
+    shapes = error_shapes(model, observed, found.values, data.joints.shape[1], times, clock)
+    problem = RestrictedProblem(
+        np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2),
+        int(linear.mask.sum()),
+        _padded(shapes, len(linear.mask)),
+        known,
+    )
+    estimate, trials = chosen_components(problem)
+    if not estimate.kinds:
+        return NoiseSearch(None, trials, estimate.likelihood.deviance)
+    parts, scale = estimate.components, estimate.likelihood.scale
+    shared = SharedErrors(
+        sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
+        independent_share=scale if known else 1.0,
+        scatter_rad=float(np.sqrt(parts.scatter * scale)),
+        wandering_m=float(np.sqrt(parts.shift * scale)),
+        carry=parts.carry,
+        drift_m=float(np.sqrt(parts.trend * scale)),
+        clock=clock,
+        values=dict(zip(model.names, found.values.tolist(), strict=True)),
+    )
+    return NoiseSearch(shared, trials, estimate.likelihood.deviance, linear, problem, estimate)
+
+
+def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
+    """The same with blocks of what else is known, which shares no errors."""
+    more = blocks - len(shapes.times)
+    if not more:
+        return shapes
+    rows = [(0, more), (0, 0), (0, 0)]
+    after = shapes.times.max() + 1.0 + np.arange(more)
+    scatter, shift, trend = (np.pad(each, rows) for each in (shapes.scatter, shapes.shift, shapes.trend))
+    return ErrorShapes(scatter, shift, trend, np.concatenate([shapes.times, after]))

@@ -1,0 +1,143 @@
+"""The noise model of a set of measurements: which errors its numbers share, outliers aside."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from lab.calibration.identify import Identification
+from lab.calibration.noise.search import NoiseSearch, search_noise
+from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.statistics.outliers import Outliers
+from lab.calibration.weights import Noise, weighed
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.se3 import Array
+
+__all__ = ["Fits", "noise_model_from_dict", "noise_model_to_dict", "noise_of"]
+
+_ROUNDS = 3  # of outliers and the noise that they are judged by
+
+
+class Fits(Protocol):
+    """One model's fit of any rows, by the noise that it is given."""
+
+    @property
+    def noise(self) -> Noise:
+        """Of the instrument."""
+
+    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+        """The identification from all these rows."""
+
+    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+        """The poses that are off."""
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """Errors that are shared, and poses that are off.
+
+    Attributes:
+        off: ``(o,)`` rows.
+        deviance: minus twice the log-likelihood, with outliers anywhere among the residuals.
+    """
+
+    search: NoiseSearch
+    off: frozenset[int]
+    deviance: float
+
+
+def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
+    """The errors that rows share, from those that are not off.
+
+    Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
+    differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
+    residuals.
+    """
+    whole = fits.fitted(rows, None)
+    search = search_noise(whole, rows, fits.noise)
+    off = _rows(fits.outliers(whole, rows, None))
+    if not off and search.shared is None:
+        return search
+    reach = _reach(whole, rows, fits.noise)
+    explanations = []
+    if search.shared is not None:
+        explanations.append(_settled(fits, rows, _Explanation(search, frozenset(), search.deviance), reach))
+    if off:
+        explanations.append(_settled(fits, rows, _without(fits, rows, off, reach), reach))
+    return min(explanations, key=lambda each: each.deviance).search
+
+
+def noise_model_to_dict(shared: SharedErrors | None, dof: Array | None) -> dict[str, Any] | None:
+    """Shared errors as ``result.json`` holds them; None where there are none.
+
+    Args:
+        dof: of the parameters' intervals.
+    """
+    if shared is None:
+        return None
+    return {
+        "independent_mm": 1e3 * shared.independent_m,
+        "independent_share": shared.independent_share,
+        "joint_scatter_mrad": 1e3 * shared.scatter_rad,
+        "wandering_mm": 1e3 * shared.wandering_m,
+        "wandering_correlation": shared.carry,
+        "drift_mm": 1e3 * shared.drift_m,
+        "freedom": None if dof is None else int(np.median(dof)),
+        "words": list(shared.words),
+    }
+
+
+def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str, float]) -> SharedErrors | None:
+    """Shared errors of a run, for measurements of another day.
+
+    Args:
+        content: what ``noise_model_to_dict`` made.
+        values: the run's parameters by name.
+    """
+    if content is None:
+        return None
+    share = content["independent_share"]
+    return SharedErrors(
+        sigma_m=content["independent_mm"] / 1e3 / np.sqrt(share),
+        independent_share=share,
+        scatter_rad=content["joint_scatter_mrad"] / 1e3,
+        wandering_m=content["wandering_mm"] / 1e3,
+        carry=content["wandering_correlation"],
+        drift_m=content["drift_mm"] / 1e3,
+        clock=None,
+        values=values,
+    )
+
+
+def _settled(fits: Fits, rows: Measurements, first: _Explanation, reach: float) -> _Explanation:
+    """The explanation whose outliers are those of its own noise."""
+    here = first
+    for _ in range(_ROUNDS):
+        shared = here.search.shared
+        off = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
+        if off == here.off:
+            break
+        here = _without(fits, rows, off, reach)
+    return here
+
+
+def _without(fits: Fits, rows: Measurements, off: frozenset[int], reach: float) -> _Explanation:
+    """The noise of the other rows; all rows' where these are too few."""
+    clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(off)))
+    search = search_noise(fits.fitted(clean, None), clean, fits.noise)
+    numbers = 3 * int(rows.seen[sorted(off)].sum())
+    return _Explanation(search, off, search.deviance + numbers * (2 * np.log(2 * reach) - np.log(2 * np.pi)))
+
+
+def _rows(found: Outliers) -> frozenset[int]:
+    return frozenset(found.rows.tolist())
+
+
+def _reach(found: Identification, rows: Measurements, noise: Noise) -> float:
+    """The largest residual of a number, in units of the instrument's noise as it is assumed."""
+    observed, _ = weighed(observation_of(found.model), rows, replace(noise, shared=None))
+    residuals = observed.points - found.model.points(observed.inputs, found.values)
+    white = observed.in_units_of_noise(np.where(seen_mask(observed.points)[..., None], residuals, 0.0))
+    return float(max(np.abs(white).max(), 1e-300))
