@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -80,7 +80,8 @@ class Validation:
         errors: at those poses; None where it was not validated.
         rows: those poses; None where their base or tool was placed anew.
         fitted_share: of the poses, that were fitted too, so that they validate nothing.
-        outlier_share: of the hold-out set, that the test of outliers names.
+        outlier_share: of those poses, that the test of outliers names.
+        robust: the errors without these; None where none is named.
     """
 
     judged_by: JudgedBy | None
@@ -89,6 +90,17 @@ class Validation:
     rows: Measurements | None = None
     fitted_share: float = 0.0
     outlier_share: float = 0.0
+    robust: Errors | None = None
+
+    def naming(self, outliers: Sequence[str]) -> "Validation":
+        """With the share of the poses that are outliers, by their ids, and the errors of the others beside all."""
+        if self.errors is None or self.rows is None:
+            return self
+        others = np.array([name not in set(outliers) for name in self.rows.ids], dtype=np.bool_)
+        if others.all() or not others.any():
+            return self
+        robust = Errors(self.errors.before[others], self.errors.after[others])
+        return replace(self, outlier_share=float(1 - others.mean()), robust=robust)
 
 
 @dataclass(frozen=True)

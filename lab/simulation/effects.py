@@ -25,6 +25,7 @@ from lab.kinematics.effects.effect import (
     MovesJoints,
     MovesTracker,
     ScattersJoints,
+    ShapesNoise,
     SimulatedEffect,
 )
 from lab.kinematics.effects.registry import EFFECTS, EffectOptions
@@ -80,7 +81,9 @@ class Effects:
     @property
     def varies(self) -> bool:
         """Whether two visits to the same poses differ, noise aside."""
-        return any(part.is_on for part in self.parts if isinstance(part, ScattersJoints | DisplacesReadings))
+        return any(
+            part.is_on for part in self.parts if isinstance(part, ScattersJoints | DisplacesReadings | ShapesNoise)
+        )
 
     def columns(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Names of the conditions that matter to these effects."""
@@ -129,6 +132,13 @@ class Effects:
         for part, own in zip(parts, _streams(rng, len(parts)), strict=True):
             total = total + part.scatter(poses, own)
         return total
+
+    def shaped_noise(self, noise: Array, rng: np.random.Generator) -> Array:
+        """The instrument's noise ``(poses, k, 3)`` m, from independent noise of it."""
+        for part in self.parts:
+            if isinstance(part, ShapesNoise) and part.is_on:
+                noise = part.shaped(noise, rng)
+        return noise
 
     def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """What bad readings add to all points of a pose, ``(poses, 3)`` m, and which poses are bad, ``(poses,)``."""

@@ -7,6 +7,7 @@ whose covariance is C: without any change r has the covariance S = noise + J C J
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import stats
@@ -24,6 +25,8 @@ from lab.kinematics.effects.arm import Arm
 
 __all__ = ["FULL_RANK", "CalibrationPrediction", "RefitSolution", "VerificationProblem", "WhitenedSystem"]
 
+_MOST_ESTIMATING = 3000
+_DRAWS = 1999  # (draws + 1) x level is a whole number
 _POWER = 0.95  # with which a change that "would be noticed" is
 _ITERATIONS = 20
 _SETTLED = 1e-3  # standard deviations: a step that moves the predictions by less
@@ -40,6 +43,7 @@ class CalibrationPrediction:
         covariance: ``(f, f)`` of these.
         dof: with how many degrees of freedom its sigma was estimated; None where it was known.
         strange: targets of the arm of which the run says nothing.
+        tail_dof: degrees of freedom of Student's t that the noise is like; None if Gaussian.
     """
 
     arm: Arm
@@ -48,9 +52,13 @@ class CalibrationPrediction:
     covariance: Array
     dof: int | None = None
     strange: tuple[str, ...] = ()
+    tail_dof: float | None = None
 
     def test(self, numbers: int, p: float) -> str:
         """The test of so many numbers and its outcome, for a person."""
+        if self.tail_dof is not None:
+            said = f"noise with the tails of Student's t, {self.tail_dof:g} degrees of freedom, in {_DRAWS:,} draws"
+            return f"test at {100 * VERIFICATION:g} % against {said}, p = {p:.2g}"
         name, dof = ("chi2", f"{numbers}") if self.dof is None else ("F", f"{numbers} and {self.dof}")
         chance = f"p = {p:.2g}" if p > 0 else "p < 1e-300"
         return f"{name} test at {100 * VERIFICATION:g} %, {dof} degrees of freedom, {chance}"
@@ -59,6 +67,9 @@ class CalibrationPrediction:
         """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none."""
         if numbers < 1:
             return 1.0
+        if self.tail_dof is not None:
+            drawn = _squares_of_tails(self.tail_dof, numbers, self.dof)
+            return float((1 + np.count_nonzero(drawn >= square)) / (1 + len(drawn)))
         return float(p_value_of_squares(square, numbers, self.dof))
 
     def deviance(self, square: float, numbers: int) -> float:
@@ -242,6 +253,19 @@ class VerificationProblem:
         pull = model.coordinates(residual)
         here = RefitSolution(values, float(residual @ residual), model, directions, there)
         return here, here.back @ pull, float(np.linalg.norm(pull))
+
+
+@lru_cache(maxsize=64)
+def _squares_of_tails(tail_dof: float, numbers: int, dof: int | None) -> Array:
+    """Sums of squares ``(draws,)`` of so many numbers of unit variance, over an estimated variance of ``dof`` others.
+
+    Of Student's t neither has a distribution with a name: the draws are always the same ones.
+    """
+    rng, size = np.random.default_rng(0), np.sqrt((tail_dof - 2) / tail_dof)
+    squares: Array = ((size * rng.standard_t(tail_dof, (_DRAWS, numbers))) ** 2).sum(axis=1)
+    if dof is not None and dof <= _MOST_ESTIMATING:  # of more the variance is known as well as need be
+        squares = squares / ((size * rng.standard_t(tail_dof, (_DRAWS, dof))) ** 2).mean(axis=1)
+    return squares
 
 
 def _root(covariance: Array) -> Array:

@@ -22,25 +22,38 @@ __all__ = ["FULL_RANK", "LinearizedFit", "Mask", "NoiseDistribution", "SubsetFit
 Mask = NDArray[np.bool_]
 FULL_RANK = 1e-8  # of the largest singular value of the column-scaled Jacobian
 _DETERMINED = 1e-6  # share of a direction's variance that other poses must leave to its residual
+_LEAST_KURTOSIS_DOF = 4.5
 _BLOCK = 2_000_000  # numbers drawn at a time
 
 
 @dataclass(frozen=True)
 class NoiseDistribution:
-    """The distribution of whitened noise: mean zero, variance one, the mean of some readings."""
+    """The distribution of whitened noise: mean zero, variance one, the mean of some readings.
 
-    kind: Literal["gaussian", "uniform"] = "gaussian"
+    Attributes:
+        dof: of Student's t, above 2.
+    """
+
+    kind: Literal["gaussian", "uniform", "student"] = "gaussian"
     readings: int = 1
+    dof: float = np.inf
 
     @property
     def excess_kurtosis(self) -> float:
-        """Zero if Gaussian; that of a mean of readings falls as one over their number."""
+        """Zero if Gaussian; that of a mean of readings falls as one over their number; of Student's t where it has one.
+
+        Below 4.5 degrees of freedom it is taken as there, as it has no end.
+        """
+        if self.kind == "student":
+            return 6 / (max(self.dof, _LEAST_KURTOSIS_DOF) - 4)
         return 0.0 if self.kind == "gaussian" else -1.2 / self.readings
 
     def draw(self, size: tuple[int, ...], rng: np.random.Generator) -> Array:
         """Independent whitened errors."""
         if self.kind == "gaussian":
             return rng.standard_normal(size)
+        if self.kind == "student":
+            return np.asarray(rng.standard_t(self.dof, size) * np.sqrt((self.dof - 2) / self.dof))
         total = sum((rng.random(size) for _ in range(self.readings)), np.full(size, -0.5 * self.readings))
         return np.asarray(total * np.sqrt(12 / self.readings))
 

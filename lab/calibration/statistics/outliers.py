@@ -21,6 +21,7 @@ from lab.calibration.statistics.linearized import (
     linearized,
     smallest_p,
 )
+from lab.core.linear_model import p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
@@ -90,7 +91,8 @@ def find_outliers(
     values, weights, scale = _robust(model, observed, free, start, extra_residuals, 0.01 if known else LEAST_SIGMA_M)
     believed = bool(known and scale <= _MISFIT)
     inside, linear = weights > 0, linearized(model, observed, values, free, extra_residuals)
-    test = _test(linear, shape if believed == known else NoiseDistribution(), believed, level, rng)
+    told = believed == known or shape.kind == "student"
+    test = _test(linear, shape if told else NoiseDistribution(), believed, level, rng)
     for _ in range(_ROUNDS):
         settled, needed = _settle(linear, inside, test)
         solution = fit(
@@ -127,6 +129,7 @@ def off_held_out(
     level: float = CAMPAIGN_OUTLIERS,
     extra_residuals: ExtraResiduals | None = None,
     things: int | None = None,
+    tail_dof: float = np.inf,
 ) -> HeldOut:
     """Which poses that were not fitted are no predictions of those that were: F or chi squared, Bonferroni over them.
 
@@ -135,6 +138,7 @@ def off_held_out(
         fitted: how many of them were.
         known: whether the weights stand on a known sigma; where most residuals are beyond it, it is estimated.
         level, extra_residuals, things: as for ``find_outliers``.
+        tail_dof: of Student's t, where the noise has such tails.
     """
     linear = linearized(model, observed, solution.values, solution.free, extra_residuals)
     inside = np.ones(len(linear.mask), dtype=bool)
@@ -143,6 +147,9 @@ def off_held_out(
     distance, total = within.squares(within.residuals(linear.residual))
     believed = known and float(total) <= _MISFIT**2 * max(within.dof, 1)
     p = within.p_values(distance, total, believed, 0.0 if known else LEAST_SIGMA_M)
+    if np.isfinite(tail_dof):  # a pose's squared distance is then distributed as F
+        sizes, scale = np.maximum(within.count, 1), 1.0 if believed else float(total) / max(within.dof, 1)
+        p = np.maximum(p, p_value_of_squares(distance, sizes, tail_dof, scale * (tail_dof - 2) / tail_dof))
     campaign = np.minimum(1.0, p * max(linear.poses - fitted, 1))
     rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, observed, solution.values, things)
     rows = rows[np.argsort(-sizes[rows], kind="stable")]

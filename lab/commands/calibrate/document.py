@@ -139,9 +139,11 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
     title, before, after = "Before and after calibration", result.before, result.after
     if before is None or after is None:
         return Section(title, (Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
+    robust = result.after_without_outliers
+    stated = [("before", before), ("after", after), *([] if robust is None else [("after, without outliers", robust)])]
     rows = tuple(
         (name, *(short(value) for value in (each.mean, each.rms, each.p95, each.max)), f"{each.count:,}")
-        for name, each in (("before", before), ("after", after))
+        for name, each in stated
     )
     caption = f"{capital(words.error)}, mm, {_validated_on(result)}"
     note = (
@@ -241,7 +243,7 @@ def _model_selection(result: CalibrationResult) -> Table:
 
 def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
     fitted = "excluded from the fit" if left_out else "kept in the fit"
-    held_out = "hold-out set, " + ("excluded from the validation" if left_out else "kept in the validation")
+    held_out = "hold-out set, kept in the validation"
     rows = tuple(
         (
             pose.id,

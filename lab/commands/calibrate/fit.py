@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
@@ -184,9 +185,7 @@ class Fitter:
         if not warnings and only_positions(observation) and search.shared is None:
             trusted, warnings = self._trusted(found, observations, known)
         if count := sum(pose.held_out for pose in off):
-            warnings.append(
-                f"{count} poses of the hold-out set are outliers: the error is {'without' if robust else 'with'} them"
-            )
+            warnings.append(f"{count} poses of the hold-out set are outliers: the error is with them")
         warnings += of_groups(groups, selection, self.data)
         if self.options.model == "auto":
             lacking = {name: self.unanswerable(name) for name in CANDIDATES}
@@ -199,8 +198,8 @@ class Fitter:
         warnings += of_joints(found, observations, clean, self._moves(clean))
         warnings += of_twist(self.robot, found)
         warnings += of_export(self.robot, found, groups, observations.inputs)
-        said = tuple(warnings)
-        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search)
+        said, tail = tuple(warnings), self._tail(found, clean)
+        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail)
 
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""
@@ -275,17 +274,24 @@ class Fitter:
         """The rows that are off, by a search that starts from an identification."""
         observation = observation_of(start.model)
         observations, known = weighed(observation, rows, self.noise)
-        return find_outliers(
+        alone, extra = observations.pose_by_pose(), start.extra_residuals
+        search = partial(
+            find_outliers,
             start.model,
-            observations.pose_by_pose(),
+            alone,
             start.fit.free,
             start.nominal_aligned,
             known=known,
-            rng=rng_for(self.seed, "null"),
-            shape=self._shape,
-            extra_residuals=start.extra_residuals,
+            extra_residuals=extra,
             things=observation.positions or None,
         )
+        found = search(rng=rng_for(self.seed, "null"), shape=self._shape)
+        if not len(found.rows) or not only_positions(observation):
+            return found
+        tail = tail_dof(linearized(start.model, alone, found.fit.values, start.fit.free, extra))
+        if np.isinf(tail):
+            return found
+        return search(rng=rng_for(self.seed, "null"), shape=NoiseDistribution("student", dof=tail))
 
     def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements) -> HeldOut:
         observation = observation_of(found.model)
@@ -299,7 +305,16 @@ class Fitter:
             known=parts[0][1],
             extra_residuals=found.extra_residuals,
             things=observation.positions,
+            tail_dof=self._tail(found, rows),
         )
+
+    def _tail(self, found: Identification, rows: Measurements) -> float:
+        """Degrees of freedom of the noise's tails; infinite where they may be Gaussian."""
+        observation = observation_of(found.model)
+        if not only_positions(observation):
+            return float("inf")
+        alone = weighed(observation, rows, self.noise)[0].pose_by_pose()
+        return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
 
     def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> GoodnessOfFit:
         observation = observation_of(found.model)

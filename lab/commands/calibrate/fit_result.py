@@ -42,6 +42,7 @@ class FitReport:
         left_out: whether they were.
         selection: of the model's groups, where that was asked for.
         noise: which errors the measurements share.
+        tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
     """
 
     identification: Identification
@@ -54,6 +55,7 @@ class FitReport:
     selection: Selection | None
     warnings: tuple[str, ...]
     noise: NoiseSearch
+    tail_dof: float
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:

@@ -45,6 +45,7 @@ class Findings:
         freedom: residual degrees of freedom.
         after_mm: errors after the identification; None where nothing was there to validate on.
         noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
+        noise_tail_freedom: degrees of freedom of its tails, of Student's t; None where Gaussian's will do.
     """
 
     model: str
@@ -58,6 +59,7 @@ class Findings:
     adequacy: str
     after_mm: Mapping[str, float] | None = None
     noise_model: Mapping[str, Any] | None = None
+    noise_tail_freedom: float | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
     schema: int = 0
@@ -149,7 +151,7 @@ class Calibrated:
         """
         result = self.result
         if result.noise_model is not None:  # it says itself how large the residuals are
-            return 0.0, 1.0, result.noise_model["freedom"] or result.freedom
+            return 0.0, 1.0, result.freedom
         if result.noise_known and result.adequate is not False:
             return 0.0, 1.0, None
         residual_m = (result.residual_mm or 0.0) / 1e3

@@ -13,7 +13,6 @@ from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.core.measurements import Measurements, seen_mask
-from lab.core.se3 import Array
 
 __all__ = ["Fits", "noise_model_from_dict", "noise_model_to_dict", "noise_of"]
 
@@ -69,12 +68,8 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
     return min(explanations, key=lambda each: each.deviance).search
 
 
-def noise_model_to_dict(shared: SharedErrors | None, dof: Array | None) -> dict[str, Any] | None:
-    """Shared errors as ``result.json`` holds them; None where there are none.
-
-    Args:
-        dof: of the parameters' intervals.
-    """
+def noise_model_to_dict(shared: SharedErrors | None) -> dict[str, Any] | None:
+    """Shared errors as ``result.json`` holds them; None where there are none."""
     if shared is None:
         return None
     return {
@@ -84,7 +79,6 @@ def noise_model_to_dict(shared: SharedErrors | None, dof: Array | None) -> dict[
         "wandering_mm": 1e3 * shared.wandering_m,
         "wandering_correlation": shared.carry,
         "drift_mm": 1e3 * shared.drift_m,
-        "freedom": None if dof is None else int(np.median(dof)),
         "words": list(shared.words),
     }
 

@@ -123,6 +123,11 @@ class CalibrationResult(Result):
         return None if self.validation.errors is None else error_statistics(self.validation.errors.after)
 
     @property
+    def after_without_outliers(self) -> ErrorStatistics | None:
+        """The same without the poses that the test of outliers names; None where it names none of them."""
+        return None if (robust := self.validation.robust) is None else error_statistics(robust.after)
+
+    @property
     def groups(self) -> tuple[GroupTrial, ...]:
         """What each group of parameters is worth; none where geometry alone was asked for."""
         return () if self.fit.selection is None else self.fit.selection.groups
@@ -162,10 +167,12 @@ class CalibrationResult(Result):
             "judged_by": self.validation.judged_by,
             "before_mm": None if before is None else before.to_dict(),
             "after_mm": None if after is None else after.to_dict(),
+            "after_without_outliers_mm": None if (robust := self.after_without_outliers) is None else robust.to_dict(),
             "noise_mm": number(1e3 * identification.sigma_m),
             "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
             "noise_known": identification.sigma_known,
-            "noise_model": noise_model_to_dict(self.fit.noise.shared, identification.dof_each),
+            "noise_tail_freedom": number(self.fit.tail_dof),
+            "noise_model": noise_model_to_dict(self.fit.noise.shared),
             "residual_mm": number(1e3 * identification.residual_sigma_m),
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),

@@ -195,14 +195,19 @@ def _of_measurements(
     if other is not None:
         validation = _judged_by_file(fitter, fit, other, options)
     else:
-        validation = _judged_by_rows(fitter, fit, held, options)
+        validation = _judged_by_rows(fitter, fit, rows, held, options)
     return _outcome(fitter, fit, validation, options, time.perf_counter() - started)
 
 
-def _judged_by_rows(fitter: Fitter, fit: FitReport, held: Measurements | None, options: MeasuredCampaign) -> Validation:
-    """By the rows held out, else by folds with the same groups of parameters."""
+def _judged_by_rows(
+    fitter: Fitter, fit: FitReport, rows: Measurements, held: Measurements | None, options: MeasuredCampaign
+) -> Validation:
+    """By all rows held out, else by folds of all rows with the same groups of parameters.
+
+    Outliers among them are errors like the others: who leaves them out of the fit does not leave them out here.
+    """
     if held is not None:
-        judged = held.without([pose.id for pose in fit.outliers if pose.held_out]) if fit.left_out else held
+        judged = held
         strange = set(judged.sessions) - set(fitter.course.sessions) if "sessions" in fit.groups else set()
         known = judged.take([i for i, session in enumerate(judged.sessions) if session not in strange])
         validation = validate_rows(fit.identification, known)
@@ -210,13 +215,12 @@ def _judged_by_rows(fitter: Fitter, fit: FitReport, held: Measurements | None, o
             f"session {name} was not fitted, so the place of its frame is unknown: not used for validation"
             for name in strange
         ]
-        named = sum(pose.held_out for pose in fit.outliers)
-        return replace(
-            validation, warnings=(*validation.warnings, *sorted(said)), outlier_share=named / max(len(held), 1)
-        )
+        validation = replace(validation, warnings=(*validation.warnings, *sorted(said)))
+        return validation.naming([pose.id for pose in fit.outliers if pose.held_out])
     with error_context(options.file):
-        again = partial(fitter.identified, groups=fit.groups, held=fit.unshown)
-        return validate_folds(lambda part: again(part)[0], fit.identification, fit.rows, options.seed)
+        again = partial(fitter.knowing(fit.noise.shared).identified, groups=fit.groups, held=fit.unshown)
+        validation = validate_folds(lambda part: again(part)[0], fit.identification, rows, options.seed)
+        return validation.naming([pose.id for pose in fit.outliers])
 
 
 def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options: MeasuredCampaign) -> Validation:

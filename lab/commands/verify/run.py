@@ -140,7 +140,9 @@ def _against(
         )
     observations, _ = weighed(observation_of(arm), rows, _noise(calibrated, options))
     lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(observations, 0))
-    return _widened(observations, lacking), CalibrationPrediction(arm, values, free, larger * covariance, dof, strange)
+    tail = calibrated.result.noise_tail_freedom
+    prediction = CalibrationPrediction(arm, values, free, larger * covariance, dof, strange, tail)
+    return _widened(observations, lacking), prediction
 
 
 def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:

@@ -35,6 +35,7 @@ __all__ = [
     "Offsets",
     "ScattersJoints",
     "SessionInfo",
+    "ShapesNoise",
     "SimulatedEffect",
     "TermFamily",
     "TrackerMotion",
@@ -144,7 +145,7 @@ class SimulatedEffect(ABC):
     """An effect of one virtual arm with n joints, in SI units; it is off at zero.
 
     What it does is said by the classes that it also derives from: ``MovesJoints``, ``MovesArm``, ``MovesTracker``,
-    ``ChangesJointPositions``, ``ScattersJoints``, ``DisplacesReadings``.
+    ``ChangesJointPositions``, ``ScattersJoints``, ``DisplacesReadings``, ``ShapesNoise``.
     """
 
     @classmethod
@@ -262,6 +263,19 @@ class DisplacesReadings(ABC):
     @abstractmethod
     def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """What is added to all points of a pose, ``(poses, 3)`` m, and which poses are displaced, ``(poses,)``."""
+
+
+class ShapesNoise(ABC):
+    """It gives the instrument's noise another distribution."""
+
+    @property
+    @abstractmethod
+    def is_on(self) -> bool:
+        """Whether it does anything."""
+
+    @abstractmethod
+    def shaped(self, noise: Array, rng: np.random.Generator) -> Array:
+        """Noise ``(poses, k, 3)`` m from independent noise of the instrument, in the order of the poses."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from lab.kinematics.effects.effect import (
 from lab.kinematics.effects.gear import Gear
 from lab.kinematics.effects.growth import Growth
 from lab.kinematics.effects.harmonics import Harmonics
+from lab.kinematics.effects.instrument_noise import InstrumentNoise
 from lab.kinematics.effects.lag import Lag
 from lab.kinematics.effects.repeatability import Repeatability
 from lab.kinematics.effects.ripple import Ripple
@@ -55,6 +56,7 @@ Kind = TypeVar("Kind", bound=VirtualEffect)
 
 @dataclass(frozen=True)
 class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
+    InstrumentNoise,
     FullCoupling,
     Ripple,
     Bending,

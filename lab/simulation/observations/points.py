@@ -55,10 +55,11 @@ def measure_with_outlier_mask(
         The measurements, points in the tracker's frame, and ``(m,)`` which poses' readings are bad, for the
         assessment alone.
     """
-    effects, (scattering, failing) = real.effects, rng.spawn(2)
+    effects, (scattering, failing, shaping) = real.effects, rng.spawn(3)
     exact = real.points(joints, targets, conditions, effects.scatter(len(joints), scattering))
     displaced, bad = effects.displacements(len(joints), failing)
-    points = instrument.sample(exact, rng, readings) + displaced[:, None]
+    noise = effects.shaped_noise(instrument.sample(exact, rng, readings) - exact, shaping)
+    points = exact + noise + displaced[:, None]
     return recorded(real, effects.shown(joints), targets, points, conditions), bad
 
 
