@@ -20,9 +20,9 @@ __all__ = ["ComponentTrial", "Estimate", "Kind", "best_components", "chosen_comp
 
 Kind = Literal["scatter", "wandering", "drift"]
 KINDS: tuple[Kind, ...] = ("scatter", "wandering", "drift")
-_VARIANCES = (1e-4, 1e8)  # bounds of a component's mean variance, in units of the instrument's
+_VARIANCES = (1e-4, 1e3)  # bounds of a component's mean variance, in units of the instrument's
 _CARRIES = (0.1, 0.995)  # bounds of the correlation from one pose to the next
-_START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 1000.0), (0.4, 0.85)
+_START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 300.0), (0.4, 0.85)
 _HOPELESS = 1.0  # twice the log ratio at the best start: where it gains less, no search brings what a test asks for
 _CORRELATIONS = 3.0  # how many independent correlations are as good as tried
 

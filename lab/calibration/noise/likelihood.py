@@ -15,9 +15,10 @@ import scipy  # its parts are loaded at their first use, which not every process
 
 from lab.core.se3 import Array
 
-__all__ = ["Components", "ErrorShapes", "Likelihood", "RestrictedProblem"]
+__all__ = ["LEAST_SHARE", "Components", "ErrorShapes", "Likelihood", "RestrictedProblem"]
 
 _LEAST = 1e-300
+LEAST_SHARE = 0.25  # of a known instrument's variance: half its noise
 _ROUNDING = 1e-14  # added to the normal equations of unit columns
 
 
@@ -94,10 +95,10 @@ class RestrictedProblem:
     def likelihood(self, components: Components) -> Likelihood:
         """The restricted likelihood of some components, with the best s.
 
-        A known instrument's variance is an upper bound: some of its own error may wander.
+        A known instrument's variance is an upper bound: some of its own error may wander. But it is not left aside.
         """
         information, left, determinant = self._solved(components)
-        scale = min(left / self.dof, 1.0) if self.known else left / self.dof
+        scale = float(np.clip(left / self.dof, LEAST_SHARE, 1.0)) if self.known else left / self.dof
         deviance = determinant + self.dof * np.log(scale) + left / scale - _slowness(components)
         return Likelihood(float(deviance), scale, information)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from lab.calibration.noise.estimation import Estimate
-from lab.calibration.noise.likelihood import Components, RestrictedProblem
+from lab.calibration.noise.likelihood import LEAST_SHARE, Components, RestrictedProblem
 from lab.core.linear_model import matched_dof
 from lab.core.se3 import Array
 
@@ -83,24 +83,27 @@ class _Point:
     Attributes:
         names: of the components; ``scale`` is the instrument's variance.
         values: their logarithms; of the correlation that of its odds.
+        scale: the instrument's variance where it is at a bound.
     """
 
     names: tuple[str, ...]
     values: Array
+    scale: float
 
     @staticmethod
     def of(estimate: Estimate, *, known: bool) -> "_Point":
         components, scale = estimate.components, estimate.likelihood.scale
-        found = {} if known and scale >= 1.0 else {"scale": float(np.log(scale))}
+        at_bound = known and not LEAST_SHARE < scale < 1.0
+        found = {} if at_bound else {"scale": float(np.log(scale))}
         for each in fields(Components):
             if (value := getattr(components, each.name)) > 0:
                 found[each.name] = float(np.log(value / (1 - value) if each.name == "carry" else value * scale))
-        return _Point(tuple(found), np.array(list(found.values())))
+        return _Point(tuple(found), np.array(list(found.values())), scale)
 
     def look(self, problem: RestrictedProblem, values: Array) -> _Look:
         """Covariance and deviance at other values."""
         found = dict(zip(self.names, np.exp(values).tolist(), strict=True))
-        scale, odds = found.pop("scale", 1.0), found.pop("carry", 0.0)
+        scale, odds = found.pop("scale", self.scale), found.pop("carry", 0.0)
         components = Components(**{name: value / scale for name, value in found.items()}, carry=odds / (1 + odds))
         there = problem.at(components, scale)
         return _Look(scale * np.linalg.inv(there.information), there.deviance)

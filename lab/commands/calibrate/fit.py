@@ -7,7 +7,6 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
@@ -18,21 +17,18 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.goodness_of_fit import (
     GoodnessOfFit,
-    goodness_beside_shared_errors,
     goodness_of_fit,
-    isotropy,
-    sandwich,
 )
-from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.model_selection import Selection, follow, select
-from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.statistics.outliers import HeldOut, Outliers, find_outliers, off_held_out
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
 from lab.commands.calibrate.noise import noise_of
+from lab.commands.calibrate.residuals import beside_shared_errors, with_own_intervals
 from lab.commands.calibrate.warnings import (
     of_export,
     of_groups,
@@ -180,10 +176,12 @@ class Fitter:
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = self._adequacy(found, clean, judged_by)
         warnings = [judged.words] if judged.adequate is False else []
-        warnings += [] if robust else of_outliers(found, observations, outliers)
+        warnings += [] if robust else of_outliers(found, observations, outliers, self.options.model)
         trusted = search.corrected(found)
         if not warnings and only_positions(observation) and search.shared is None:
-            trusted, warnings = self._trusted(found, observations, known)
+            trusted, warnings = with_own_intervals(
+                found, observations, self.noise, believed=known or self.options.prior
+            )
         if count := sum(pose.held_out for pose in off):
             warnings.append(f"{count} poses of the hold-out set are outliers: the error is with them")
         warnings += of_groups(groups, selection, self.data)
@@ -321,7 +319,7 @@ class Fitter:
         observations, known = weighed(observation, rows, self.noise)
         labels = repeats(rows)
         if self.noise.shared is not None and len(np.unique(labels)) == len(labels):
-            return _beside_shared_errors(found, observations, rows, self.noise.shared)
+            return beside_shared_errors(found, observations, rows, self.noise.shared)
         return goodness_of_fit(
             found.model,
             observations,
@@ -333,22 +331,6 @@ class Fitter:
             extra_residuals=found.extra_residuals,
         )
 
-    def _trusted(
-        self, found: Identification, observations: Observations, known: bool
-    ) -> tuple[Identification, list[str]]:
-        """The identification with the poses' own intervals, and what is to be said, where noise is not isotropic."""
-        device = self.noise.instrument
-        if (device is not None and device.kind == "spherical") or found.sigma_m < LEAST_SIGMA_M:
-            return found, []
-        words = isotropy(found.model, observations, found.fit).words
-        if not words:
-            return found, []
-        if known or self.options.prior or len(observations.inputs) <= len(found.fit.free):
-            return found, [words]
-        own = sandwich(linearized(found.model, observations, found.values, found.fit.free))
-        trusted = replace(found, covariance=own.covariance, dof_each=own.dof)
-        return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
-
     def _moves(self, rows: Measurements) -> Array:
         """``(n, joints)`` from the pose that was measured before each row in its session; none to the first."""
         last: dict[str, Array] = {}
@@ -357,16 +339,6 @@ class Fitter:
             moves[name] = joints - last.get(session, joints)
             last[session] = joints
         return np.array([moves[name] for name in rows.ids])
-
-
-def _beside_shared_errors(
-    found: Identification, observations: Observations, rows: Measurements, shared: SharedErrors
-) -> GoodnessOfFit:
-    linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
-    slopes = by_joint_positions(found.model, observations.inputs, found.values, rows.joints.shape[1])
-    white = np.zeros((*linear.mask.shape, slopes.shape[3]))
-    white[linear.mask & (np.arange(len(linear.mask)) < linear.poses)[:, None]] = observations.apply(slopes)
-    return goodness_beside_shared_errors(linear, white[: linear.poses], rows.joints, "; ".join(shared.words))
 
 
 @dataclass(frozen=True)

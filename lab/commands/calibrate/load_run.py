@@ -11,8 +11,8 @@ import numpy as np
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.verdict import gate_words
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.integrity import said_of_edits
 from lab.commands.calibrate.noise import noise_model_from_dict
+from lab.commands.integrity import said_of_edits
 from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
 from lab.core import se3
 from lab.core.covariance import refuse_impossible_covariance

@@ -29,16 +29,20 @@ _SURPRISING = 5.0  # standard deviations of the prior
 _RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
-def of_outliers(found: Identification, seen: Observations, outliers: Outliers) -> list[str]:
-    """That outliers are kept in the fit, and what it would change to exclude them."""
+def of_outliers(found: Identification, seen: Observations, outliers: Outliers, model: str) -> list[str]:
+    """That outliers are kept in the fit, and what it would change to exclude them.
+
+    Before poses are blamed, the arm may be: where effects were not searched, that is said first.
+    """
     if not len(outliers.rows):
         return []
     moved = would_matter(found.model, seen, found.values, outliers.fit.values)
     several = len(outliers.rows) > 1
+    first = "" if model == "auto" else "--model auto tries first whether effects of the arm explain them; " * several
     count = f"{len(outliers.rows)} poses are outliers" if several else "1 pose is an outlier"
     return [
         f"{count}, with a residual of {'up to ' if several else ''}{1e3 * outliers.sizes_m[0]:.3g} mm, kept in the "
-        f"fit: --robust would exclude {'them' if several else 'it'}, and move the predicted points by "
+        f"fit: {first}--robust would exclude {'them' if several else 'it'}, and move the predicted points by "
         f"{1e3 * moved:.2g} mm"
     ]
 

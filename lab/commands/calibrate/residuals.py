@@ -1,0 +1,95 @@
+"""What residuals say of a fit that the noise model does not: structure beside shared errors, and uneven directions."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification
+from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.statistics.goodness_of_fit import (
+    GoodnessOfFit,
+    goodness_beside_shared_errors,
+    isotropy,
+    sandwich,
+)
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.statistics.linearized import linearized
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M
+from lab.calibration.weights import Noise
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.significance import UNSOLICITED_WARNING
+
+__all__ = ["beside_shared_errors", "with_own_intervals"]
+
+
+def beside_shared_errors(
+    found: Identification, observations: Observations, rows: Measurements, shared: SharedErrors
+) -> GoodnessOfFit:
+    """Whether residuals vary with the joints, beside errors that are drawn anew at each pose."""
+    linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
+    slopes = by_joint_positions(found.model, observations.inputs, found.values, rows.joints.shape[1])
+    white = np.zeros((*linear.mask.shape, slopes.shape[3]))
+    white[linear.mask & (np.arange(len(linear.mask)) < linear.poses)[:, None]] = observations.apply(slopes)
+    return goodness_beside_shared_errors(linear, white[: linear.poses], rows.joints, "; ".join(shared.words))
+
+
+def with_own_intervals(
+    found: Identification, observations: Observations, noise: Noise, *, believed: bool
+) -> tuple[Identification, list[str]]:
+    """The identification with the poses' own intervals, and what is to be said, where directions are uneven.
+
+    It is the instrument's only where targets of one pose show it against each other, which the arm moves as one; else
+    the arm may be the cause, and the intervals are those of whole poses (cluster-robust).
+
+    Args:
+        believed: whether the weights stand on a known sigma or on a prior.
+    """
+    device = noise.instrument
+    if (device is not None and device.kind == "spherical") or found.sigma_m < LEAST_SIGMA_M:
+        return found, []
+    seen = isotropy(found.model, observations, found.fit)
+    if not seen.words:
+        return found, []
+    words = (
+        f"residuals across the line of sight are {seen.ratio:.2g} times those along it (F test, p = {seen.p:.1g}), "
+        "which the arm may cause as well as the instrument: --model auto tries what the arm may have"
+    )
+    if _is_of_the_instrument(found, observations):
+        words = seen.words
+    if believed or len(observations.inputs) <= len(found.fit.free):
+        return found, [words]
+    own = sandwich(linearized(found.model, observations, found.values, found.fit.free))
+    trusted = replace(found, covariance=own.covariance, dof_each=own.dof)
+    return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
+
+
+def _is_of_the_instrument(found: Identification, observations: Observations) -> bool:
+    """Whether the residuals of targets against their pose's mean are uneven across and along the line of sight."""
+    mask = seen_mask(observations.points)
+    several = mask.sum(axis=1) > 1
+    if not several.any():
+        return False
+    residuals = np.where(
+        mask[..., None], observations.points - found.model.points(observations.inputs, found.values), 0
+    )
+    middle = residuals.sum(axis=1, keepdims=True) / np.maximum(mask.sum(axis=1), 1)[:, None, None]
+    apart = np.where(mask[..., None], residuals - middle, 0.0)[several]
+    points = np.nan_to_num(observations.points[several])
+    sight = points / np.maximum(np.linalg.norm(points, axis=2, keepdims=True), 1e-300)
+    along = (apart * sight).sum(axis=2)
+    across = float((apart**2).sum() - (along**2).sum()) / 2
+    numbers = float(mask[several].sum() - several.sum())
+    ratio = across / max(float((along**2).sum()), 1e-300)
+    return max(ratio, 1 / max(ratio, 1e-300)) > _uneven(numbers)
+
+
+def _uneven(numbers: float) -> float:
+    """The ratio of two variances, of twice as many and as many numbers, that chance hardly makes."""
+    return float(
+        max(
+            stats.f.isf(UNSOLICITED_WARNING / 2, 2 * numbers, numbers),
+            stats.f.isf(UNSOLICITED_WARNING / 2, numbers, 2 * numbers),
+        )
+    )
