@@ -185,7 +185,7 @@ def identify(
     observed, known = weighed(observation, data, noise)
     _refuse_impossible(observation, data, observed, nominal)
     _refuse_few_points(model, data, nominal)
-    aligned = fit_base_and_tool(observation, observed, nominal)
+    aligned = fit_base_and_tool(observation, replace(observed, correlation=None), nominal)  # whatever the noise is
     extra_residuals = weighted_constraints(observation, observed)
     known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
     structure = base_set(model, aligned, fix=request.fix, free=request.free, known=known_rows)

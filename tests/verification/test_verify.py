@@ -283,7 +283,12 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
     code, bad = checked(capsys, runs, "known", "base.csv")
     assert code == 1 and not bad["good"] and bad["moved"] == ["base"]
     assert bad["hypotheses"][0]["shift_mm"] == pytest.approx(0.1, abs=0.02) and bad["hypotheses"][0]["explains"]
-    assert {path.name for path in (runs / "out").iterdir()} == {"SHA256SUMS", "config.json", "result.json", "report.html"}
+    assert {path.name for path in (runs / "out").iterdir()} == {
+        "SHA256SUMS",
+        "config.json",
+        "result.json",
+        "report.html",
+    }
     assert json.loads((runs / "out" / "result.json").read_text()) == bad
     assert json.loads((runs / "out" / "config.json").read_text())["command"] == "verify"
     code, again = checked(capsys, runs, "known", "base.csv", "--refit", "base")

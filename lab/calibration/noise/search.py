@@ -5,14 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.identify import Identification
+from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
-from lab.calibration.noise.likelihood import ErrorShapes, RestrictedProblem
+from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.shared_errors import Clock, SharedErrors, error_shapes, row_times
 from lab.calibration.noise.small_samples import small_sample
 from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
 from lab.calibration.weights import Noise, weighed
+from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements
+from lab.core.significance import VERDICT_LACK_OF_FIT
 
 __all__ = ["NoiseSearch", "search_noise"]
 
@@ -26,7 +30,7 @@ class NoiseSearch:
     """The errors that the residuals of a fit show.
 
     Attributes:
-        shared: beside the instrument's; None where there are none.
+        shared: beside the instrument's; None where there are none, or where they are the arm's: they come back.
         trials: every kind that was tried, with its p-value.
         deviance: minus twice the restricted log-likelihood of what was chosen.
     """
@@ -78,6 +82,8 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     estimate, trials = chosen_components(problem)
     if not estimate.kinds:
         return NoiseSearch(None, trials, estimate.likelihood.deviance)
+    if _varies_with_joints(linear, problem, estimate, data):
+        return NoiseSearch(None, trials, problem.likelihood(Components()).deviance)
     parts, scale = estimate.components, estimate.likelihood.scale
     shared = SharedErrors(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
@@ -90,6 +96,26 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         values=dict(zip(model.names, found.values.tolist(), strict=True)),
     )
     return NoiseSearch(shared, trials, estimate.likelihood.deviance, linear, problem, estimate)
+
+
+def _varies_with_joints(
+    linear: LinearizedFit, problem: RestrictedProblem, estimate: Estimate, data: Measurements
+) -> bool:
+    """Whether what is left beside the components comes back where the joints do: then it was not drawn anew."""
+    shapes, parts = problem.shapes, estimate.components
+    correlation = Correlation(
+        np.sqrt(parts.scatter) * shapes.scatter,
+        np.sqrt(parts.shift) * shapes.shift,
+        parts.carry,
+        np.sqrt(parts.trend) * shapes.trend,
+        shapes.times,
+    )
+    white = correlation.white(problem.rows)
+    columns, scale = unit_columns(white[..., :-1].reshape(-1, white.shape[2] - 1))
+    whitened = LinearizedFit(white[..., -1], columns.reshape(*linear.mask.shape, -1), scale, linear.mask, linear.poses)
+    slopes = correlation.white(shapes.scatter)[: linear.poses]
+    found = goodness_beside_shared_errors(whitened, slopes, data.joints, "")
+    return found.adequate is False and found.p < VERDICT_LACK_OF_FIT
 
 
 def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
