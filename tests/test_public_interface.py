@@ -116,7 +116,7 @@ NO_EXAMPLE = {"payload", "study"}  # they need files: their pages show them
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: lab.calibrate("irb120", pose=3), "lab.calibrate: 'pose' is no option; there are robot, poses"),
+        (lambda: lab.calibrate("irb120", pose=3), "lab.calibrate: 'pose' is no option; there are robot, cell, poses"),
         (lambda: lab.calibrate("irb120", poses="many"), "lab.calibrate: 'many' is no value of option 'poses'"),
         (lambda: lab.calibrate("irb121"), "robot 'irb121': no such model"),
         (lambda: lab.simulate(targets="p1"), "give a list, each a text"),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lab.commands.compensate.result import CompensationResult, NearSingular, verdict_of
+from lab.commands.compensate.result import CompensationResult, NearSingular, near_singular, verdict_of
 from lab.commands.provenance import provenance_section
 from lab.commands.stops import VIA
 from lab.core.se3 import Array
@@ -110,7 +110,7 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
 
 
 def _near(result: CompensationResult) -> Table:
-    rows = tuple((each.id, _distance(each), each.joint) for each in result.near_singular)
+    rows = tuple((each.id, _distance(each), each.joint) for each in near_singular(result))
     return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=MOST_LISTED)
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["CompensationResult", "NearSingular", "verdict_of"]
+__all__ = ["CompensationResult", "NearSingular", "near_singular", "verdict_of"]
 
 
 _USUAL_TOLERANCES = {"tolerance_mm": 1e3 * TOLERANCE_M, "tolerance_mrad": 1e3 * TOLERANCE_RAD}
@@ -152,21 +152,6 @@ class CompensationResult(Result):
         return tuple((name, reason) for name, reason in pairs if reason)
 
     @property
-    def near_singular(self) -> tuple[NearSingular, ...]:
-        """The targets that are reached close to a singularity."""
-        chain, found = self.run.robot.chain, self.found
-        rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD))
-        return tuple(
-            NearSingular(
-                self.targets.ids[i],
-                chain.joint_names[found.singular_joint[i]],
-                float(found.singular_rad[i]),
-                chain.prismatic[found.singular_joint[i]],
-            )
-            for i in rows
-        )
-
-    @property
     def model(self) -> str:
         """The model's groups, joined by +."""
         return "+".join(("geometric", *self.run.groups))
@@ -207,7 +192,7 @@ class CompensationResult(Result):
             "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
             "judged_mm": self.validation_mm,
             "schemes_apart_mm": self.scheme_disagreement_mm,
-            "near_singular": [_near(each) for each in self.near_singular],
+            "near_singular": [_near(each) for each in near_singular(self)],
             "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
             "warnings": list(self.warnings),
         }
@@ -301,3 +286,18 @@ def verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]
 def _near(each: NearSingular) -> dict[str, Any]:
     unit, scale = ("mm", 1e3) if each.slides else ("deg", 180 / np.pi)
     return {"id": each.id, "joint": each.joint, f"distance_{unit}": scale * each.distance}
+
+
+def near_singular(result: CompensationResult) -> tuple[NearSingular, ...]:
+    """The targets that are reached close to a singularity."""
+    chain, found = result.run.robot.chain, result.found
+    rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD))
+    return tuple(
+        NearSingular(
+            result.targets.ids[i],
+            chain.joint_names[found.singular_joint[i]],
+            float(found.singular_rad[i]),
+            chain.prismatic[found.singular_joint[i]],
+        )
+        for i in rows
+    )
