@@ -65,8 +65,12 @@ def answer(options: Options) -> Answer:
     robot = load_robot("irb120")
     pool = robot.chain.random_joints(options.pool, rng_for(0, "poses"))
     rows = [
-        {"cause": cause, "edge_m": None if np.isinf(edge) else edge, "payload": payload}
-        | absorbed(robot, inside(robot, pool, edge, options.poses), cause, payload)
+        {
+            "cause": cause,
+            "edge_m": None if np.isinf(edge) else edge,
+            "payload": payload,
+            **absorbed(robot, inside(robot, pool, edge, options.poses), cause, payload),
+        }
         for cause in CAUSES
         for edge in EDGES_M
         for payload in PAYLOADS

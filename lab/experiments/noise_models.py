@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
@@ -184,7 +185,7 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
 
 
 def _observed(
-    case: Case, arm: _LinearArm, rows: Array, made: Array, shared: tuple[Estimate, ErrorShapes] | None
+    case: Case, arm: _LinearArm, rows: NDArray[np.int_], made: Array, shared: tuple[Estimate, ErrorShapes] | None
 ) -> Observations:
     """Errors as measurements, in units of the given noise, or of an order of magnitude."""
     points = made.reshape(len(rows), case.targets, 3)
@@ -204,14 +205,14 @@ def _observed(
     return Observations(rows[:, None].astype(float), points, weight, correlation)
 
 
-def _shapes(case: Case, arm: _LinearArm, rows: Array) -> ErrorShapes:
+def _shapes(case: Case, arm: _LinearArm, rows: NDArray[np.int_]) -> ErrorShapes:
     times = np.arange(len(rows), dtype=float)
     shift = np.tile(np.eye(3), (len(rows), case.targets, 1)) / SIGMA_M
     along = (times - times.mean()) / max(np.abs(times - times.mean()).max(), 1.0)
     return ErrorShapes(arm.scatter[rows] / SIGMA_M, shift, along[:, None, None] * shift, times)
 
 
-def _named(case: Case, arm: _LinearArm, observed: Observations, rng: np.random.Generator) -> Array:
+def _named(case: Case, arm: _LinearArm, observed: Observations, rng: np.random.Generator) -> NDArray[np.int_]:
     """Poses that the test of outliers names; the scale is estimated, as a shared error's is too."""
     single, model, free = observed.pose_by_pose(), cast(Model, arm), range(arm.parameters)
     known = case.known and observed.correlation is None

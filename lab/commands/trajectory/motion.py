@@ -98,7 +98,7 @@ class _Planner:
         if excess.max() > 1e-9:
             j = int(np.argmax(excess))
             raise LabError(f"point {name}: {self.chain.said_beyond(j, joints[j])}; move it within them")
-        return joints
+        return np.asarray(joints)
 
     def joint_leg(self, i: int) -> int:
         """Moves of the joints from point ``i - 1`` on, as far as they go on; the next point's row."""
@@ -130,7 +130,7 @@ class _Planner:
         """Speeds ``(n,)`` of the joints at a point, by the file's or by the tool's velocity there."""
         speeds, velocity = self.rows.speeds[row], self.rows.velocities[row]
         if not velocity.any():
-            return speeds
+            return np.asarray(speeds)
         name = self.rows.ids[row]
         if speeds.any():
             raise LabError(f"point {name} has a velocity of the tool and speeds of the joints; give one")

@@ -90,11 +90,12 @@ class TrajectoryOptions:
         Raises:
             LabError: there are not as many as joints, or one is not above zero.
         """
-        scale, found = np.where(chain.prismatic, 1e-3, np.pi / 180), {}
+        scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
+        found = {"speed": chain.speed, "acceleration": chain.acceleration}
         for name, given in (("speed", self.speeds), ("acceleration", self.accelerations)):
             if not given:
                 continue
             if len(given) not in (1, chain.size) or not all(0 < each < np.inf for each in given):
                 raise LabError(f"--{name}s: give one number above zero for all joints, or {chain.size} of them")
             found[name] = np.broadcast_to(given, chain.size) * scale
-        return replace(chain, **found)
+        return replace(chain, speed=found["speed"], acceleration=found["acceleration"])

@@ -41,7 +41,7 @@ class GearWaves(SimulatedEffect, MovesJoints):
 
     def true_parameters(self) -> dict[str, float]:
         """Those of ``joint2.harmonic20`` and its like."""
-        found = {}
+        found: dict[str, float] = {}
         for i, (order, sine, cosine) in enumerate(self.waves.tolist(), start=1):
             if order:
                 found |= {f"joint{i}.sin{order:.0f}": sine, f"joint{i}.cos{order:.0f}": cosine}

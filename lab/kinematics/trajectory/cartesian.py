@@ -84,7 +84,7 @@ def arc(T_start: Array, via: Array, T_end: Array) -> CartesianPath:
     a, b = via - first, last - first
     normal = np.cross(a, b)
     size = float(normal @ normal)
-    if size <= (_LEAST_M * max(np.linalg.norm(a), np.linalg.norm(b), _LEAST_M)) ** 2:
+    if size <= (_LEAST_M * max(float(np.linalg.norm(a)), float(np.linalg.norm(b)), _LEAST_M)) ** 2:
         raise LabError("the start, the via point and the end of a circle lie on a line; move one, or take a line")
     centre = first + np.cross((a @ a) * b - (b @ b) * a, normal) / (2 * size)
     axis = normal / np.sqrt(size)
