@@ -51,7 +51,7 @@ def read_urdf(path: Path) -> UrdfSource:
     branches that all have fewer joints than it has, these are taken for a gripper, and held at zero.
 
     Raises:
-        LabError: it is no URDF, or a xacro that is not expanded.
+        LabError: it is no URDF, a xacro that is not expanded, or a joint of it names no link that it joins.
     """
     text = read_text(path, TEXT_BYTES)
     if "<!ENTITY" in text or "<!DOCTYPE" in text:
@@ -62,6 +62,7 @@ def read_urdf(path: Path) -> UrdfSource:
         raise LabError(f"{path}: not a readable MJCF or URDF, mend it there: {error}") from error
     if any(_XACRO in element.tag for element in root.iter()):
         raise LabError(f"{path}: is a xacro that is not expanded; run 'xacro {path.name} > robot.urdf', and give that")
+    _refuse_loose_joints(path, root)
     _keep_solid_shapes(root)
     held = _hold_gripper(root)
     _add_world(root)
@@ -82,6 +83,15 @@ def read_urdf(path: Path) -> UrdfSource:
     )
     compiler.set("strippath", "false")
     return UrdfSource(ET.tostring(root, encoding="unicode"), assets, missing, held)
+
+
+def _refuse_loose_joints(path: Path, root: ET.Element) -> None:
+    """Every joint is to name the two links that it joins."""
+    for joint in root.findall("joint"):
+        for part in ("parent", "child"):
+            if (link := joint.find(part)) is None or not link.get("link"):
+                name = joint.get("name", "without a name")
+                raise LabError(f'{path}: joint {name} names no {part} link; give it a <{part} link="..."/>')
 
 
 def _keep_solid_shapes(root: ET.Element) -> None:

@@ -99,14 +99,16 @@ def _exclude_overlaps(
     """Exclude the contact of bodies that touch in all of many random poses; their names.
 
     Of the base and the first link, too, where they touch in some: MuJoCo looks at the contact of no other neighbours.
+    Not of the tracker's body, where it is one of its own: what stands in the arm's way is a fault of the scene.
     """
+    stand = str(model.body(model.site(TRACKER).bodyid[0]).name)
     always, sometimes = set[tuple[str, str]](), set[tuple[str, str]]()
     joints = chain.random_joints(_POSES, rng_for(0, "structure"))
     for i, data in enumerate(at_contacts(model, coordinates(model, chain.joint_names, joints))):
         pairs = {(int(min(pair)), int(max(pair))) for pair in model.geom_bodyid[data.contact.geom]}
         touching = {(str(model.body(a).name), str(model.body(b).name)) for a, b in pairs if a}  # a = 0: the world
         always, sometimes = touching if i == 0 else always & touching, sometimes | touching
-    names = sorted(always | ({base} & sometimes))
+    names = sorted(pair for pair in always | ({base} & sometimes) if stand in base or stand not in pair)
     for first, second in names:
         spec.add_exclude(bodyname1=first, bodyname2=second)
     return tuple(names)

@@ -4,6 +4,7 @@ import pytest
 
 from lab.core import significance
 from lab.core.errors import LabError, error_context
+from lab.core.limits import POSES
 from lab.core.numbers import LARGEST, LEAST, positive, whole
 from lab.core.orientation import ANGLE_CONVENTIONS
 
@@ -27,9 +28,9 @@ def test_what_is_not_above_zero_is_refused(value: float) -> None:
 def test_numbers_at_the_ends_are_taken() -> None:
     positive("--noise-mm", LEAST)
     positive("--noise-mm", LARGEST)
-    whole("--poses", 5, 5)
+    whole("--poses", 5, 5, POSES)
     with pytest.raises(LabError, match=r"--poses 4: .* 5 or more"):
-        whole("--poses", 4, 5)
+        whole("--poses", 4, 5, POSES)
 
 
 def test_every_level_is_a_small_chance() -> None:

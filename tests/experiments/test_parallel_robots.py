@@ -85,7 +85,6 @@ def test_the_script_answers(names: tuple[str, ...], tmp_path: Path, monkeypatch:
     monkeypatch.setattr(script, "FRESH", 40)
     monkeypatch.setattr(parallel_robots_answer, "PIXELS", 31)
     monkeypatch.setattr(parallel_robots_answer, "NOISELESS", ())
-    monkeypatch.setattr(parallel_robots_answer, "CASES", RANKS)  # the others take as long again
     monkeypatch.setattr(parallel_robots_answer, "EVERY", 1)
     monkeypatch.setattr(parallel_robots_answer, "longer_rod", longer_rod)
     monkeypatch.setattr(solver, "MAX_ITERATIONS", 8)  # of every parameter of six rods, of which 15 do not show

@@ -137,14 +137,14 @@ def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
     assert tour.seconds == pytest.approx(held_karp(cost), abs=1e-9)
 
 
-def test_twenty_poses_are_near_the_best_and_far_from_random() -> None:
+def test_thirty_poses_are_near_the_best_and_far_from_random() -> None:
     """Candidates that a tracker sees: within 3 % of the best of 200 restarts, 33 % below random orders."""
-    joints = draw_candidates(MODEL, ("p1",), INSTRUMENTS["leica-at960"], 20, rng_for(0, "candidates")).joints
+    joints = draw_candidates(MODEL, ("p1",), INSTRUMENTS["leica-at960"], 30, rng_for(0, "candidates")).joints
     free, rng = path_check(MODEL), np.random.default_rng(0)
     tour = plan_tour(joints, *RATES, free, rng_for(0, "tour"))
     assert_consistent(tour, joints, RATES, free)
     roads = RoadmapGraph(joints, *RATES, free)
-    orders = [rng.permutation(20) for _ in range(200)]
+    orders = [rng.permutation(30) for _ in range(200)]
     at_random = np.mean([roads.seconds(order) for order in orders])
     restarts = improve(true_costs(roads, free), np.array([np.append(0, order + 1) for order in orders]))
     assert tour.seconds <= 1.03 * min(roads.seconds(_from_home(restart)) for restart in restarts)

@@ -120,10 +120,11 @@ def test_more_poses_keep_the_first_ones_and_none_collides() -> None:
 
 
 def test_a_model_that_always_touches_itself_is_refused(tmp_path) -> None:
+    """By a ball of the room around it: a pair of its own bodies that always touches is excluded, and said."""
     path = tmp_path / "stuck.xml"
     ball = '<geom type="sphere" size="0.3"/>'
     path.write_text(
-        '<mujoco><worldbody><body name="a"><joint name="j1" range="-1 1" limited="true"/>'
+        '<mujoco><worldbody><geom type="sphere" size="1"/><body name="a"><joint name="j1" range="-1 1" limited="true"/>'
         f'{ball}<body name="b" pos="0 0 .1"><joint name="j2" axis="1 0 0" range="-1 1" limited="true"/>'
         f'{ball}<body name="c" pos="0 0 .1"><joint name="j3" axis="1 0 0" range="-1 1" limited="true"/>{ball}'
         "</body></body></body></worldbody></mujoco>"

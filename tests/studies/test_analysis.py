@@ -345,13 +345,15 @@ def test_the_terminal_fits_80_columns() -> None:
 
 
 def test_pictures_have_their_labels_and_the_same_bytes(tmp_path: Path) -> None:
-    found = analysis(factors=("poses",))
+    found = analysis(robots=3, draws=1, factors=("poses",))  # too few robots for a certain order
     folders = [tmp_path / name for name in ("one", "two")]
     for folder in folders:
         folder.mkdir()
         pictures = study_pictures(found, METRIC)
         write_figures(folder, pictures)
     assert tuple(pictures) == tuple(f"{METRIC}-poses-{kind}" for kind in ("means", "pairs", "ranks"))
+    certain = study_pictures(analysis(factors=("poses",)), METRIC)
+    assert tuple(certain) == tuple(pictures)[:2]  # ranks that are certain are not drawn
     for name in pictures:
         for ending in ("png", "svg"):
             assert len({(folder / f"{name}.{ending}").read_bytes() for folder in folders}) == 1

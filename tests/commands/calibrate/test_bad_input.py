@@ -56,7 +56,7 @@ OPTIONS = [
     Case("out: is a file", f"{CALIBRATE} --out good.csv", ("good.csv", "is a file", "--out")),
     Case("out: below a file", f"{CALIBRATE} --out good.csv/run", ("good.csv/run", "cannot be written", "--out")),
     Case("out: holds other files", f"{CALIBRATE} --out mine", ("mine", "photo.jpg", "--out"), {"mine/photo.jpg": ""}),
-    Case("out: the working folder", f"{CALIBRATE} --out .", ("holds arm.toml", "--out")),
+    Case("out: the working folder", f"{CALIBRATE} --out .", ("working folder", "--out")),
     Case(
         "out: a config of something else",
         f"{CALIBRATE} --out mine",

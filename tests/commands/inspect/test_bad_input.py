@@ -53,7 +53,7 @@ TABLES = [
     toml("empty", "", "convention", '"distal" or "craig"'),
     toml("malformed", 'name = "x"\nconvention distal\n', "not a TOML file", "line 2"),
     toml("truncated", ARM_TOML[:-12], "not a TOML file"),
-    toml("binary", bytes(range(256)), "not a TOML file"),
+    toml("binary", bytes(range(256)), "not a text file in UTF-8 (byte 128)", "save it as UTF-8"),
     toml("convention missing", swapped(ARM_TOML, 'convention = "distal"', ""), "convention", '"distal" or "craig"'),
     toml("convention unknown", swapped(ARM_TOML, "distal", "DH"), "'DH'", '"distal" or "craig"'),
     toml("no joints", 'convention = "distal"', "no joints", "[[joint]]"),
@@ -81,9 +81,7 @@ TABLES = [
     toml("a word for a number", swapped(ARM_TOML, "d_mm = 300", 'd_mm = "300"'), "joint q1", "d_mm is '300'", "finite"),
     toml("a truth for a number", swapped(ARM_TOML, "d_mm = 300", "d_mm = true"), "joint q1", "d_mm is True", "finite"),
     toml("infinite", swapped(ARM_TOML, "d_mm = 300", "d_mm = inf"), "joint q1", "d_mm is inf", "finite number"),
-    toml(
-        "too many digits", swapped(ARM_TOML, "d_mm = 300", f"d_mm = 1{'0' * 400}"), "joint q1", "d_mm", "finite number"
-    ),
+    toml("too many digits", swapped(ARM_TOML, "d_mm = 300", f"d_mm = 1{'0' * 400}"), "d_mm", "63 bits", "smaller one"),
     toml("two joints of one name", swapped(ARM_TOML, '"q2"', '"q1"'), "joints 1 and 2", "named q1", "rename"),
     toml("a joint without a name", swapped(ARM_TOML, '"q2"', '""'), "joint 2", "empty name", "name it"),
     toml(

@@ -28,10 +28,11 @@ ALL_ON = EffectOptions(
     **{
         each.name: 0.5
         for each in fields(EffectOptions)
-        if each.name not in ("payload_kg", "bad_mm", "link_ei", "link_gj")
+        if each.name not in ("payload_kg", "bad_mm", "link_ei", "link_gj", "noise_tail_dof")
     },
     link_ei=(1e5,),
     link_gj=(8e4,),
+    noise_tail_dof=5.0,  # above 2: below, there is no variance
 )
 OPTIONS = """stiffness_nm_per_rad payload_kg harmonic_mrad harmonic2_mrad gear_ppm coupling_ppm backlash_mrad
     repeatability_mrad lag drift_mm_per_h drift_mrad_per_h bump_mm bump_mrad growth_ppm_per_h hours
