@@ -158,7 +158,9 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
     return Section(
         title,
         (
-            Table(("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after")),
+            Table(
+                ("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after", "quiet")[: len(rows)]
+            ),
             Paragraph(note, "note", shown_in=PAGE),
             Figure("errors-figure", error_histograms(result, words.error), spread),
         ),
