@@ -138,6 +138,10 @@ def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
     path.write_text('<!DOCTYPE a [<!ENTITY b "c">]><robot/>')
     with pytest.raises(LabError, match="declares entities"):
         read_urdf(path)
+    for part in ("parent", "child"):
+        path.write_text(urdf("box.stl").replace(f'<{part} link="upper"/>', f"<{part}/>"))
+        with pytest.raises(LabError, match=f"names no {part} link; give it a <{part}"):
+            read_urdf(path)
     path.write_text("<robot>")
     with pytest.raises(LabError, match="not a readable MJCF or URDF"):
         read_urdf(path)
