@@ -319,7 +319,9 @@ class Fitter:
         observations, known = weighed(observation, rows, self.noise)
         labels = repeats(rows)
         if self.noise.shared is not None and len(np.unique(labels)) == len(labels):
-            return beside_shared_errors(found, observations, rows, self.noise.shared)
+            alone = weighed(observation, rows, replace(self.noise, shared=None))[0]
+            instrument = (alone, self._shape) if known else None
+            return beside_shared_errors(found, observations, rows, self.noise.shared, instrument)
         return goodness_of_fit(
             found.model,
             observations,

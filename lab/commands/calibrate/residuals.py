@@ -11,11 +11,12 @@ from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.statistics.goodness_of_fit import (
     GoodnessOfFit,
     goodness_beside_shared_errors,
+    goodness_of_fit,
     isotropy,
     sandwich,
 )
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.calibration.statistics.linearized import linearized
+from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements, seen_mask
@@ -25,14 +26,36 @@ __all__ = ["beside_shared_errors", "with_own_intervals"]
 
 
 def beside_shared_errors(
-    found: Identification, observations: Observations, rows: Measurements, shared: SharedErrors
+    found: Identification,
+    observations: Observations,
+    rows: Measurements,
+    shared: SharedErrors,
+    instrument: tuple[Observations, NoiseDistribution] | None = None,
 ) -> GoodnessOfFit:
-    """Whether residuals vary with the joints, beside errors that are drawn anew at each pose."""
+    """Whether residuals vary with the joints, beside errors that are drawn anew at each pose.
+
+    Where the instrument's noise was given, residuals above it are lack of fit, even where shared errors would explain
+    them: without repeats nothing shows that these are not what the model lacks.
+
+    Args:
+        instrument: the observations weighed by the instrument alone, and the shape of its noise; None where sigma was
+            estimated.
+    """
     linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
     slopes = by_joint_positions(found.model, observations.inputs, found.values, rows.joints.shape[1])
     white = np.zeros((*linear.mask.shape, slopes.shape[3]))
     white[linear.mask & (np.arange(len(linear.mask)) < linear.poses)[:, None]] = observations.apply(slopes)
-    return goodness_beside_shared_errors(linear, white[: linear.poses], rows.joints, "; ".join(shared.words))
+    words = "; ".join(shared.words)
+    judged = goodness_beside_shared_errors(linear, white[: linear.poses], rows.joints, words)
+    if judged.adequate is False or instrument is None:
+        return judged
+    extra = found.extra_residuals
+    alone = goodness_of_fit(
+        found.model, instrument[0], found.fit, known=True, shape=instrument[1], extra_residuals=extra
+    )
+    if alone.adequate is not False:
+        return judged
+    return replace(alone, words=f"{alone.words}, as if {words}; only repeats could tell that from what the model lacks")
 
 
 def with_own_intervals(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.prior import Tolerance
+from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import Calibrated
@@ -240,13 +241,24 @@ class CompensationResult(Result):
 
     @property
     def predicted_m(self) -> Array:
-        """Predicted error ``(n,)`` at each target (m, RMS), from the parameters' covariance and the lack of fit."""
+        """Predicted error ``(n,)`` at each target (m, RMS), from the covariance, the lack of fit and shared errors."""
         run = self.run
         lacking, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
         jacobian = run.arm.observe(self.arm_inputs, run.values)[1][:, self.target]
         rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
         known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
-        return np.asarray(np.sqrt(known + self.load_m**2))
+        return np.asarray(np.sqrt(known + self._shared_m**2 + self.load_m**2))
+
+    @property
+    def _shared_m(self) -> Array:
+        """What errors shared by the run's measurements make of a target ``(n,)`` (m, RMS): the arm may make them."""
+        run, shared = self.run, self.run.shared
+        if shared is None:
+            return np.zeros(len(self.arm_inputs))
+        slopes = by_joint_positions(run.arm, self.arm_inputs, run.values, run.robot.chain.size)[:, self.target]
+        scattered = shared.scatter_rad**2 * (slopes**2).sum(axis=(1, 2))
+        more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0)
+        return np.asarray(np.sqrt(scattered + 3 * (shared.wandering_m**2 + shared.drift_m**2 + more)))
 
     @property
     def load_m(self) -> Array:

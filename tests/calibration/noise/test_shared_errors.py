@@ -34,7 +34,8 @@ def test_scatter_is_found_and_the_prediction_is_that_of_the_real_error(scattered
     assert said["noise_model"]["drift_mm"] == said["noise_model"]["wandering_mm"] == 0
     assert 0.5 < said["after_mm"]["rms"] / said["predicted_mm"] < 1.5  # without scatter it is 2.4
     assert said["truth"]["nees_per_parameter"] < 2.0  # without scatter it is 7.5 on average
-    assert not said["outliers"] and said["adequate"] is None  # the scatter comes from the same residuals
+    assert not said["outliers"] and said["adequate"] is False  # above the noise given; the same residuals say why
+    assert "as if joints scatter" in said["adequacy"] and said["verdict"] == "doubtful"
     assert scattered.fit.noise.shared.words == ("joints scatter by 0.031 mrad from pose to pose",)
 
 

@@ -40,7 +40,8 @@ def test_ur10_random_poses() -> None:
     outcome = identify(MeasuredCampaign(data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml")), holdout=0.3))
     errors = outcome.validation.errors
     assert errors is not None and 0.3 < mean_mm(errors.after) <= 0.47 < mean_mm(errors.before)
-    assert outcome.verdict.word == "good"
+    assert outcome.verdict.word == "doubtful"  # the probe's centre lies near axis 6, so link5.theta may be anything
+    assert len(outcome.verdict.reasons) == 1 and outcome.verdict.reasons[0].startswith("link5.theta is estimated")
 
 
 @pytest.mark.parametrize("splits", [4, pytest.param(10, marks=pytest.mark.slow)])
