@@ -124,7 +124,7 @@ def linear_arm(case: Case, seed: int, poses: int) -> _LinearArm:
     return _LinearArm(slopes, scatter.reshape(poses, -1, robot.chain.size))
 
 
-def errors(case: Case, arm: _LinearArm, poses: Array, rng: np.random.Generator) -> Array:
+def errors(case: Case, arm: _LinearArm, poses: NDArray[np.int_], rng: np.random.Generator) -> Array:
     """Errors ``(poses, 3 k)`` m of one campaign; the mean of a drift is zero."""
     size = (len(poses), 3 * case.targets)
     noise = SIGMA_M * rng.standard_normal(size)
