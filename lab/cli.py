@@ -25,13 +25,13 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
     try:
         if arguments is not None:
             return _ended(list(arguments))
-        from lab.commands.program import interruptible, leave, plain_streams
+        from lab.commands.program import INTERRUPTED, interruptible, leave, plain_streams
 
         with interruptible():
             plain_streams()
             _only_our_warnings()
             code = _ended(sys.argv[1:])
-        if code == 130:
+        if code == INTERRUPTED:
             leave(code)
         return code
     except KeyboardInterrupt:  # before there was anything to write, or while that was told

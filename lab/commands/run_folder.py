@@ -34,8 +34,6 @@ _FILES = {
     LOAD_FILE,
     "calibrated.xml",
     "calibrated.toml",
-}
-_FILES |= {
     "calibrated.urdf",
     "nominal.toml",
     "joints.csv",

@@ -1,5 +1,6 @@
 """Plain values that the results of several commands hold: numbers that JSON can say, statistics of errors."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from lab.core.se3 import Array
 
-__all__ = ["ErrorStatistics", "error_statistics", "number", "plain_numbers"]
+__all__ = ["ErrorStatistics", "error_statistics", "joint_values", "number", "plain_numbers"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,11 @@ def error_statistics(errors: Array) -> ErrorStatistics:
         float(lengths.max()),
         int(lengths.size),
     )
+
+
+def joint_values(prismatic: Sequence[bool], joints: Array) -> Array:
+    """Joint positions or rates ``(..., n)`` (rad, m of a slide) as a person reads them: degrees, mm of a slide."""
+    return np.asarray(joints * np.where(prismatic, 1e3, 180 / np.pi))
 
 
 def number(value: float) -> float | None:

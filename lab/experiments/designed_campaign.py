@@ -1,7 +1,7 @@
 """A measuring day with 60 poses that are designed for geometry and some effects, which an identifier then searches."""
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
@@ -40,10 +40,10 @@ class DesignedCampaign:
     groups: tuple[str, ...]
     device_name: str = "uniform-8um"
 
-    @property
+    @cached_property
     def robot(self) -> Robot:
-        """The nominal robot, loaded once."""
-        return _loaded(self.robot_name)
+        """The nominal robot."""
+        return load_robot(self.robot_name)
 
     @property
     def device(self) -> Instrument:
@@ -98,8 +98,3 @@ class DesignedCampaign:
     def _nominal(self, model: Model) -> Array:
         assert isinstance(model, SerialArm | ArmWithEffects)
         return model.nominal(self.robot.tool)
-
-
-@cache
-def _loaded(name: str) -> Robot:
-    return load_robot(name)

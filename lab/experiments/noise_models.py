@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.estimation import Estimate, chosen_components
 from lab.calibration.noise.likelihood import ErrorShapes, RestrictedProblem
 from lab.calibration.noise.small_samples import small_sample
@@ -194,14 +193,8 @@ def _observed(
     if shared is not None and shared[0].kinds:
         estimate, shapes = shared
         parts = estimate.components
-        shift, trend = 3 * bool(parts.shift), 3 * bool(parts.trend)
-        correlation = Correlation(
-            np.sqrt(parts.scatter) * shapes.scatter,
-            np.sqrt(parts.shift) * shapes.shift[..., :shift],
-            parts.carry,
-            np.sqrt(parts.trend) * shapes.trend[..., :trend],
-            shapes.times,
-        )
+        sizes = np.sqrt(parts.scatter), np.sqrt(parts.shift), parts.carry, np.sqrt(parts.trend)
+        correlation = shapes.correlation(*map(float, sizes))
     return Observations(rows[:, None].astype(float), points, weight, correlation)
 
 

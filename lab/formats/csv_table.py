@@ -6,9 +6,10 @@ Numbers are read as decimals and scaled exactly. The columns that were read are 
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES
 from lab.core.se3 import Array
 from lab.formats.text_file import read_text
 
-__all__ = ["LARGEST", "CsvTable", "text_cell"]
+__all__ = ["LARGEST", "CsvTable", "text_cell", "write_columns"]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
@@ -35,6 +36,15 @@ def text_cell(text: str) -> str:
     ``CsvTable`` reads it back as it was.
     """
     return _MARK + text if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
+
+
+def write_columns(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
+    """Write columns of texts and numbers, numbers with every digit."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow([text_cell(value) if isinstance(value, str) else repr(float(value)) for value in row])
 
 
 class CsvTable:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
+from lab.calibration.noise.correlation import Correlation
 from lab.core.se3 import Array
 
 __all__ = ["LEAST_SHARE", "Components", "ErrorShapes", "Likelihood", "RestrictedProblem"]
@@ -54,6 +55,16 @@ class ErrorShapes:
     shift: Array
     trend: Array
     times: Array
+
+    def correlation(self, scatter: float, shift: float, carry: float, trend: float) -> Correlation:
+        """The errors of these standard deviations, each per unit of its shape; a shift or trend of none is left out."""
+        return Correlation(
+            scatter * self.scatter,
+            shift * self.shift[..., : self.shift.shape[2] * bool(shift)],
+            carry,
+            trend * self.trend[..., : self.trend.shape[2] * bool(trend)],
+            self.times,
+        )
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.shared_errors import Clock, SharedErrors, error_shapes, row_times
@@ -103,13 +102,8 @@ def _varies_with_joints(
 ) -> bool:
     """Whether what is left beside the components comes back where the joints do: then it was not drawn anew."""
     shapes, parts = problem.shapes, estimate.components
-    correlation = Correlation(
-        np.sqrt(parts.scatter) * shapes.scatter,
-        np.sqrt(parts.shift) * shapes.shift,
-        parts.carry,
-        np.sqrt(parts.trend) * shapes.trend,
-        shapes.times,
-    )
+    sizes = np.sqrt(parts.scatter), np.sqrt(parts.shift), parts.carry, np.sqrt(parts.trend)
+    correlation = shapes.correlation(*map(float, sizes))
     white = correlation.white(problem.rows)
     columns, scale = unit_columns(white[..., :-1].reshape(-1, white.shape[2] - 1))
     whitened = LinearizedFit(white[..., -1], columns.reshape(*linear.mask.shape, -1), scale, linear.mask, linear.poses)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.likelihood import ErrorShapes
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.measurements import Measurements, seen_mask
@@ -131,12 +130,7 @@ def correlated(
     alone = replace(observed, whiten=observed.whiten / np.sqrt(shared.independent_share)) if known else observed
     times, unit = row_times(data), 1.0 if known else shared.sigma_m
     shapes = error_shapes(model, alone, values, data.joints.shape[1], times, shared.clock)
-    wandering, trending = 3 * bool(shared.wandering_m), 3 * bool(shared.drift_m)
-    correlation = Correlation(
-        scatter=shapes.scatter * (shared.scatter_rad / unit),
-        shift=shapes.shift[..., :wandering] * (shared.wandering_m / unit),
-        carry=shared.carry,
-        trend=shapes.trend[..., :trending] * (shared.drift_m / unit),
-        times=times,
+    correlation = shapes.correlation(
+        shared.scatter_rad / unit, shared.wandering_m / unit, shared.carry, shared.drift_m / unit
     )
     return replace(alone, correlation=correlation)

@@ -170,9 +170,9 @@ class Fitter:
         observation, robust = observation_of(found.model), self.options.robust
         observations, known = weighed(observation, clean, self.noise)
         outliers = outliers or self.outliers_of(found, rows)
-        off = named_poses(rows, outliers)
+        off, tail = named_poses(rows, outliers), self._tail(found, clean)
         if held is not None and observation.positions:
-            off += named_poses(held, self._off_held_out(found, clean, held), held_out=True)
+            off += named_poses(held, self._off_held_out(found, clean, held, tail), held_out=True)
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = self._adequacy(found, clean, judged_by)
         warnings = [judged.words] if judged.adequate is False else []
@@ -196,7 +196,7 @@ class Fitter:
         warnings += of_joints(found, observations, clean, self._moves(clean))
         warnings += of_twist(self.robot, found)
         warnings += of_export(self.robot, found, groups, observations.inputs)
-        said, tail = tuple(warnings), self._tail(found, clean)
+        said = tuple(warnings)
         return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail)
 
     def _selected(self, rows: Measurements) -> Selection | None:
@@ -291,7 +291,7 @@ class Fitter:
             return found
         return search(rng=rng_for(self.seed, "null"), shape=NoiseDistribution("student", dof=tail))
 
-    def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements) -> HeldOut:
+    def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements, tail: float) -> HeldOut:
         observation = observation_of(found.model)
         parts = [weighed(observation, part, self.noise) for part in (rows, held)]
         both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
@@ -303,7 +303,7 @@ class Fitter:
             known=parts[0][1],
             extra_residuals=found.extra_residuals,
             things=observation.positions,
-            tail_dof=self._tail(found, rows),
+            tail_dof=tail,
         )
 
     def _tail(self, found: Identification, rows: Measurements) -> float:

@@ -5,6 +5,7 @@ import numpy as np
 from lab.commands.compensate.result import CompensationResult, NearSingular, near_singular, verdict_of
 from lab.commands.provenance import provenance_section
 from lab.commands.stops import VIA
+from lab.commands.values import joint_values
 from lab.core.se3 import Array
 from lab.render.document import (
     PAGE,
@@ -154,11 +155,10 @@ def _map(result: CompensationResult) -> tuple[Block, ...]:
 def _every_target(result: CompensationResult) -> tuple[Block, ...]:
     chain, found = result.run.robot.chain, result.found
     moved = 1e3 * (found.positions - result.targets.positions)
-    scales = np.where(chain.prismatic, 1e3, 180 / np.pi)
     rows = tuple(
         (
             result.targets.ids[i],
-            *(fixed(value, 3) for value in scales * found.joints[i]),
+            *(fixed(value, 3) for value in joint_values(chain.prismatic, found.joints[i])),
             *(fixed(value, 3, signed=True) for value in moved[i]),
         )
         for i in result.reached

@@ -1,6 +1,5 @@
 """The files of corrected targets: tables for people, programs for controllers, and the calibrated arm."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from lab.commands.compensate.result import CompensationResult
 from lab.commands.run_folder import config, write_json
 from lab.commands.stops import joint_columns
 from lab.core import se3
-from lab.formats.csv_table import text_cell
+from lab.formats.csv_table import write_columns
 from lab.formats.programs.protocol import TargetMoves
 from lab.formats.programs.registry import target_files
 
@@ -75,11 +74,7 @@ def _stop_conditions(result: CompensationResult) -> dict[str, list[Any]]:
 
 
 def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any]]) -> None:
-    """Every digit; a column says so where nothing was checked."""
+    """A column says so where nothing was checked."""
     if not result.checked:
         columns = {**columns, "checked": ["no"] * len(columns["id"])}
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow([text_cell(value) if isinstance(value, str) else repr(float(value)) for value in row])
+    write_columns(path, columns)

@@ -99,11 +99,6 @@ def _predicted(values: dict[str, Any]) -> str:
     )
 
 
-def _curve_note(values: dict[str, Any]) -> Paragraph:
-    """What the numbers of the curve are."""
-    return Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note")
-
-
 def _steps(values: dict[str, Any]) -> Table:
     """The curve as a table."""
     rows = tuple(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lab.commands.design.result import DesignResult
 from lab.commands.design.scene import PlanScene
+from lab.commands.values import joint_values
 from lab.core.se3 import Array
 from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table
 from lab.render.format import fixed, format_magnification
@@ -147,11 +148,10 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
     """The joint positions at every stop."""
     chain = plan.problem.robot.chain
     units = ["mm" if slides else "°" for slides in chain.prismatic]
-    scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
     ids, last, rows = iter(shown.ids), len(shown.measured) - 1, []
     for stop, (joints, is_pose) in enumerate(zip(plan.tour.stops, shown.measured, strict=True)):
         name = next(ids) if is_pose else "home" if stop in (0, last) else "passed"
-        rows.append((str(stop), name, *(fixed(value, 2) for value in scale * joints)))
+        rows.append((str(stop), name, *(fixed(value, 2) for value in joint_values(chain.prismatic, joints))))
     headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
     return Document("Joint positions", (Table(("stop", "id", *headings), tuple(rows)),))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.commands.inspect.closed_shape import SINGULAR, closed_shape_of
 from lab.commands.inspect.format import joint_kind, joint_limits, tidy
-from lab.commands.values import number
+from lab.commands.values import joint_values, number
 from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Step
@@ -100,7 +100,7 @@ def closed_shape(mechanism: Mechanism) -> dict[str, Any]:
                 "where": _WHERE[shape.course.name][each.kind],
                 "distance": number(each.distance),
                 "within_limits": each.distance < SINGULAR,
-                "example": [tidy(value) for value in each.joints * np.where(mechanism.prismatic, 1e3, 180 / np.pi)],
+                "example": [tidy(value) for value in joint_values(mechanism.prismatic, each.joints)],
                 "platform_mm": _mm(each.place),
             }
             for each in shape.singularities

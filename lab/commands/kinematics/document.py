@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lab.commands.kinematics.placement import Placement
-from lab.commands.kinematics.result import KinematicsResult, joint_values, pose_values
+from lab.commands.kinematics.result import KinematicsResult, pose_values
 from lab.commands.provenance import provenance_section
+from lab.commands.values import joint_values
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings

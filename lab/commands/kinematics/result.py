@@ -13,16 +13,18 @@ from lab.commands.kinematics.matrices import Matrices
 from lab.commands.kinematics.options import KinematicsOptions
 from lab.commands.kinematics.placement import Placement
 from lab.commands.result import Result
-from lab.commands.values import number
+from lab.commands.stops import joint_columns
+from lab.commands.values import joint_values, number
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.formats.csv_table import write_columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from lab.render.document import Document
 
-__all__ = ["KinematicsResult", "Reached", "joint_values", "matrix_values", "pose_values"]
+__all__ = ["KinematicsResult", "Reached", "matrix_values", "pose_values"]
 
 
 @dataclass(frozen=True)
@@ -107,12 +109,8 @@ class KinematicsResult(Result):
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each placement: its name, joint positions and the tool's pose, mm and degrees."""
         chain = self.robot.chain
-        rows = np.array([joint_values(chain.prismatic, each.joints) for each in self.placements])
         table: dict[str, Sequence[Any]] = {"id": [each.name for each in self.placements]}
-        for j, (name, slides) in enumerate(zip(chain.joint_names, chain.prismatic, strict=True)):
-            table[f"{name}_{'mm' if slides else 'deg'}"] = [
-                float(value) for value in rows.reshape(-1, chain.size)[:, j]
-            ]
+        table |= joint_columns(chain, np.array([each.joints for each in self.placements]).reshape(-1, chain.size))
         Ts = np.array([each.T_base_tool for each in self.placements]).reshape(-1, 4, 4)
         for i, axis in enumerate("xyz"):
             table[f"{axis}_mm"] = [float(value) for value in 1e3 * Ts[:, i, 3]]
@@ -129,18 +127,12 @@ class KinematicsResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, ``joints.csv``, ``report.html`` and ``recording.rrd``."""
-        import csv
-
         from lab.commands.kinematics.recording import record_kinematics
         from lab.commands.run_folder import config, write_json
 
         write_json(folder / "config.json", config("kinematics", self.options, self.robot.sha256))
         write_json(folder / "result.json", self.to_dict())
-        columns = self.columns()
-        with (folder / "joints.csv").open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*columns.values(), strict=True))
+        write_columns(folder / "joints.csv", self.columns())
         self.report(folder / "report.html")
         record_kinematics(folder / "recording.rrd", self)
 
@@ -170,11 +162,6 @@ class KinematicsResult(Result):
             "twist": None if each.twist is None else _twist_values(each.twist),
             "missing": None if each.missing is None else _twist_values(each.missing),
         }
-
-
-def joint_values(prismatic: Sequence[bool], joints: Array) -> Array:
-    """Joint positions or rates ``(..., n)`` as a person reads them: degrees, mm of a slide."""
-    return np.asarray(joints * np.where(prismatic, 1e3, 180 / np.pi))
 
 
 def pose_values(T: Array) -> dict[str, Any]:

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lab.commands.kinematics.result import joint_values
 from lab.commands.provenance import provenance_section
 from lab.commands.trajectory.result import TrajectoryResult
+from lab.commands.values import joint_values
 from lab.core.se3 import Array
 from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings
 from lab.render.format import fixed

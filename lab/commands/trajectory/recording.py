@@ -7,8 +7,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lab.commands.kinematics.result import joint_values
 from lab.commands.trajectory.result import TrajectoryResult
+from lab.commands.values import joint_values
 from lab.render.markdown import to_markdown
 from lab.render.recording_layout import FAR, SUMMARY, eye, layout, main_view
 from lab.render.rerun_primitives import Times, draw_legs, draw_shells, markdown, recording_to

@@ -10,12 +10,12 @@ import numpy as np
 
 from lab.campaign.robot import Robot
 from lab.commands.inspect.format import tidy
-from lab.commands.kinematics.result import joint_values
 from lab.commands.result import Result
 from lab.commands.trajectory.motion import Leg
 from lab.commands.trajectory.options import TrajectoryOptions
-from lab.commands.values import number
+from lab.commands.values import joint_values, number
 from lab.core.se3 import Array
+from lab.formats.csv_table import write_columns
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.motion import Motion
 
@@ -136,18 +136,12 @@ class TrajectoryResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, ``trajectory.csv``, ``report.html`` and ``recording.rrd``."""
-        import csv
-
         from lab.commands.run_folder import config, write_json
         from lab.commands.trajectory.recording import record_trajectory
 
         write_json(folder / "config.json", config("trajectory", self.options, self.robot.sha256))
         write_json(folder / "result.json", self.to_dict())
-        columns = self.columns()
-        with (folder / "trajectory.csv").open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*columns.values(), strict=True))
+        write_columns(folder / "trajectory.csv", self.columns())
         self.report(folder / "report.html")
         record_trajectory(folder / "recording.rrd", self)
 

@@ -13,16 +13,14 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
 from lab.formats.programs.steps import (
-    CHECKED,
-    UNCHECKED,
+    SixAxisLanguage,
     Step,
     ascii_words,
+    checked_words,
     move_steps,
     numbers,
-    six_revolute,
     tour_steps,
 )
-from lab.kinematics.joints import JointSpec
 
 __all__ = ["FanucLs"]
 
@@ -36,17 +34,13 @@ _NOTES = (
 )
 
 
-class FanucLs:
+class FanucLs(SixAxisLanguage):
     """Listings for robots with six revolute axes."""
 
     name = "FANUC"
     suffix = ".ls"
     makers = ("fanuc", "lrmate", "crx", "m10", "m20", "m710", "m900", "r2000")
     speed = f"{_PER_CENT} % of the joints' speed"
-
-    def refusal(self, joints: JointSpec) -> str | None:
-        """None for six revolute joints; else the reason."""
-        return six_revolute(joints, self.name)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A program ``MEASURE_POSES``: home, every pose with a wait, home."""
@@ -62,8 +56,7 @@ class FanucLs:
 
 
 def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:
-    words = CHECKED if checked else UNCHECKED
-    lines = [f"!{each}" for each in (*notes, *wrap(words, _LONGEST), *_NOTES)]
+    lines = [f"!{each}" for each in (*notes, *wrap(checked_words(checked), _LONGEST), *_NOTES)]
     for i, step in enumerate(steps, start=1):
         lines += [f"!{ascii_words(step.words)}", f"J P[{i}] {_PER_CENT}% FINE"]
         lines += [f"WAIT {step.wait_s:6.2f}(sec)"] if step.wait_s else []

@@ -12,16 +12,14 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
 from lab.formats.programs.steps import (
-    CHECKED,
-    UNCHECKED,
+    SixAxisLanguage,
     Step,
     ascii_words,
+    checked_words,
     move_steps,
     numbers,
-    six_revolute,
     tour_steps,
 )
-from lab.kinematics.joints import JointSpec
 
 __all__ = ["Krl"]
 
@@ -29,7 +27,7 @@ _DIGITS = 6
 _PER_CENT = 20
 
 
-class Krl:
+class Krl(SixAxisLanguage):
     """Modules for robots with six revolute axes."""
 
     name = "KRL"
@@ -37,15 +35,11 @@ class Krl:
     makers = ("kuka", "kr", "agilus")
     speed = f"{_PER_CENT} % of the joints' speed"
 
-    def refusal(self, joints: JointSpec) -> str | None:
-        """None for six revolute joints; else the reason."""
-        return six_revolute(joints, self.name)
-
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A module ``measure_poses``: home, every pose with a wait, home."""
         head = [
             f"; {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
-            f"; {CHECKED if tour.checked else UNCHECKED}",
+            f"; {checked_words(tour.checked)}",
             "; Axis zeros and signs are the model's: compare one pose with the pendant before the first run.",
             "; Declare the tool's load before.",
         ]
@@ -55,7 +49,7 @@ class Krl:
         """A module ``move_to_targets`` through axis positions, with the tool and the base that they are of."""
         head = [
             f"; {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the axes.",
-            f"; {CHECKED if moves.checked else UNCHECKED}",
+            f"; {checked_words(moves.checked)}",
             "; $TOOL and $BASE suit the controller's nominal links best. They hold where its flange is the last",
             "; frame of the lab's table, and its robot root is frame 0 of it. Declare the tool's load before.",
         ]

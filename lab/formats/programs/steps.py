@@ -9,10 +9,10 @@ from lab.core.se3 import Array
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["CHECKED", "UNCHECKED", "Step", "ascii_words", "move_steps", "numbers", "six_revolute", "tour_steps"]
+__all__ = ["SixAxisLanguage", "Step", "ascii_words", "checked_words", "move_steps", "numbers", "tour_steps"]
 
-CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
-UNCHECKED = "NOT CHECKED FOR COLLISIONS: run it slowly first."
+_CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
+_UNCHECKED = "NOT CHECKED FOR COLLISIONS: run it slowly first."
 _AXES = 6
 
 
@@ -50,12 +50,22 @@ def move_steps(moves: TargetMoves) -> list[Step]:
     ]
 
 
-def six_revolute(joints: JointSpec, language: str) -> str | None:
-    """None for six revolute joints; else why there is no program in this language."""
-    if joints.size == _AXES and not any(joints.prismatic):
-        return None
-    kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
-    return f"no {language} program: its joint positions have six revolute axes, robot {joints.name} has {kinds}"
+class SixAxisLanguage:
+    """A language whose joint positions have six revolute axes."""
+
+    name: str
+
+    def refusal(self, joints: JointSpec) -> str | None:
+        """None for six revolute joints; else why there is no program in this language."""
+        if joints.size == _AXES and not any(joints.prismatic):
+            return None
+        kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
+        return f"no {self.name} program: its joint positions have six revolute axes, robot {joints.name} has {kinds}"
+
+
+def checked_words(checked: bool) -> str:
+    """Whether stops and the ways between them were checked, for a comment."""
+    return _CHECKED if checked else _UNCHECKED
 
 
 def numbers(values: Array | Sequence[float], digits: int) -> list[str]:

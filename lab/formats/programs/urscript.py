@@ -10,16 +10,14 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
 from lab.formats.programs.steps import (
-    CHECKED,
-    UNCHECKED,
+    SixAxisLanguage,
     Step,
     ascii_words,
+    checked_words,
     move_steps,
     numbers,
-    six_revolute,
     tour_steps,
 )
-from lab.kinematics.joints import JointSpec
 
 __all__ = ["UrScript"]
 
@@ -27,7 +25,7 @@ _DIGITS = 8  # of a rad: 10 nm at 1 m
 _SPEED, _ACCELERATION = 0.5, 0.8  # rad/s, rad/s^2
 
 
-class UrScript:
+class UrScript(SixAxisLanguage):
     """Scripts for robots with six revolute axes."""
 
     name = "URScript"
@@ -35,15 +33,11 @@ class UrScript:
     makers = ("ur3", "ur5", "ur7", "ur8", "ur10", "ur12", "ur15", "ur16", "ur20", "ur30")
     speed = f"{_SPEED:g} rad/s"
 
-    def refusal(self, joints: JointSpec) -> str | None:
-        """None for six revolute joints; else the reason."""
-        return six_revolute(joints, self.name)
-
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A function ``measure_poses``: home, every pose with a wait, home."""
         head = [
             f"  # {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
-            f"  # {CHECKED if tour.checked else UNCHECKED}",
+            f"  # {checked_words(tour.checked)}",
             "  # Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
         ]
         return _script("measure_poses", head, tour_steps(tour))
@@ -52,7 +46,7 @@ class UrScript:
         """A function ``move_to_targets`` through joint positions, with the tool and the frame that they are of."""
         head = [
             f"  # {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the joints.",
-            f"  # {CHECKED if moves.checked else UNCHECKED}",
+            f"  # {checked_words(moves.checked)}",
             "  # Tool and frame suit the controller's nominal links best. They hold where its flange is the last frame",
             "  # of the lab's table, and its base is frame 0 of it.",
             f"  set_tcp({_pose(moves.T_last_tool)})",

@@ -11,16 +11,14 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
 from lab.formats.programs.steps import (
-    CHECKED,
-    UNCHECKED,
+    SixAxisLanguage,
     Step,
     ascii_words,
+    checked_words,
     move_steps,
     numbers,
-    six_revolute,
     tour_steps,
 )
-from lab.kinematics.joints import JointSpec
 
 __all__ = ["Val3"]
 
@@ -30,7 +28,7 @@ _INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
 _NOTE = "  // The layout of this file follows public programs: add it to an application that has mNomSpeed."
 
 
-class Val3:
+class Val3(SixAxisLanguage):
     """Programs for robots with six revolute axes."""
 
     name = "VAL3"
@@ -38,15 +36,11 @@ class Val3:
     makers = ("staubli", "tx", "tx2", "rx")
     speed = "mNomSpeed"
 
-    def refusal(self, joints: JointSpec) -> str | None:
-        """None for six revolute joints; else the reason."""
-        return six_revolute(joints, self.name)
-
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A program ``measurePoses``: home, every pose with a wait, home."""
         head = [
             f"  // {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
-            f"  // {CHECKED if tour.checked else UNCHECKED}",
+            f"  // {checked_words(tour.checked)}",
             "  // Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
         ]
         return _program("measurePoses", {"jTo": "joint"}, head, tour_steps(tour))
@@ -55,7 +49,7 @@ class Val3:
         """A program ``moveToTargets`` through joint positions, with the tool and the frame that they are of."""
         head = [
             f"  // {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the joints.",
-            f"  // {CHECKED if moves.checked else UNCHECKED}",
+            f"  // {checked_words(moves.checked)}",
             "  // Tool and frame suit the controller's nominal links best. They hold where its flange is the last",
             "  // frame of the lab's table, and its world is frame 0 of it.",
             f"  trTool={_frame(moves.T_last_tool)}",
