@@ -12,6 +12,7 @@ from lab.commands.run_folder import config, write_json
 from lab.commands.stops import joint_columns
 from lab.core import se3
 from lab.formats.csv_table import write_columns
+from lab.formats.programs.postures import postures_of
 from lab.formats.programs.protocol import TargetMoves
 from lab.formats.programs.registry import target_files
 
@@ -46,8 +47,9 @@ def _moves(result: CompensationResult) -> TargetMoves:
     T_instrument_frame0 = nominal_inverse.arm.T_tracker_frame0(nominal_inverse.values)
     T_last_tool, stops = se3.pose(run.R_last_tool, nominal_inverse.tools[result.target]), result.stops
     T_frame0_instrument = se3.inverse(T_instrument_frame0)
+    postures = postures_of(nominal_inverse.arm, nominal_inverse.values, stops.joints)
     return TargetMoves(
-        run.robot.name, stops.ids, stops.joints, stops.which, T_last_tool, T_frame0_instrument, result.checked
+        run.robot.name, stops.ids, stops.joints, stops.which, T_last_tool, T_frame0_instrument, result.checked, postures
     )
 
 

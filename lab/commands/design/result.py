@@ -16,6 +16,7 @@ from lab.commands.values import error_statistics, number
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.formats.programs.postures import postures_of
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.registry import plan_files, plan_or_refusal
 from lab.pose_selection.certificate import Certificate
@@ -228,7 +229,10 @@ class DesignResult(Result):
         robot = self.problem.robot
         write_json(folder / "config.json", config("design", self.options, robot.sha256))
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
-        tour = MeasuringTour(robot.name, self.tour.stops, self.tour.measured, self.pose_ids, not self.options.no_check)
+        arm = robot.arm(tuple(robot.tool))
+        stops, nominal = self.tour.stops, arm.nominal(robot.tool)
+        checked, postures = not self.options.no_check, postures_of(arm, nominal, stops)
+        tour = MeasuringTour(robot.name, stops, self.tour.measured, self.pose_ids, checked, postures)
         for name, content in plan_files(robot.chain, self.options.controller, tour).items():
             (folder / name).write_bytes(content)
         write_json(folder / "result.json", self.to_dict())

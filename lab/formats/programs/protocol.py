@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
+from lab.formats.programs.postures import Postures
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["PAUSE_S", "Language", "MeasuringTour", "TargetMoves"]
@@ -25,6 +26,8 @@ class MeasuringTour:
         measured: ``(s,)``, negative where a stop is only passed.
         ids: what ``plan.csv`` calls the measured poses, in the order of the tour.
         checked: whether stops and the ways between them were checked for collisions.
+        postures: the nominal arm's at the stops, for languages that name stops by their places; None where it has no
+            table.
     """
 
     robot: str
@@ -32,6 +35,7 @@ class MeasuringTour:
     measured: NDArray[np.int_]
     ids: Sequence[str]
     checked: bool = True
+    postures: Postures | None = None
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,8 @@ class TargetMoves:
         T_last_tool: pose ``(4, 4)`` (m) of the tool in the table's last frame, of the nominal arm that fits best.
         T_frame0_instrument: pose ``(4, 4)`` (m) of the instrument's frame in that arm's frame 0.
         checked: whether stops and the ways between them were checked for collisions.
+        postures: the nominal arm's at the stops, for languages that name stops by their places; None where it has no
+            table.
     """
 
     robot: str
@@ -58,6 +64,7 @@ class TargetMoves:
     T_last_tool: Array
     T_frame0_instrument: Array
     checked: bool = True
+    postures: Postures | None = None
 
 
 class Language(Protocol):

@@ -4,6 +4,7 @@ import re
 from typing import Literal
 
 from lab.formats.programs.fanuc import FanucLs
+from lab.formats.programs.jbi import Jbi
 from lab.formats.programs.krl import Krl
 from lab.formats.programs.protocol import Language, MeasuringTour, TargetMoves
 from lab.formats.programs.rapid import Rapid
@@ -24,8 +25,8 @@ __all__ = [
     "target_files",
 ]
 
-LANGUAGES: tuple[Language, ...] = (Rapid(), UrScript(), Krl(), FanucLs(), Val3())
-Controller = Literal["rapid", "urscript", "krl", "fanuc", "val3"]  # the languages' names
+LANGUAGES: tuple[Language, ...] = (Rapid(), UrScript(), Krl(), FanucLs(), Val3(), Jbi())
+Controller = Literal["rapid", "urscript", "krl", "fanuc", "val3", "jbi"]  # the languages' names
 PLAN, PROGRAM = "plan", "program"  # names of the files, before their suffix
 
 
