@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from lab.commands.compensate.run import compensate
     from lab.commands.design.result import DesignResult
     from lab.commands.design.run import design
+    from lab.commands.dynamics.run import dynamics
     from lab.commands.inspect.result import Inspection
     from lab.commands.inspect.run import inspect
     from lab.commands.kinematics.run import solve_kinematics
@@ -69,6 +70,7 @@ __all__ = [
     "compare",
     "compensate",
     "design",
+    "dynamics",
     "identify",
     "inspect",
     "instrument",
@@ -94,6 +96,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.compensate.run": ("compensate",),
     "lab.commands.design.result": ("DesignResult",),
     "lab.commands.design.run": ("design",),
+    "lab.commands.dynamics.run": ("dynamics",),
     "lab.commands.inspect.result": ("Inspection",),
     "lab.commands.inspect.run": ("inspect",),
     "lab.commands.kinematics.run": ("solve_kinematics",),

@@ -119,6 +119,13 @@ COMMANDS = (
         "payload-{file}",
     ),
     Command(
+        "dynamics",
+        "Base parameters of an arm's dynamics: which of links, motors and friction its torques determine.",
+        "lab.commands.dynamics.options:DynamicsOptions",
+        "lab.commands.dynamics.run:dynamics",
+        "dynamics-{robot}",
+    ),
+    Command(
         "study",
         "Run many simulated calibrations: a grid of factors, times robots, times draws of the noise.",
         "lab.commands.study.options:StudyOptions",

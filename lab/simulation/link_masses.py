@@ -3,12 +3,15 @@
 import numpy as np
 
 from lab.core import se3
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.arm_dynamics import khalil_chain, load_in_frame
 from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.dynamics.rigid_body import load_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.model import at_zero
 from lab.simulation.serial_model import SerialModel
 
-__all__ = ["bodies_of_links", "loads_of"]
+__all__ = ["bodies_of_links", "link_inertias", "loads_of"]
 
 
 def loads_of(robot: SerialModel) -> Loads:
@@ -31,6 +34,20 @@ def loads_of(robot: SerialModel) -> Loads:
     ]
     gravity = robot.T_world_frame0[:3, :3].T @ model.opt.gravity
     return Loads(chain, mass, np.array(placed), gravity)
+
+
+def link_inertias(robot: SerialModel) -> Array:
+    """Phi ``(J, 10)`` of what turns with each joint (as ``rigid_body.LOAD``), in Khalil's frames (``khalil_chain``)."""
+    model, chain = robot.model, khalil_chain(robot.chain)
+    data, arm, zero = at_zero(model), SerialArm(chain), np.zeros((1, chain.size))
+    found = np.zeros((chain.size, 10))
+    for link, bodies in enumerate(bodies_of_links(robot)):
+        T_world_link = robot.T_world_frame0 @ arm.frame(zero, arm.nominal(), link + 1)[0]
+        for body in bodies:
+            T_world_centre = se3.pose(data.ximat[body].reshape(3, 3), data.xipos[body])
+            about_centre = load_of(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
+            found[link] += load_in_frame(se3.inverse(T_world_link) @ T_world_centre) @ about_centre
+    return found
 
 
 def bodies_of_links(robot: SerialModel) -> list[list[int]]:

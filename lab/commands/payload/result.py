@@ -69,7 +69,7 @@ class PayloadResult(Result):
         return 0 if self._trusted else 1
 
     @property
-    def load(self) -> HandLoad:
+    def _load(self) -> HandLoad:
         """What gravity acts on."""
         return HandLoad.of(self.estimate)
 
@@ -139,8 +139,8 @@ class PayloadResult(Result):
 
         write_json(folder / "config.json", config("payload", self.options, self.robot.sha256))
         write_json(folder / "result.json", self.to_dict())
-        if np.isfinite(self.load.centre_m).all():
-            self.load.write(folder)
+        if np.isfinite(self._load.centre_m).all():
+            self._load.write(folder)
         self.report(folder / "report.html")
         if self.samples is not None:
             from lab.commands.payload.recording import record_payload

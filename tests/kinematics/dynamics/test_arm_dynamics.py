@@ -1,0 +1,155 @@
+"""The inverse dynamic model of a whole arm: against MuJoCo, against published counts, and against textbook formulas."""
+
+import numpy as np
+import pytest
+
+from lab.campaign.robot import load_virtual
+from lab.core.errors import LabError
+from lab.core.se3 import exp, pose
+from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, flange_in_last_link, load_in_frame
+from lab.kinematics.dynamics.base_parameters import base_parameters, random_states
+from lab.kinematics.dynamics.regrouping import regrouping_formulas
+from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.link_masses import link_inertias
+from lab.simulation.payload import CarryingArm, drawn_mounting
+
+SERIAL = ("irb120", "tx40", "rx130", "scara", "scemi", "versatran", "course2r")
+DOWN = np.array([0.0, 0.0, -9.81])
+WRIST = np.eye(6)
+WRIST[5, 4] = 1.0  # the sixth drive turns with joint 5 too
+
+
+@pytest.mark.parametrize("name", SERIAL)
+def test_the_regressor_gives_mujocos_inverse_dynamics(name: str) -> None:
+    model = load_virtual(name).serial_model
+    gravity = drawn_mounting(model).gravity + np.array([0.3, -0.2, 0.1])
+    arm = ArmDynamics.of(model.chain, gravity)
+    states = random_states(arm, 30, np.random.default_rng(1))
+    expected = CarryingArm(model, gravity).torques(*states)
+    ours = arm.regressor(*states) @ arm.standard(link_inertias(model), {})
+    assert np.abs(ours - expected).max() <= 1e-11 * max(1.0, np.abs(expected).max())
+
+
+def test_drives_and_joints_have_their_inertia_and_friction() -> None:
+    arm = ArmDynamics.of(load_virtual("tx40").serial_model.chain, DOWN, WRIST)
+    assert len(arm.names) == 86  # as publications count the TX 40: 14 a joint, and two of the coupled drive
+    joints, speeds, accelerations = random_states(arm, 7, np.random.default_rng(2))
+    others = {"Ia6": 0.3, "Fc5": 2.0, "Fv6": 0.7, "Fcm6": 1.5, "Fvm6": 0.2, "off1": 4.0}
+    torques = arm.regressor(joints, speeds, accelerations) @ arm.standard(np.zeros((6, 10)), others)
+    both = speeds[:, 4] + speeds[:, 5]
+    sixth = 0.3 * (accelerations[:, 4] + accelerations[:, 5]) + 1.5 * np.sign(both) + 0.2 * both
+    np.testing.assert_allclose(torques[:, 5], sixth + 0.7 * speeds[:, 5], atol=1e-13)
+    # tau5 = f5 + f6: what drive 5 gives is joint 5's friction less what drive 6 brings to it beyond its own losses
+    np.testing.assert_allclose(torques[:, 4], 2.0 * np.sign(speeds[:, 4]) - 0.7 * speeds[:, 5], atol=1e-13)
+    np.testing.assert_allclose(torques[:, 0], 4.0, atol=1e-13)
+
+
+def test_a_load_at_the_flange_is_one_of_the_last_link() -> None:
+    chain = load_virtual("irb120").serial_model.chain
+    table = chain.table.copy()
+    table[5, 2:4] = 0.05, 0.3  # a distal table's last link ends behind its joint
+    chain = chain.with_table(table)
+    arm, flange = ArmDynamics.of(chain, DOWN), SerialArm(chain)
+    states = random_states(arm, 5, np.random.default_rng(3))
+    phi = np.array([1.5, 0.01, -0.02, 0.08, 0.02, 0.03, 0.015, 0.001, -0.002, 0.003])
+    in_link = load_in_frame(flange_in_last_link(chain)) @ phi
+    links = np.zeros((6, 10))
+    links[5] = in_link
+    expected = torque_regressor(flange, flange.nominal(), *states, DOWN) @ phi
+    np.testing.assert_allclose(arm.regressor(*states) @ arm.standard(links, {}), expected, atol=1e-12)
+    assert np.abs(in_link - phi).max() > 0.01  # the flange stands off
+
+
+def test_a_load_moves_to_another_frame_with_its_wrench() -> None:
+    T = pose(exp(np.array([0.3, -0.4, 0.9])), np.array([0.1, -0.2, 0.3]))
+    chain = load_virtual("tx40").serial_model.chain
+    arm = SerialArm(chain)
+    motion = hand_motion(arm, arm.nominal(), *random_states(ArmDynamics.of(chain, DOWN), 4, np.random.default_rng(4)))
+    phi = np.array([2.0, 0.1, 0.2, -0.1, 0.3, 0.4, 0.5, 0.01, 0.02, 0.03])
+    there, back = load_in_frame(T), load_in_frame(np.linalg.inv(T))
+    np.testing.assert_allclose(back @ there, np.eye(10), atol=1e-12)
+    assert np.abs(wrench_regressor(motion, DOWN) @ (there @ phi - phi)).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "inertial", "all_of_them"),
+    # Six axes, the first along gravity: 36 of links (Mayeda, Yoshida & Osuka 1990), with the inertias of motors 3 to 6
+    # 40 (Khalil & Dombre 2002, table 9.4, of the RX 90), with friction and offsets 58.
+    [
+        *((name, 40, 58) for name in ("irb120", "tx40", "rx130", "scemi")),
+        ("scara", 10, 22),
+        ("versatran", 29, 47),
+        ("course2r", 8, 14),
+    ],
+)
+def test_there_are_as_many_base_parameters_as_published_and_as_the_rank_says(
+    name: str, inertial: int, all_of_them: int
+) -> None:
+    arm = ArmDynamics.of(load_virtual(name).serial_model.chain, DOWN)
+    base = base_parameters(arm, np.random.default_rng(0))
+    assert (base.inertial, base.size) == (inertial, all_of_them)
+    columns = arm.regressor(*random_states(arm, 60, np.random.default_rng(5))).reshape(-1, len(arm.names))
+    values = np.linalg.svd(columns / np.linalg.norm(columns, axis=0).clip(1.0), compute_uv=False)
+    assert (values > 1e-10 * values[0]).sum() == all_of_them
+    np.testing.assert_allclose(columns[:, base.kept] @ base.projection, columns, atol=1e-10 * np.abs(columns).max())
+
+
+def test_the_counts_are_those_of_the_assumptions() -> None:
+    chain = load_virtual("tx40").serial_model.chain
+    counts = {}
+    for what, gravity in (("axis 1", DOWN), ("tilted", np.array([3.0, 2.0, -9.0]))):
+        bare = ArmDynamics(chain, gravity, np.eye(6), motor_inertia=False, friction=False, offsets=False)
+        counts[what] = base_parameters(bare, np.random.default_rng(0)).size
+    assert counts == {"axis 1": 36, "tilted": 38}  # MX1 and MY1 feel gravity across axis 1
+    coupled = ArmDynamics.of(chain, DOWN, WRIST)
+    assert base_parameters(coupled, np.random.default_rng(0)).size == 60  # of 86, as published of the TX 40
+
+
+def test_a_puma_560_has_36() -> None:
+    """Lengths as Armstrong, Khatib & Burdick (1986); only where axes are parallel or meet matters."""
+    alpha, a, d = np.deg2rad([0, -90, 0, 90, -90, 90]), [0, 0, 0.4318, 0.0203, 0, 0], [0, 0.2435, -0.0934, 0.4331, 0, 0]
+    rx130 = load_virtual("rx130").serial_model.chain
+    puma = rx130.with_table(np.stack([np.zeros(6), d, a, alpha, np.zeros(6)], axis=1))
+    arm = ArmDynamics(puma, DOWN, np.eye(6), motor_inertia=False, friction=False, offsets=False)
+    assert base_parameters(arm, np.random.default_rng(0)).size == 36
+
+
+def test_regrouping_reads_as_khalil_and_dombre_print_it() -> None:
+    """Of the RX 90 (2002, examples 9.3 and 9.4), of which the SCEMI has the signs: their d is a, their r is d."""
+    arm = ArmDynamics.of(load_virtual("scemi").serial_model.chain, DOWN)
+    rng = np.random.default_rng(0)
+    base = base_parameters(arm, rng)
+    formulas = {formula.label: formula.words() for formula in regrouping_formulas(arm, base, rng)}
+    assert formulas["XXR2"] == "XX2 − YY2 − a3² (M3 + M4 + M5 + M6)"
+    assert formulas["XZR2"] == "XZ2 − a3 MZ3"
+    assert formulas["MXR2"] == "MX2 + a3 (M3 + M4 + M5 + M6)"
+    assert formulas["ZZR3"] == "ZZ3 + YY4 + 2 d4 MZ4 + d4² (M4 + M5 + M6)"
+    assert formulas["MYR3"] == "MY3 + MZ4 + d4 (M4 + M5 + M6)"
+    assert formulas["XXR4"] == "XX4 − YY4 + YY5"
+    assert formulas["XXR6"] == "XX6 − YY6"
+    assert formulas["ZZ6"] == "ZZ6"
+
+
+def test_formulas_give_the_numbers_of_the_arm() -> None:
+    arm = ArmDynamics.of(load_virtual("irb120").serial_model.chain, DOWN)
+    rng = np.random.default_rng(0)
+    base = base_parameters(arm, rng)
+    names = list(base.names)
+    lengths = {
+        f"{kind}{i + 1}": row[column] for i, row in enumerate(arm.chain.table) for column, kind in ((1, "d"), (2, "a"))
+    }
+    for formula, row in zip(regrouping_formulas(arm, base, rng), base.projection, strict=True):
+        own = np.zeros(len(names))
+        own[names.index(formula.name)] = 1.0
+        for term in formula.terms:
+            own[[names.index(name) for name in term.names]] = term.value(lengths)
+        np.testing.assert_allclose(own, row, atol=1e-8)
+
+
+def test_couplings_that_cannot_be_are_refused() -> None:
+    chain = load_virtual("tx40").serial_model.chain
+    with pytest.raises(LabError, match="singular"):
+        ArmDynamics.of(chain, DOWN, np.ones((6, 6)))
+    with pytest.raises(LabError, match=r"\(6, 6\)"):
+        ArmDynamics.of(chain, DOWN, np.eye(5))
