@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import whitening
+from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.campaign.robot import Robot, load_virtual
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument, instrument
+from lab.core.instruments import Instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
@@ -135,7 +136,7 @@ def _finite(numbers: Array) -> Array:
 
 
 def _noisy(name: str) -> Instrument:
-    device = instrument(name)
+    device = named_instrument(name)
     if device.kind == "exact":
         raise LabError("instrument 'exact' has no noise, so every design is as good: choose another instrument")
     return device

@@ -34,7 +34,8 @@ class VirtualCampaign:
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """Whose noise the tracker has: exact, uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm."""
+    """Whose noise the tracker has: exact, uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm;
+    or the TOML file of a tracker, with its systematic errors."""
     readings: int = 1
     """Readings that each measured point is the mean of."""
     noise_mm: float | None = None
@@ -92,7 +93,8 @@ class DesignOptions:
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """Whose noise and sight the plan is for: uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm."""
+    """Whose noise and sight the plan is for: uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm,
+    or the TOML file of a tracker."""
     candidates: int = 2000
     """How many feasible poses to choose from."""
     starts: int = 4

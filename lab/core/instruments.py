@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.tracker_errors import TrackerErrors
 
 __all__ = ["INSTRUMENTS", "FieldOfView", "Instrument", "instrument"]
 
@@ -54,7 +55,7 @@ class Instrument:
     ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
     line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
     first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``field_of_view`` is where it
-    sees a target at all.
+    sees a target at all. ``errors`` says how well its systematic errors are known; they are zero unless stated.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Instrument:
     transverse_m: float = 0.0
     transverse_per_m: float = 0.0
     field_of_view: FieldOfView = field(default_factory=FieldOfView)
+    errors: TrackerErrors = field(default_factory=TrackerErrors)
 
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
         """Noisy positions of ``points`` ``(..., 3)`` (m), each the mean of some readings."""
@@ -75,7 +77,10 @@ class Instrument:
         return total / readings
 
     def covariance(self, points: Array, readings: int = 1) -> Array:
-        """Covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``."""
+        """Covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``.
+
+        What is by chance from pose to pose is in it: the noise, and how the reflector is placed.
+        """
         if self.kind != "spherical":
             isotropic = np.broadcast_to(np.eye(3), (*points.shape, 3))
             return isotropic * self.radial_m**2 / readings
@@ -84,7 +89,7 @@ class Instrument:
         along = (self.radial_m + self.radial_per_m * reach) ** 2
         across = (self.transverse_m + self.transverse_per_m * reach) ** 2
         covariance: Array = (along * ray + across * (np.eye(3) - ray)) / readings
-        return covariance
+        return covariance + self.errors.placement_covariance(points)
 
     def _one_reading(self, points: Array, rng: np.random.Generator) -> Array:
         if self.kind == "uniform":

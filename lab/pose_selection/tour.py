@@ -62,6 +62,11 @@ class Tour:
     measured: Indices
     seconds: float
 
+    @property
+    def via(self) -> int:
+        """How many stops are passed and not measured, home left out."""
+        return int((self.measured[1:-1] < 0).sum())
+
 
 class RoadmapGraph:
     """What it takes to move between home (place 0) and the poses (places 1 to m), as far as looked at.

@@ -22,6 +22,7 @@ from lab.commands.registry import COMMANDS
 from lab.core.load_samples import Mounting
 from lab.formats.cell_toml import read_cell
 from lab.formats.dh_table_toml import read_table
+from lab.formats.instrument_toml import read_instrument
 from lab.formats.load_csv import read_mounting, write_loads
 from lab.formats.mechanism_toml import read_mechanism
 from lab.simulation.collisions import random_poses
@@ -54,6 +55,8 @@ def write_files(page: Page, folder: Path) -> None:
             (folder / "grid.toml").write_text(block)
         if "[[obstacle]]" in block:
             (folder / "cell.toml").write_text(block)
+        if "[systematic]" in block:
+            (folder / "tracker.toml").write_text(block)
         if "[sensor]" in block:
             (folder / "sensor.toml").write_text(block)
             write_load(folder / "load.csv", read_mounting(folder / "sensor.toml"))
@@ -114,6 +117,8 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         read_mounting(path)
     elif "obstacle" in content:
         assert [each.name for each in read_cell(path).obstacle] == ["table"]
+    elif "systematic" in content:
+        assert "collimation" in {term.name for term in read_instrument(path).errors.stated}
     elif "frame" in content:
         assert main(["inspect", str(path), "--json"]) == 0
         names = read_mechanism(path).mechanism.names

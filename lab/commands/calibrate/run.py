@@ -24,6 +24,7 @@ from lab.calibration.validation import (
 )
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
+from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import configured_kind, kind_named
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
@@ -39,7 +40,6 @@ from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.core.errors import LabError, error_context
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
@@ -83,7 +83,7 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
 def _of_a_virtual_robot(day: MeasuringDay, stage: Stage) -> CalibrationResult:
     """Identify from a measuring day, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = day.options, day.robot, day.measurements, day.true_robot
-    device = instrument(options.instrument)
+    device = named_instrument(options.instrument)
     started = time.perf_counter()
     noise = Noise(device, readings=options.readings)
     if options.noise_mm is not None:
@@ -244,7 +244,7 @@ def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options
 def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
     """How the file is to be fitted."""
     kind = options.kind()
-    device = None if options.instrument is None else instrument(options.instrument)
+    device = None if options.instrument is None else named_instrument(options.instrument)
     noise = Noise(device, None if options.noise_mm is None else options.noise_mm / 1e3)
     targets = kind.targets(data)
     arm = robot.arm(targets)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import simulation_of
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import carrying
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.simulation.true_robot import TrueRobot
@@ -85,7 +85,7 @@ def measuring_day(options: VirtualCampaign, robot: Robot) -> MeasuringDay:
     joints, set_there, notes = poses_to_measure(robot, options)
     asked = asked_conditions(robot, options)
     conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
-    noise, device = rng_for(options.seed, "noise"), instrument(options.instrument)
+    noise, device = rng_for(options.seed, "noise"), named_instrument(options.instrument)
     measure = simulation_of(options.observe)
     data, bad = measure(real, joints, options.targets, device, noise, options.readings, conditions)
     named = frozenset(np.array(data.ids)[bad].tolist())

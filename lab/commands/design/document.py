@@ -116,7 +116,7 @@ def _steps(values: dict[str, Any]) -> Table:
 def _tour(result: DesignResult) -> str:
     """How long the day is."""
     tour = result.tour
-    via = f", {result.via} of them by way of poses that are only passed" if result.via else ""
+    via = f", {result.tour.via} of them by way of poses that are only passed" if result.tour.via else ""
     chain, controller = result.problem.robot.chain, result.options.controller
     language = None if refusal(chain, controller) else language_of(chain, controller)
     moving = f" {PLAN}{language.suffix} moves at {language.speed}, which takes longer." if language else ""

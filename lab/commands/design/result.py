@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.design_problem import PoseProblem
+from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.commands.result import Result
 from lab.commands.stops import VIA, Stops
 from lab.commands.values import error_statistics, number
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.programs.postures import postures_of
@@ -113,16 +113,11 @@ class DesignResult(Result):
         first = len(self.problem.already) + 1
         return tuple(str(first + i) for i in range(len(self.joints)))
 
-    @property
-    def via(self) -> int:
-        """How many stops of the tour are passed and not measured, home left out."""
-        return int((self.tour.measured[1:-1] < 0).sum())
-
     @cached_property
     def reflector(self) -> dict[str, float | int] | None:
         """How near the stops come to the largest angle that the reflectors take; None where they take any."""
         robot, targets = self.problem.robot.model, self.options.targets
-        acceptance = view_of(robot, instrument(self.options.instrument)).acceptance_rad
+        acceptance = view_of(robot, named_instrument(self.options.instrument)).acceptance_rad
         if acceptance >= np.pi:
             return None
         angles = np.rad2deg(incidence(robot, targets, self.joints)).max(axis=1)
@@ -188,7 +183,7 @@ class DesignResult(Result):
             },
             "tour_seconds": float(tour.seconds),
             "moves": len(tour.stops) - 1,
-            "via": self.via,
+            "via": self.tour.via,
             "reflector": self.reflector,
             "checked": not self.options.no_check,
             "stops": self.stops.to_list(self.problem.robot.chain),

@@ -13,13 +13,13 @@ from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
 from lab.core.errors import LabError
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.verification.prediction import CalibrationPrediction
@@ -168,12 +168,12 @@ def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
     if options.noise_mm is not None:
         return Noise(sigma_m=options.noise_mm / 1e3, shared=given)
     if options.instrument is not None:
-        return Noise(instrument(options.instrument), shared=given)
+        return Noise(named_instrument(options.instrument), shared=given)
     then = calibrated.options
     if then.get("noise_mm") is not None:
         return Noise(sigma_m=then["noise_mm"] / 1e3, shared=shared)
     if then.get("instrument") not in (None, "exact"):
-        return Noise(instrument(then["instrument"]), readings=then.get("readings", 1), shared=shared)
+        return Noise(named_instrument(then["instrument"]), readings=then.get("readings", 1), shared=shared)
     return Noise(sigma_m=max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M), shared=given)
 
 

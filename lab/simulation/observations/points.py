@@ -46,8 +46,8 @@ def measure_with_outlier_mask(
         real: the arm as it truly is, before its tracker.
         joints: ``(m, n)`` rad or m.
         targets: of the tool.
-        instrument: whose noise the points have.
-        rng: of the noise, the scatter and the bad readings.
+        instrument: whose noise and systematic errors the points have.
+        rng: of the noise, the scatter, the bad readings and the systematic errors.
         readings: how many each point is the mean of.
         conditions: what is set at each pose, ``(m,)`` each.
 
@@ -55,11 +55,11 @@ def measure_with_outlier_mask(
         The measurements, points in the tracker's frame, and ``(m,)`` which poses' readings are bad, for the
         assessment alone.
     """
-    effects, (scattering, failing, shaping) = real.effects, rng.spawn(3)
+    effects, (scattering, failing, shaping, misaligned) = real.effects, rng.spawn(4)
     exact = real.points(joints, targets, conditions, effects.scatter(len(joints), scattering))
     displaced, bad = effects.displacements(len(joints), failing)
     noise = effects.shaped_noise(instrument.sample(exact, rng, readings) - exact, shaping)
-    points = exact + noise + displaced[:, None]
+    points = exact + instrument.errors.sample(exact, misaligned) + noise + displaced[:, None]
     return recorded(real, effects.shown(joints), targets, points, conditions), bad
 
 

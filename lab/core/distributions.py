@@ -1,0 +1,64 @@
+"""Quantities that are known within an uncertainty: their distributions, as an uncertainty budget states them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+
+__all__ = ["DistributionName", "Uncertain"]
+
+DistributionName = Literal["normal", "rectangular", "triangular", "arcsine"]
+_LEAST_FREEDOM = 3.0  # below, Student's t has no variance that a standard uncertainty could be
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A quantity whose best estimate is zero (JCGM 100:2008, 4.3; JCGM 101:2008, 6.4).
+
+    Attributes:
+        standard: its standard uncertainty, in the quantity's SI unit.
+        distribution: its form. A normal one whose uncertainty is itself uncertain is drawn as Student's t.
+        freedom: degrees of freedom of the standard uncertainty; infinite where that is taken as exact.
+    """
+
+    standard: float = 0.0
+    distribution: DistributionName = "normal"
+    freedom: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.standard < np.inf:
+            raise LabError(f"a standard uncertainty of {self.standard:g}: give a finite one of zero or more")
+        if not self.freedom >= _LEAST_FREEDOM:
+            raise LabError(f"freedom = {self.freedom:g}: give {_LEAST_FREEDOM:g} or more, or leave it out")
+        if np.isfinite(self.freedom) and self.distribution != "normal":
+            raise LabError(f"freedom goes with a normal distribution, not with a {self.distribution} one")
+
+    @classmethod
+    def within(cls, limit: float, distribution: DistributionName = "rectangular") -> "Uncertain":
+        """A quantity that lies between minus and plus a limit."""
+        if distribution == "normal":
+            raise LabError("a normal distribution has no limits; give its standard uncertainty")
+        return cls(limit / _LIMITS[distribution], distribution)
+
+    @property
+    def limit(self) -> float:
+        """The largest value; infinite for a normal distribution."""
+        return np.inf if self.distribution == "normal" else self.standard * _LIMITS[self.distribution]
+
+    def sample(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
+        """Values of this shape."""
+        if self.distribution == "normal":
+            if np.isinf(self.freedom):
+                return self.standard * rng.standard_normal(shape)
+            return np.asarray(self.standard * rng.standard_t(self.freedom, shape))
+        if self.distribution == "rectangular":
+            return rng.uniform(-self.limit, self.limit, shape)
+        if self.distribution == "triangular":
+            return self.limit * (rng.random(shape) - rng.random(shape))
+        return np.asarray(self.limit * np.sin(2 * np.pi * rng.random(shape)))
+
+
+_LIMITS = {"rectangular": np.sqrt(3.0), "triangular": np.sqrt(6.0), "arcsine": np.sqrt(2.0)}  # over the standard one

@@ -1,0 +1,145 @@
+"""A laser tracker in TOML: its noise, where it sees, and how well its systematic errors are known."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lab.core.distributions import DistributionName, Uncertain
+from lab.core.errors import LabError, error_context
+from lab.core.instruments import FieldOfView, Instrument
+from lab.core.tracker_errors import TERMS, TrackerErrors
+from lab.formats.structured import structured
+from lab.formats.toml import read_toml
+
+__all__ = ["StatedUncertainty", "read_instrument"]
+
+_MICRO, _LARGEST = 1e-6, 1e5  # of any number in the file's units: 0.1 m and 0.1 rad
+_NAME = re.compile(r"[\w .()/-]{1,60}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedUncertainty:
+    """How well a quantity is known, as a file states it, in the quantity's unit.
+
+    Attributes:
+        standard: standard uncertainty; or
+        limit: half the width of the interval in which it lies.
+        distribution: normal for a standard uncertainty, rectangular for a limit, unless said otherwise.
+        freedom: degrees of freedom of a standard uncertainty.
+    """
+
+    standard: float | None = None
+    limit: float | None = None
+    distribution: DistributionName | None = None
+    freedom: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.standard is None) == (self.limit is None):
+            raise LabError("give either standard (a standard uncertainty) or limit (half of an interval)")
+        given = self.standard if self.limit is None else self.limit
+        if given is not None and not 0 <= given <= _LARGEST:
+            raise LabError(f"{given:g} is no uncertainty; give a number from 0 to {_LARGEST:g}")
+
+    def quantity(self, factor: float) -> Uncertain:
+        """In SI units, ``factor`` of the file's unit being one of them.
+
+        Raises:
+            LabError: limits and distribution, or distribution and freedom, contradict each other.
+        """
+        freedom = np.inf if self.freedom is None else self.freedom
+        if self.standard is not None:
+            return Uncertain(self.standard / factor, self.distribution or "normal", freedom)
+        if self.freedom is not None:
+            raise LabError("freedom goes with standard, not with limit")
+        assert self.limit is not None
+        return Uncertain.within(self.limit / factor, self.distribution or "rectangular")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Noise:
+    """Of one reading, one standard deviation: along the beam and across it, and how much it grows by metre."""
+
+    radial_um: float
+    transverse_um: float
+    radial_um_per_m: float = 0.0
+    transverse_um_per_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value <= _LARGEST:
+                raise LabError(f"{name} is {value:g}; give a standard deviation from 0 to {_LARGEST:g}")
+        if not (self.radial_um or self.radial_um_per_m) or not (self.transverse_um or self.transverse_um_per_m):
+            raise LabError("is zero along or across the beam; give standard deviations above zero")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _View:
+    """Where it sees a target."""
+
+    nearest_m: float = 0.0
+    farthest_m: float = 1e3
+    lowest_deg: float = -90.0
+    highest_deg: float = 90.0
+    acceptance_deg: float = 180.0
+
+    def __post_init__(self) -> None:
+        ranges = 0 <= self.nearest_m < self.farthest_m and -90 <= self.lowest_deg < self.highest_deg <= 90
+        if not (ranges and 0 < self.acceptance_deg <= 180):
+            raise LabError("is empty: give nearest_m < farthest_m, lowest_deg < highest_deg, acceptance_deg up to 180")
+
+    @property
+    def field_of_view(self) -> FieldOfView:
+        lowest, highest, acceptance = np.deg2rad([self.lowest_deg, self.highest_deg, self.acceptance_deg]).tolist()
+        return FieldOfView(self.nearest_m, self.farthest_m, lowest, highest, acceptance)
+
+
+def read_instrument(path: Path) -> Instrument:
+    """A tracker's description: ``name``, ``[noise]``, and if wanted ``[field_of_view]`` and ``[systematic]``.
+
+    Raises:
+        LabError: the file cannot be read, or a name or a value in it makes no sense.
+    """
+    content = read_toml(path)
+    if unknown := sorted(set(content) - {"name", "noise", "field_of_view", "systematic"}):
+        raise LabError(f"{path}: {unknown[0]}: unknown; there are name, noise, field_of_view and systematic")
+    name = content.get("name", path.stem)
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise LabError(f"{path}: name: give up to 60 letters, digits, spaces and . ( ) / - _")
+    if "noise" not in content:
+        raise LabError(f"{path}: [noise] is missing; give radial_um and transverse_um, of one reading (1 sigma)")
+    noise = structured(f"{path}: [noise]", _Noise, content["noise"])
+    view = structured(f"{path}: [field_of_view]", _View, content.get("field_of_view", {}))
+    return Instrument(
+        name,
+        "spherical",
+        noise.radial_um * _MICRO,
+        noise.radial_um_per_m * _MICRO,
+        noise.transverse_um * _MICRO,
+        noise.transverse_um_per_m * _MICRO,
+        view.field_of_view,
+        _errors(path, content.get("systematic", {})),
+    )
+
+
+def _errors(path: Path, section: Any) -> TrackerErrors:
+    where = f"{path}: [systematic]"
+    if not isinstance(section, dict):
+        raise LabError(f"{where} is to be a section with a line for each error")
+    two_face = section.get("two_face", False)
+    if not isinstance(two_face, bool):
+        raise LabError(f"{where} two_face is {two_face!r}; give true or false")
+    terms = {term.key: term for term in TERMS}
+    given = {key: value for key, value in section.items() if key != "two_face"}
+    if unknown := sorted(set(given) - set(terms)):
+        raise LabError(f"{where} {unknown[0]}: unknown; there are two_face, {', '.join(terms)}")
+    quantities = {}
+    for key, value in given.items():
+        if not isinstance(value, dict):
+            raise LabError(f"{where} {key} is {value!r}; give {{ standard = … }} or {{ limit = … }}")
+        with error_context(f"{where} {key}"):
+            stated = structured("", StatedUncertainty, value)
+            quantities[terms[key].name] = stated.quantity(terms[key].factor)
+    return TrackerErrors(**quantities, two_face=two_face)
