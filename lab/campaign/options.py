@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import tyro
 
 from lab.campaign.option_groups import ArmEffects, Fitting, Flag, Names, Numbers
+from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.limits import CANDIDATES, POSES, READINGS, SEED, STARTS, TARGETS
 from lab.core.numbers import LARGEST, positive, whole
@@ -52,6 +53,8 @@ class VirtualCampaign:
     """A larger mean error on validation poses is a bad result; by default the result is judged without a gate."""
     require: Literal["good"] | None = None
     """Exit with 1 also where the verdict is doubtful or nothing was validated."""
+    date: str | None = None
+    """The day of the measurements, YYYY-MM-DD, by which lab trend puts runs in order."""
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
     effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)
@@ -63,7 +66,7 @@ class VirtualCampaign:
         whole("--poses", self.poses, 1, POSES)
         whole("--readings", self.readings, 1, READINGS)
         TARGETS("--targets", self.targets)
-        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm)
+        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date)
         spreads = {
             "--position-sigma-mm": self.position_sigma_mm,
             "--rotation-sigma-mrad": self.rotation_sigma_mrad,
@@ -127,7 +130,7 @@ class DesignOptions:
             positive("--accuracy-mm", self.accuracy_mm)
 
 
-def check_common(fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None) -> None:
+def check_common(fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None, date: str | None) -> None:
     """Refuse numbers that make no sense in what virtual and measured campaigns share, naming the option."""
     fitting.check()
     whole("--seed", seed, 0, SEED)
@@ -135,3 +138,5 @@ def check_common(fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: f
         positive("--gate-mm", gate_mm)
     if noise_mm is not None:
         positive("--noise-mm", noise_mm)
+    if date is not None:
+        day("--date", date)

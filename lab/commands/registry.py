@@ -112,6 +112,13 @@ COMMANDS = (
         "compare",
     ),
     Command(
+        "trend",
+        "Follow one robot over its dated calibrations: what has changed, when, and what would be found.",
+        "lab.commands.trend.options:TrendOptions",
+        "lab.commands.trend.run:trend",
+        "trend-{folder}",
+    ),
+    Command(
         "payload",
         "Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.",
         "lab.commands.payload.options:PayloadOptions",

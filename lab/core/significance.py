@@ -10,6 +10,7 @@ __all__ = [
     "PAYLOAD_RESIDUALS",
     "STUDY_COMPARISON",
     "TERM_SEARCH",
+    "TREND_YEAR",
     "UNSOLICITED_WARNING",
     "VARIANCE_COMPONENTS",
     "VERDICT_LACK_OF_FIT",
@@ -45,3 +46,6 @@ VERIFICATION = 0.01
 
 UNSOLICITED_WARNING = 1e-3
 """Whether to warn of something that nobody asked about: joints that lag, noise that is not isotropic."""
+
+TREND_YEAR = 0.01
+"""Whether a robot has changed, of all tests that a year's calibrations are put to."""

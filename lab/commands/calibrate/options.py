@@ -45,6 +45,8 @@ class _MeasurementFile:
     """A larger mean error on poses not fitted is a bad result; by default the result is judged without a gate."""
     require: Literal["good"] | None = None
     """Exit with 1 also where the verdict is doubtful or nothing was validated."""
+    date: str | None = None
+    """The day of the measurements, YYYY-MM-DD, by which lab trend puts runs in order."""
     observe: KindName = "points"
     """Which of the file's columns are the measurements."""
 
@@ -58,7 +60,7 @@ class MeasuredCampaign(ObservationOptions, _MeasurementFile):
 
     def check(self) -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""
-        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm)
+        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date)
         if self.noise_mm is not None and self.instrument is not None:
             raise LabError("--instrument and --noise-mm both say what the noise is; give one")
         if self.holdout is not None and self.validate is not None:

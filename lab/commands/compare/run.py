@@ -4,19 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lab.commands.calibrate.estimates import estimates_of, refuse_other_parameters
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, read_calibrated
 from lab.commands.compare.options import CompareOptions
 from lab.commands.compare.result import ComparisonResult
 from lab.commands.keywords import options_of, takes
-from lab.core.errors import LabError
-from lab.verification.difference import Estimates, difference_of
+from lab.verification.difference import difference_of
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
 __all__ = ["compare"]
-
-_PLACED = ("base", "tool")  # groups that another setup moves
 
 
 @takes(CompareOptions)
@@ -56,30 +54,10 @@ def compare(runs: "Sequence[str | Path | CalibrationResult] | CompareOptions", *
 
 
 def _compared(options: CompareOptions, runs: Sequence[Calibrated]) -> ComparisonResult:
-    first, *later = runs
     if not options.force:
         for run in runs:
             run.refuse_unfit("a comparison")
-    for run in later:
-        if run.robot.sha256 != first.robot.sha256:
-            raise LabError(f"{run.folder}: is of another robot than {first.folder}; compare runs of one robot")
-    estimates = [_estimates(run) for run in runs]
-    for run, each in zip(later, estimates[1:], strict=True):
-        if other := set(each.names) ^ set(estimates[0].names):
-            raise LabError(
-                f"{run.folder}: {min(other)} was identified in it or in {first.folder}, but not in both: the others "
-                "mean something else in each; identify both with the same --model, --fix and --free"
-            )
+    estimates = [estimates_of(run) for run in runs]
+    refuse_other_parameters(runs, estimates)
     differences = tuple(difference_of(estimates[0], each) for each in estimates[1:])
     return ComparisonResult(options, tuple(runs), differences)
-
-
-def _estimates(run: Calibrated) -> Estimates:
-    """What a run says of the links and effects: base and tool are another setup's."""
-    parameters = {each.name: each for each in run.arm.parameters}
-    kept = [i for i, name in enumerate(run.identified) if parameters[name].group not in _PLACED]
-    names = tuple(run.identified[i] for i in kept)
-    _, larger, dof = run.lacking((run.result.noise_mm or 0.0) / 1e3)
-    covariance = larger * run.covariance[kept][:, kept]
-    angles = tuple(parameters[name].is_angle for name in names)
-    return Estimates(names, run.estimates[kept], covariance, angles, dof)

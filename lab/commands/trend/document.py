@@ -1,0 +1,134 @@
+"""What a person reads of a trend."""
+
+from lab.commands.calibrate.estimates import SETUP
+from lab.commands.provenance import provenance_section
+from lab.commands.trend.figures import errors_picture, moved_pictures, parameters_picture
+from lab.commands.trend.result import TrendResult
+from lab.core.significance import TREND_YEAR
+from lab.render.document import Badge, Bullets, Code, Document, Figure, Paragraph, Row, Section, Table, Text, Warnings
+from lab.render.format import digits_of, fixed, short
+from lab.render.units import display_unit
+from lab.verification.change_points import ChangePoint
+
+__all__ = ["trend_document"]
+
+_MOST_DIGITS = 6
+_LEVEL = f"an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years"
+
+
+def trend_document(result: TrendResult) -> Document:
+    """Whether and when anything changed, what, errors and parameters over time, and what would be found."""
+    first, last = result.runs[0], result.runs[-1]
+    count = len(result.changes)
+    word = "no change" if not count else "1 change" if count == 1 else f"{count} changes"
+    robot = first.run.robot
+    span = f"{len(result.runs)} calibrations from {first.date} to {last.date}"
+    return Document(
+        f"{robot.name}: {word} in {span}",
+        (
+            Paragraph((Badge("changed", "bad") if count else Badge("unchanged", "good"), f" {_LEVEL}")),
+            Bullets(tuple(_words(result, each) for each in result.changes)),
+            Warnings(result.warnings),
+            Section("Errors over time", (_runs(result), _errors(result))),
+            Section("Parameters over time", _parameters(result)),
+            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            provenance_section("trend", result.options, robot.sha256),
+        ),
+    )
+
+
+def _words(result: TrendResult, change: ChangePoint) -> Text:
+    """What changed, between which days, and by how much."""
+    before, after, found = (result.runs[i] for i in (change.after, change.after + 1, change.found_at))
+    when = f"Between {before.date} ({before.run.folder.name}) and {after.date} ({after.run.folder.name})"
+    p = f"p = {change.p:.2g}" if change.p > 0 else "p < 1e-300"
+    by = f" (found by {found.run.folder.name}, {p} at a level of {change.level:.2g})"
+    moved = [
+        f"{_called(name)} changed by {_size(result, name, size, half)}"
+        for name, size, half in zip(change.named, change.changes, change.half_widths, strict=True)
+    ]
+    if not moved:
+        return f"{when} the links changed, but no single parameter is surely the one that did{by}."
+    if change.several:
+        return f"{when} more than one parameter changed: {'; '.join(moved)}{by}."
+    if len(moved) == 1:
+        return f"{when} {moved[0]}{by}."
+    return f"{when} one of these changed, and the calibrations cannot tell which: {'; '.join(moved)}{by}."
+
+
+def _called(name: str) -> str:
+    """A parameter, with the joint whose zero it is."""
+    joint = name.removeprefix("link").removesuffix(".theta")
+    return f"{name} (the zero of joint {joint})" if joint.isdigit() else name
+
+
+def _size(result: TrendResult, name: str, size: float, half: float) -> str:
+    factor, unit = _unit(result, name)
+    digits = digits_of(factor * half, _MOST_DIGITS)
+    return f"{fixed(factor * size, digits, signed=True)} ± {short(factor * half)} {unit}"
+
+
+def _unit(result: TrendResult, name: str) -> tuple[float, str]:
+    """The factor from SI and the unit, of a parameter or of a joint's zero."""
+    for parameter in result.parameters:
+        if parameter.name == name:
+            factor, unit, _ = display_unit(parameter)
+            return (1e3, "mrad") if unit == "°" else (factor, unit)
+    joint = int(name.rsplit(" ", 1)[1])
+    return 1e3, result.detectable[joint - 1].unit
+
+
+def _runs(result: TrendResult) -> Table:
+    rows: list[Row] = []
+    for each in result.runs:
+        errors = each.run.result.after_mm
+        numbers = ("–", "–") if errors is None else (short(errors["mean"]), short(errors["p95"]))
+        rows.append((each.date.isoformat(), Code(each.run.folder.name), each.run.result.verdict, *numbers))
+    caption = "Errors at positions that were not fitted, mm"
+    return Table(("date", "run", "verdict", "mean", "95 %"), tuple(rows), caption)
+
+
+def _errors(result: TrendResult) -> Figure:
+    caption = (
+        "The validation error of each calibration. It says how well the arm was described on that day; whether the arm "
+        "moved, the parameters say. Logarithmic axis; a dotted line is a change."
+    )
+    return Figure("errors-over-time", errors_picture(result), caption)
+
+
+def _parameters(result: TrendResult) -> tuple[Figure, ...]:
+    every = (
+        "Differences from the first calibration, each in halves of its own 95 % interval: up to one half is what an "
+        "unchanged arm shows in 19 of 20. Blue is more, vermilion less; a line is a change."
+    )
+    moved = "What changed, as the difference from the first calibration with 95 % intervals; a dotted line is a change."
+    return (
+        Figure("moved-over-time", moved_pictures(result), moved),
+        Figure("parameters-over-time", (parameters_picture(result),), every),
+    )
+
+
+def _detectable(result: TrendResult) -> Table:
+    anew = " and ".join(group for group in SETUP if group not in result.options.kept)
+    columns = (f"{anew} set up anew" * bool(anew), "base and tool kept")
+    rows: list[Row] = []
+    for each in result.detectable:
+        sizes = [_or_none(each.links_alone)] * bool(anew) + [_or_none(each.all_kept)]
+        rows.append((f"joint {each.joint}", *sizes, each.unit))
+    caption = "The next calibration finds in 95 of 100 that the zero of a joint has moved by"
+    return Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
+
+
+def _or_none(size: float) -> str:
+    return "–" if size == float("inf") else short(1e3 * size)
+
+
+def _explained(result: TrendResult) -> str:
+    hidden = [str(each.joint) for each in result.detectable if each.links_alone == float("inf")]
+    if not hidden:
+        return ""
+    which = f"the zero of joint {hidden[0]}" if len(hidden) == 1 else f"the zeros of joints {' and '.join(hidden)}"
+    return (
+        f"A dash: {which} cannot be told from how base and tool were set up. Where the instrument, the base and the "
+        "tool stay as they are between the calibrations, --kept base,tool compares them as well."
+    )

@@ -1,0 +1,31 @@
+"""What can be asked of ``lab trend``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from lab.campaign.option_groups import Flag, Names
+from lab.commands.calibrate.estimates import SETUP
+from lab.core.errors import LabError
+
+__all__ = ["TrendOptions"]
+
+
+@dataclass(frozen=True)
+class TrendOptions:
+    """A folder of dated runs of one robot."""
+
+    folder: tyro.conf.Positional[Path]
+    """The folder that holds the folders of the runs of lab calibrate or lab identify, each made with --date."""
+    kept: Names = ()
+    """What was not set up anew between the runs, and is compared with the links: base, tool, or base,tool."""
+    force: Flag = False
+    """Take runs too whose verdict is bad or not judged."""
+    accept_edited: Flag = False
+    """Read runs too whose files were changed since they were written."""
+
+    def check(self) -> None:
+        """Refuse what is no part of the setup, with a LabError."""
+        if stray := sorted(set(self.kept) - set(SETUP)):
+            raise LabError(f"--kept {stray[0]}: unknown; give base, tool or base,tool")

@@ -1,0 +1,117 @@
+"""Dated calibrations of one robot, in order: what has changed, and since when."""
+
+from collections.abc import Iterator
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from lab.commands.calibrate.estimates import SETUP, estimates_of, refuse_other_parameters
+from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.trend.options import TrendOptions
+from lab.commands.trend.result import DatedRun, DetectableChange, TrendResult
+from lab.core.dates import day
+from lab.core.errors import LabError
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.formats.structured import read_json
+from lab.kinematics.gauge import STRUCTURE_POSES
+from lab.verification.change_points import Directions, Series
+
+__all__ = ["trend"]
+
+_CALIBRATIONS = ("calibrate", "identify")
+_WITHIN = 1e-6  # of a joint's effect that the identified parameters may lack
+
+
+def trend(options: TrendOptions) -> TrendResult:
+    """Read the runs of a folder, and test after each whether the robot has changed.
+
+    Raises:
+        LabError: there are fewer than two dated runs, or they are of different robots or parameters.
+    """
+    left_out: list[str] = []
+    runs = tuple(sorted(_dated(options, left_out), key=lambda each: (each.date, each.run.folder.name)))
+    if len(runs) < 2:
+        why = f" ({'; '.join(left_out)})" if left_out else ""
+        raise LabError(
+            f"{options.folder}: holds {len(runs)} dated {'run' if len(runs) == 1 else 'runs'} of lab calibrate or lab "
+            f"identify, and a trend needs two{why}; give the folder above those of the runs"
+        )
+    without = tuple(group for group in SETUP if group not in options.kept)
+    estimates = [estimates_of(each.run, without) for each in runs]
+    refuse_other_parameters([each.run for each in runs], estimates)
+    last = runs[-1].run
+    zeros = _joint_zeros(last)  # (f, joints) of all identified parameters
+    compared = [last.identified.index(name) for name in estimates[0].names]
+    days = [float(each.date.toordinal()) for each in runs]
+    series = Series(estimates, days, _directions(estimates[0].names, zeros[compared]))
+    everything = Series([estimates_of(each.run, ()) for each in runs], days, _directions(last.identified, zeros))
+    changes = series.change_points()
+    start = max((change.after + 1 for change in changes), default=0)
+    found = _detectable(series, zeros[compared], start), _detectable(everything, zeros, start)
+    detectable = tuple(
+        DetectableChange(i + 1, bool(slides), float(found[0][i]), float(found[1][i]))
+        for i, slides in enumerate(last.robot.chain.prismatic)
+    )
+    return TrendResult(options, runs, tuple(estimates), changes, detectable, tuple(left_out))
+
+
+def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
+    """The runs that a trend is made of; of the others, why not goes to ``left_out``."""
+    if not options.folder.is_dir():
+        raise LabError(f"{options.folder}: is no folder; give the one that holds the runs")
+    seen: dict[str, str] = {}
+    for folder in sorted(path for path in options.folder.iterdir() if (path / "config.json").is_file()):
+        config = read_json(folder / "config.json", "give a folder of runs")
+        command, given = (config.get(key) if isinstance(config, dict) else None for key in ("command", "options"))
+        if command not in _CALIBRATIONS or not isinstance(given, dict):
+            left_out.append(f"{folder}: is no run of lab calibrate or lab identify, and is left out")
+        elif not isinstance(given.get("date"), str):
+            left_out.append(f"{folder}: has no date, and is left out; make it again with --date YYYY-MM-DD")
+        elif (twin := seen.setdefault(_content(folder), folder.name)) != folder.name:
+            left_out.append(f"{folder}: has the measurements of {twin}, and is left out")
+        else:
+            run = read_calibrated(folder, accept_edited=options.accept_edited)
+            if run.result.usable or options.force:
+                yield DatedRun(day(f"{folder}/config.json:", given["date"]), run)
+            else:
+                left_out.append(f"{folder}: its verdict is '{run.result.verdict}', and it is left out without --force")
+
+
+def _content(folder: Path) -> str:
+    """What the measurements of a run are known by."""
+    path = folder / "measurements.csv"
+    return sha256(path.read_bytes()).hexdigest() if path.is_file() else str(folder)
+
+
+def _joint_zeros(run: Calibrated) -> Array:
+    """What the identified parameters ``(f, joints)`` do when a joint's zero moves by one; NaN where they cannot."""
+    arm, at = run.arm, [run.arm.names.index(name) for name in run.identified]
+    inputs = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    jacobian = arm.observe(inputs, arm.rank_point(run.nominal_aligned))[1].reshape(-1, len(arm.names))
+    wanted = jacobian @ arm.rigid.joint_derivatives(np.eye(len(arm.names)))
+    size = np.linalg.norm(jacobian[:, at], axis=0)
+    found = np.linalg.lstsq(jacobian[:, at] / size, wanted, rcond=None)[0]
+    left = np.linalg.norm(jacobian[:, at] / size @ found - wanted, axis=0)
+    found = np.where(np.abs(found) > _WITHIN * np.abs(found).max(), found, 0.0) / size[:, None]
+    return np.where(left > _WITHIN * np.linalg.norm(wanted, axis=0), np.nan, found)
+
+
+def _directions(names: tuple[str, ...], zeros: Array) -> Directions:
+    """Each parameter alone; and each joint's zero where that is no parameter's and can be seen."""
+    one = np.eye(len(names))
+    other = [i for i in range(zeros.shape[1]) if np.count_nonzero(zeros[:, i]) > 1 and np.isfinite(zeros[:, i]).all()]
+    words = tuple(f"zero of joint {i + 1}" for i in other)
+    return Directions((*names, *words), np.concatenate([one, zeros[:, other]], axis=1))
+
+
+def _detectable(series: Series, zeros: Array, start: int) -> Array:
+    """The minimum detectable change of each joint's zero; infinite where nothing shows it.
+
+    Args:
+        start: the first calibration since the last change.
+    """
+    shown = np.isfinite(zeros).all(axis=0) & (zeros != 0).any(axis=0)
+    found = series.detectable(np.where(shown, np.nan_to_num(zeros), 0.0), start)
+    return np.where(shown, found, np.inf)

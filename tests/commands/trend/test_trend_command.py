@@ -1,0 +1,104 @@
+"""``lab trend`` on a folder of dated runs of one virtual arm, a zero of which moves."""
+
+import json
+import shutil
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.drawing import nothing_drawn
+
+import lab
+from lab.cli import main
+from lab.commands.trend.options import TrendOptions
+from lab.commands.trend.run import trend
+
+MOVED_RAD = 0.1e-3
+DAYS = ("2026-01-10", "2026-02-11", "2026-03-09", "2026-04-14")
+
+
+@pytest.fixture(scope="module")
+def history(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four calibrations in 20 poses each; before the last one the zero of the third joint moved."""
+    day = lab.simulate("irb120", poses=80, seed=7, targets=("p1", "p2", "p3")).measurements
+    folder = tmp_path_factory.mktemp("history")
+    with nothing_drawn():
+        for i, at in enumerate(DAYS):
+            part = day.take(range(20 * i, 20 * i + 20))
+            if i == 3:
+                joints = part.joints.copy()
+                joints[:, 2] -= MOVED_RAD  # what the controller says, when the joint stands farther than it knows
+                part = replace(part, joints=joints)
+            lab.identify(part, robot="irb120", noise_mm=0.0046, date=at).save(folder / f"run{3 - i}")
+    return folder
+
+
+def test_the_joint_that_moved_is_named_and_dated(history: Path) -> None:
+    found = trend(TrendOptions(history))
+    assert [each.date for each in found.runs] == [date.fromisoformat(each) for each in DAYS]  # not as folders sort
+    told = found.to_dict()
+    (change,) = told["changes"]
+    assert change["between"] == list(DAYS[2:]) and found.exit_code == 1
+    assert [each["name"] for each in change["named"]] == ["link3.theta"]
+    low, high = change["named"][0]["interval_95"]
+    assert low < MOVED_RAD < high and high - low < 0.02e-3
+    said = " ".join(found.summary().split())
+    assert "Between 2026-03-09 (run1) and 2026-04-14 (run0) link3.theta (the zero of joint 3) changed by +0." in said
+
+
+def test_the_end_joints_show_only_where_base_and_tool_were_kept(history: Path) -> None:
+    anew = trend(TrendOptions(history)).to_dict()["minimum_detectable_change"]
+    hidden = {name for name, sizes in anew.items() if sizes["set_up_anew"] is None}
+    assert hidden == {"joint1_mrad", "joint6_mrad"}
+    assert all(0 < sizes["base_and_tool_kept"] < 0.2 for sizes in anew.values())
+    assert all(sizes["set_up_anew"] < MOVED_RAD * 1e3 for name, sizes in anew.items() if name not in hidden)
+    kept = trend(TrendOptions(history, kept=("base", "tool")))
+    assert [each.named for each in kept.changes] == [("link3.theta",)]
+    assert "zeros of joints 1 and 6 cannot be told" in " ".join(trend(TrendOptions(history)).summary().split())
+    assert "cannot be told" not in kept.summary()
+
+
+def test_what_is_no_dated_run_is_left_out_and_told(history: Path, tmp_path: Path) -> None:
+    shutil.copytree(history, tmp_path / "runs")
+    shutil.rmtree(tmp_path / "runs" / "run0")
+    shutil.copytree(tmp_path / "runs" / "run1", tmp_path / "runs" / "run9")
+    config = tmp_path / "runs" / "run2" / "config.json"
+    undated = json.loads(config.read_text())
+    undated["options"]["date"] = None
+    config.write_text(json.dumps(undated))
+    (tmp_path / "runs" / "notes").mkdir()
+    found = trend(TrendOptions(tmp_path / "runs"))
+    assert [each.run.folder.name for each in found.runs] == ["run3", "run1"] and not found.changes
+    twin, no_date = sorted(found.left_out, reverse=True)
+    assert "run9: has the measurements of run1" in twin and "run2: has no date" in no_date
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere"], "nowhere: is no folder"),
+        (["."], "holds 0 dated runs"),
+        ([".", "--kept", "arm"], "--kept arm: unknown"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], says: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["trend", *arguments]) == 2
+    told = capsys.readouterr().err.strip()
+    assert says in told and "\n" not in told and not list(tmp_path.iterdir())
+
+
+def test_a_date_that_is_none_is_refused(capsys) -> None:
+    assert main(["calibrate", "--date", "2026-13-01"]) == 2
+    assert "--date 2026-13-01: is no day; write it as" in capsys.readouterr().err
+
+
+@pytest.mark.figures
+def test_the_page_shows_errors_and_parameters_over_time(history: Path, tmp_path: Path, capsys) -> None:
+    assert main(["trend", str(history), "--out", str(tmp_path / "t")]) == 1
+    page = (tmp_path / "t" / "report.html").read_text()
+    assert page.count("<svg") == 3 and "link3.theta" in page and len(page) < 1_000_000
+    rows = np.array(trend(TrendOptions(history)).columns()["change"]).reshape(4, -1)
+    assert (rows[0] == 0).all()
