@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from lab.commands.design.result import DesignResult
     from lab.commands.design.run import design
     from lab.commands.dynamics.run import dynamics
+    from lab.commands.import_measurements.run import import_measurements
     from lab.commands.inspect.result import Inspection
     from lab.commands.inspect.run import inspect
     from lab.commands.kinematics.run import solve_kinematics
@@ -72,6 +73,7 @@ __all__ = [
     "design",
     "dynamics",
     "identify",
+    "import_measurements",
     "inspect",
     "instrument",
     "load_robot",
@@ -97,6 +99,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.design.result": ("DesignResult",),
     "lab.commands.design.run": ("design",),
     "lab.commands.dynamics.run": ("dynamics",),
+    "lab.commands.import_measurements.run": ("import_measurements",),
     "lab.commands.inspect.result": ("Inspection",),
     "lab.commands.inspect.run": ("inspect",),
     "lab.commands.kinematics.run": ("solve_kinematics",),

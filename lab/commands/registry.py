@@ -91,6 +91,13 @@ COMMANDS = (
         "design-{robot}-seed{seed}",
     ),
     Command(
+        "import",
+        "Merge a tracker's export with a controller's joint positions into a measurement file.",
+        "lab.commands.import_measurements.options:ImportOptions",
+        "lab.commands.import_measurements.run:import_measurements",
+        "import-{points}",
+    ),
+    Command(
         "compensate",
         "Correct targets for a calibrated arm: joint values, corrected targets for its controller, and the arm itself.",
         "lab.commands.compensate.options:CompensateOptions",

@@ -21,6 +21,7 @@ from lab.cli import main
 from lab.commands.registry import COMMANDS
 from lab.core.load_samples import Mounting
 from lab.formats.cell_toml import read_cell
+from lab.formats.column_map import read_column_map
 from lab.formats.dh_table_toml import read_table
 from lab.formats.instrument_toml import read_instrument
 from lab.formats.load_csv import read_mounting, write_loads
@@ -50,6 +51,8 @@ def write_files(page: Page, folder: Path) -> None:
         if block.startswith(("id,x_mm", "id,move")):
             name = "square.csv" if "move" in block else "points.csv" if "vx_mm" in block else "targets.csv"
             (folder / name).write_text(block)
+        if block.startswith(("// Working", "Pose,J1")):
+            (folder / ("tracker.txt" if block.startswith("//") else "poses.csv")).write_text(block)
     for block in page.of("toml"):
         if "[factors]" in block:
             (folder / "grid.toml").write_text(block)
@@ -119,6 +122,8 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         assert [each.name for each in read_cell(path).obstacle] == ["table"]
     elif "systematic" in content:
         assert "collimation" in {term.name for term in read_instrument(path).errors.stated}
+    elif "points" in content:
+        assert len(read_column_map(path).joints.joints) == 6
     elif "frame" in content:
         assert main(["inspect", str(path), "--json"]) == 0
         names = read_mechanism(path).mechanism.names

@@ -68,8 +68,7 @@ class DesignResult(Result):
         problem: the robot, its feasible candidates, and what the poses are to identify.
         joints: ``(n, joints)``, rad or m.
         design: the chosen poses before ordering.
-        pool: how many poses the certificate is for: the candidates, and those that the ascent moved.
-        certificate: the best continuous D-optimal design over them.
+        certificate: the best continuous D-optimal design over the candidates and the poses that the ascent moved.
         d_efficiency: certified, of the chosen poses with those measured already.
         indices: the observability indices, in the units of the scaling.
         prediction: the predicted errors on validation poses.
@@ -82,7 +81,6 @@ class DesignResult(Result):
     problem: PoseProblem
     joints: Array
     design: Design
-    pool: int
     certificate: Certificate
     d_efficiency: float
     indices: Indices
@@ -101,7 +99,7 @@ class DesignResult(Result):
     def _pool_in_words(self) -> str:
         """What the certificate is for."""
         candidates = len(self.problem.candidates.joints)
-        moved = self.pool - candidates
+        moved = len(self.certificate.weights) - candidates
         words = f"any {len(self.joints)} of {candidates} feasible candidates"
         if len(self.problem.already):
             words += f" added to the {len(self.problem.already)} measured already"
@@ -173,7 +171,7 @@ class DesignResult(Result):
             "indices": self._scaled_indices,
             "d_efficiency": self.d_efficiency,
             "bound_gap": self.certificate.gap,
-            "pool": {"poses": self.pool, "what": self._pool_in_words},
+            "pool": {"poses": len(self.certificate.weights), "what": self._pool_in_words},
             "predicted_mm": error_statistics(self.prediction.rms).to_dict(),
             "promise_mm": 1e3 * self.prediction.coverage_radius,
             "candidates": {

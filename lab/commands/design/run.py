@@ -98,7 +98,6 @@ def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignRes
         problem=problem,
         joints=design.joints[list(tour.order)],
         design=design,
-        pool=len(pool),
         certificate=certificate,
         d_efficiency=certificate.efficiency(everything),
         indices=indices(everything),

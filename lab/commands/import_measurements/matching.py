@@ -1,0 +1,276 @@
+"""Which pose of a controller's file each point of a tracker's file belongs to: by name, in order, or by time."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.commands.import_measurements.options import By, ImportOptions
+from lab.commands.import_measurements.settled import Windows, settled_windows
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.joint_log import JointLog
+from lab.formats.loose_table import LeftOut
+from lab.formats.tracker_export import TrackerPoints
+
+__all__ = ["MatchedPose", "Matching", "matched"]
+
+_ENDING = re.compile(r"(.+?)[\s_.:/\-]+([^\s_.:/\-]+)")  # pose and target in one name
+_LOG_GAP_S = 1.0  # rows that follow each other faster are a log, not a list of poses
+_TRIED = 200  # points and windows by which an offset of clocks is looked for
+_ENOUGH = 0.8  # of the points that an offset has to place
+
+
+@dataclass(frozen=True)
+class MatchedPose:
+    """A pose, its joints, and the points that were measured there: their rows in the tracker's file, by target."""
+
+    name: str
+    joints: Array
+    points: dict[str, int]
+
+
+@dataclass(frozen=True)
+class Matching:
+    """How points found their poses.
+
+    Attributes:
+        by: what was compared.
+        poses: in the order of the controller's file.
+        left_out: points and poses without the other.
+        said: how it was done, in sentences.
+    """
+
+    by: By
+    poses: tuple[MatchedPose, ...]
+    left_out: tuple[LeftOut, ...]
+    said: tuple[str, ...]
+
+
+def matched(options: ImportOptions, points: TrackerPoints, log: JointLog, prismatic: tuple[bool, ...]) -> Matching:
+    """Find the pose of each point.
+
+    Raises:
+        LabError: names, counts or times do not go together; the message says how to mend it.
+    """
+    by = options.by if options.by != "auto" else _choice(options, points, log)
+    if by == "name":
+        return _by_name(options, points, log)
+    found = _poses(options, log, prismatic, as_log=_is_log(log))
+    return (_by_order if by == "order" else _by_time)(options, points, log, found)
+
+
+def _choice(options: ImportOptions, points: TrackerPoints, log: JointLog) -> By:
+    if all(log.names) and any(_split(options, points, i, set(log.names)) for i in range(len(points.names))):
+        return "name"
+    timed = np.isfinite(points.seconds).all() and np.isfinite(log.seconds).all()
+    return "time" if timed else "order"
+
+
+def _is_log(log: JointLog) -> bool:
+    known = np.isfinite(log.seconds)
+    return bool(known.all()) and len(known) > 2 and float(np.median(np.diff(log.seconds))) < _LOG_GAP_S
+
+
+def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *, as_log: bool) -> Windows:
+    """The poses at which the arm stood: settled windows of a log, else the file's rows."""
+    if as_log:
+        return settled_windows(log, prismatic, options.still_deg_s, options.settled_s)
+    return Windows(log.seconds, log.seconds, log.joints, log.lines)
+
+
+# By name
+
+
+def _split(options: ImportOptions, points: TrackerPoints, i: int, known: set[str]) -> tuple[str, str] | None:
+    """The pose and the target that a point's name says; None where no pose is called so."""
+    name, target = points.names[i], points.targets[i]
+    if name in known:
+        return (name, target or options.targets[0]) if target or len(options.targets) == 1 else None
+    match = _ENDING.fullmatch(name)
+    if match and match[1] in known and match[2] in options.targets:
+        return match[1], match[2]
+    return None
+
+
+def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Matching:
+    if not all(log.names):
+        raise LabError(
+            f"{log.path}: its rows have no names; name their column by --columns, or give --by order or time"
+        )
+    if not all(points.names):
+        raise LabError(f"{points.path}: its points have no names; give --by order or --by time")
+    first: dict[str, int] = {}
+    for i, name in enumerate(log.names):
+        if name in first:
+            lines = f"lines {log.lines[first[name]]} and {log.lines[i]}"
+            raise LabError(f"{log.path}: {lines}: two poses are called '{name}'; rename one, or give --by time")
+        first[name] = i
+    found: dict[str, dict[str, int]] = {}
+    left = []
+    for i, name in enumerate(points.names):
+        which = _split(options, points, i, set(first))
+        if which is None:
+            left.append(LeftOut(str(points.path), points.lines[i], name, "no pose is called so"))
+            continue
+        pose, target = which
+        if target not in options.targets:
+            raise LabError(
+                f"{points.path}: line {points.lines[i]}: target '{target}' is none of --targets; name it there"
+            )
+        if target in found.setdefault(pose, {}):
+            lines = f"lines {points.lines[found[pose][target]]} and {points.lines[i]}"
+            raise LabError(f"{points.path}: {lines}: point '{name}' is there twice; rename one, or give --by time")
+        found[pose][target] = i
+    if not found:
+        raise LabError(
+            f"{points.path}: no point is called like a pose ('{points.names[0]}' here, "
+            f"'{log.names[0]}' in {log.path}); give --by order or --by time, or --targets that names end in"
+        )
+    left += [
+        LeftOut(str(log.path), log.lines[i], name, "no point was measured there")
+        for name, i in first.items()
+        if name not in found
+    ]
+    poses = tuple(MatchedPose(name, log.joints[i], found[name]) for name, i in first.items() if name in found)
+    return Matching("name", poses, tuple(left), ("Points belong to the poses that are called like them.",))
+
+
+# In order
+
+
+def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, stops: Windows) -> Matching:
+    each, count = len(options.targets), len(points.names)
+    if count != len(stops) * each:
+        of_each = f" with {each} points each" if each > 1 else ""
+        what = "settled poses" if _is_log(log) else "poses"
+        raise LabError(
+            f"{points.path}: {count} points, but {log.path} has {len(stops)} {what}{of_each}; remove what has no "
+            "partner, or give --by name or --by time"
+        )
+    poses = tuple(
+        MatchedPose(
+            _pose_name(points, k * each, k), stops.joints[k], _in_turn(options, range(k * each, (k + 1) * each))
+        )
+        for k in range(len(stops))
+    )
+    return Matching("order", poses, (), ("Points and poses are taken in the order of their files.",))
+
+
+def _in_turn(options: ImportOptions, rows: Sequence[int]) -> dict[str, int]:
+    return dict(zip(options.targets, rows, strict=True))
+
+
+def _pose_name(points: TrackerPoints, i: int, k: int) -> str:
+    return points.names[i] or str(k)
+
+
+# By time
+
+
+def _by_time(options: ImportOptions, points: TrackerPoints, log: JointLog, stops: Windows) -> Matching:
+    if not np.isfinite(points.seconds).any():
+        raise LabError(f"{points.path}: its points have no times; give --by name or --by order, or --columns")
+    if not np.isfinite(log.seconds).all():
+        raise LabError(f"{log.path}: its rows have no times; give --by name or --by order, or --columns")
+    at, starts, ends, same = _one_clock(points, log, stops)
+    if not same and options.clock_offset_s is None:
+        raise LabError(
+            f"{points.path}: its times and those of {log.path} count from different moments; counted from the first "
+            f"of each, {_offset_hint(at, starts, ends)}"
+        )
+    at = at - (options.clock_offset_s or 0.0)
+    where = _window_of(at, starts, ends, exact=not _is_log(log))
+    inside = where >= 0
+    if not inside.any() or np.nanmax(at) < starts[0] or np.nanmin(at) > ends[-1]:
+        raise LabError(
+            f"{points.path}: no point was measured while the arm of {log.path} stood still; "
+            f"{_offset_hint(at, starts, ends)}"
+        )
+    left = [
+        LeftOut(
+            str(points.path), points.lines[i], points.names[i] or f"point {i + 1}",
+            "no time" if np.isnan(at[i]) else "measured while the arm moved, or outside the log",
+        )
+        for i in np.flatnonzero(~inside)
+    ]  # fmt: skip
+    poses = list(_timed_poses(options, points, stops, where))
+    left += [
+        LeftOut(str(log.path), stops.lines[k], f"pose {k + 1}", "no point was measured there")
+        for k in range(len(stops))
+        if k not in set(where.tolist())
+    ]
+    said = [f"Points belong to the poses at which the arm stood when they were measured ({len(stops)} in the log)."]
+    if options.clock_offset_s:
+        said.append(f"The tracker's clock was taken to be {options.clock_offset_s:g} s ahead of the controller's.")
+    return Matching("time", tuple(poses), tuple(left), tuple(said))
+
+
+def _one_clock(points: TrackerPoints, log: JointLog, stops: Windows) -> tuple[Array, Array, Array, bool]:
+    """Times of the points, and of when poses begin and end, on one clock; whether the clocks are of one kind."""
+    at, starts, ends = points.seconds, stops.starts, stops.ends
+    clocks = {points.clock, log.clock}
+    if len(clocks) == 1:
+        return at, starts, ends, True
+    if clocks == {"date", "day"}:
+        day = 86400.0
+        if points.clock == "date":
+            at = at - day * np.floor(np.nanmin(at) / day)
+        else:
+            first = day * np.floor(starts[0] / day)
+            starts, ends = starts - first, ends - first
+        return at, starts, ends, True
+    return at - np.nanmin(at), starts - log.seconds[0], ends - log.seconds[0], False
+
+
+def _window_of(at: Array, starts: Array, ends: Array, *, exact: bool) -> NDArray[np.int_]:
+    """The window ``(n,)`` that each time falls into, -1 where none.
+
+    Args:
+        exact: whether windows are moments: then that one which is nearest, within half the way to its neighbours.
+    """
+    if exact:
+        gap = float(np.median(np.diff(starts))) if len(starts) > 1 else np.inf
+        apart = np.abs(at[:, None] - starts[None, :])
+        nearest = np.where(np.isnan(at), 0, np.argmin(np.nan_to_num(apart, nan=np.inf), axis=1))
+        return np.where(apart[np.arange(len(at)), nearest] <= gap / 2, nearest, -1)
+    k = np.clip(np.searchsorted(starts, at, side="right") - 1, 0, len(starts) - 1)
+    return np.where((at >= starts[k]) & (at <= ends[k]), k, -1)
+
+
+def _offset_hint(at: Array, starts: Array, ends: Array) -> str:
+    """Which offset of the clocks would place the points, in words."""
+    shown = at[np.isfinite(at)][:_TRIED]
+    middles = (starts + ends)[:_TRIED] / 2
+    apart = (shown[:, None] - middles[None, :]).ravel()
+    exact = bool((ends == starts).all())
+    counts = [
+        int((_window_of(shown - each, starts, ends, exact=exact) >= 0).sum()) for each in np.unique(apart.round(1))
+    ]
+    best = int(np.argmax(counts))
+    if counts[best] >= _ENOUGH * len(shown):
+        offset = float(np.unique(apart.round(1))[best])
+        return f"--clock-offset-s {offset:.10g} would place {counts[best]} of {len(shown)}"
+    return "give --clock-offset-s, the seconds by which the tracker's clock is ahead"
+
+
+def _timed_poses(
+    options: ImportOptions, points: TrackerPoints, stops: Windows, where: NDArray[np.int_]
+) -> "list[MatchedPose]":
+    each, poses = len(options.targets), list[MatchedPose]()
+    for k in range(len(stops)):
+        rows = np.flatnonzero(where == k).tolist()
+        if not rows:
+            continue
+        if len(rows) % each:
+            lines = ", ".join(str(points.lines[i]) for i in rows[:8])
+            raise LabError(
+                f"{points.path}: {len(rows)} points (lines {lines}) were measured at one pose, which has "
+                f"{', '.join(options.targets)}; give --targets as they were measured, or remove the others"
+            )
+        for n in range(0, len(rows), each):
+            poses.append(MatchedPose(_pose_name(points, rows[n], len(poses)), stops.joints[k],
+                                     _in_turn(options, rows[n : n + each])))  # fmt: skip
+    return poses

@@ -1,0 +1,58 @@
+"""What can be asked of ``lab import``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from lab.campaign.option_groups import Names
+from lab.core.errors import LabError
+from lab.core.limits import TARGETS, checked_name
+from lab.core.numbers import positive
+
+__all__ = ["By", "ImportOptions"]
+
+By = Literal["auto", "name", "order", "time"]
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """Which files to merge, and how."""
+
+    points: tyro.conf.Positional[Path]
+    """The tracker's export: SpatialAnalyzer, PolyWorks or Leica text, or plain name, x, y, z."""
+    joints: Path
+    """The controller's file: joint positions, a row for each pose, or a log over time."""
+    robot: str = "irb120"
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    by: By = "auto"
+    """How points find their poses: by name, order or time; auto: names if both have them, else times, else order."""
+    targets: Names = ("p1",)
+    """The measured points of each pose, in the order in which they were measured."""
+    unit: Literal["mm", "m", "in"] | None = None
+    """The tracker's unit of lengths, where its file does not say it."""
+    joint_unit: Literal["deg", "rad"] | None = None
+    """The unit of joints that turn, where the controller's file does not say it."""
+    coverage: float = 1.0
+    """By how much the tracker's uncertainties exceed one standard deviation: 2 where they are given for k = 2."""
+    columns: Path | None = None
+    """A TOML file that says which columns mean what, where their names do not."""
+    clock_offset_s: float | None = None
+    """By how much the tracker's clock is ahead of the controller's."""
+    still_deg_s: float = 0.1
+    """In a log: the largest speed of a joint that stands still, °/s (mm/s of a slide)."""
+    settled_s: float = 0.5
+    """In a log: how long the arm stands still at a pose, at least."""
+
+    def check(self) -> None:
+        """Refuse numbers and names that make no sense, with a LabError that names the option."""
+        for flag in ("coverage", "still_deg_s", "settled_s"):
+            positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
+        if not self.targets or len(set(self.targets)) < len(self.targets):
+            raise LabError("--targets: give one name or more, each once, e.g. p1,p2,p3")
+        TARGETS("--targets", self.targets)
+        for name in self.targets:
+            checked_name("--targets", name)
+        if self.clock_offset_s is not None and abs(self.clock_offset_s) > 1e10:
+            raise LabError("--clock-offset-s: give the seconds between two clocks")

@@ -1,0 +1,171 @@
+"""Joint positions that a controller wrote: a row for each pose, or a log over time.
+
+Columns are told by the robot's names of its joints, by q1, J1, A1, joint 1, axis 1 or rax 1 and so on, or by
+``actual_q_0`` ... of Universal Robots' real-time data exchange, whose angles are in radians and whose ``timestamp`` is
+in seconds (RTDE guide, "Robot controller outputs").
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.column_map import JointColumns, column_named
+from lab.formats.loose_table import LeftOut, LooseTable, heading_of, read_loose
+from lab.formats.timestamps import Clock, column_times
+
+__all__ = ["JointLog", "read_joint_log"]
+
+_FORMS = ("q{0}", "q {0}", "j{0}", "j {0}", "a{0}", "a {0}", "joint{0}", "joint {0}", "axis{0}", "axis {0}", "rax {0}",
+          "q{0} actual", "actual q{0}", "position {0}")  # fmt: skip
+_RTDE = "actual q {0}"  # counted from 0
+_NAMES = ("name", "pose", "point", "id", "point name", "pose name", "label", "position name", "no", "nr", "number")
+_TIMES = ("time", "timestamp", "time stamp", "date time", "datetime", "date and time", "t")
+_DATES = ("date", "day")
+_SCALES = {"deg": np.pi / 180, "rad": 1.0}
+_LENGTHS = {"mm": 1e-3, "m": 1.0}
+_FULL_TURNS = 2.0  # rad that are more turns are degrees
+
+
+@dataclass(frozen=True)
+class JointLog:
+    """Joint positions of a controller's file.
+
+    Attributes:
+        path: of the file.
+        names: of the rows; "" where the file gives none.
+        lines: of the rows, as an editor counts them.
+        joints: ``(n, joints)`` rad, m of a slide.
+        seconds: ``(n,)`` s when each row was written, NaN where not said.
+        clock: from when these count.
+        used: the columns by what they mean.
+        left_out: what of the file is no row.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    lines: tuple[int, ...]
+    joints: Array
+    seconds: Array
+    clock: Clock
+    used: dict[str, str]
+    left_out: tuple[LeftOut, ...]
+
+
+def read_joint_log(
+    path: Path, joint_names: tuple[str, ...], prismatic: tuple[bool, ...], columns: JointColumns, unit: str | None
+) -> JointLog:
+    """Read the joint positions of a controller's file.
+
+    Args:
+        path: of the file.
+        joint_names: the robot's.
+        prismatic: which of them slide.
+        columns: what is said of its columns.
+        unit: of joints that turn, where the file does not say it: deg or rad.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    table = read_loose(path, len(joint_names))
+    if table.headings is None and not columns.joints:
+        raise LabError(f"{path}: no header says which columns are the joints; name them in the --columns file")
+    if columns.joints and len(columns.joints) != len(joint_names):
+        raise LabError(
+            f"{path}: the --columns file names {len(columns.joints)} joints; the robot has {', '.join(joint_names)}"
+        )
+    at = (
+        [column_named(table, each) for each in columns.joints]
+        if columns.joints
+        else [_joint(table, j, name) for j, name in enumerate(joint_names)]
+    )
+    if len(set(at)) < len(at):
+        raise LabError(f"{path}: a column is taken for two joints; name one for each in the --columns file")
+    scales = [_scale(table, c, slides, unit or columns.unit) for c, slides in zip(at, prismatic, strict=True)]
+    joints = np.stack(
+        [scale * table.numbers(column, empty=False) for column, scale in zip(at, scales, strict=True)], axis=1
+    )
+    _refuse_other_unit(path, joints, prismatic, scales)
+    name = _other(table, columns.name, _NAMES)
+    time, day = _other(table, columns.time, _TIMES), _other(table, columns.date, _DATES)
+    time, day = (time, day) if time is not None else (day, None)
+    found = column_times(table, time, day, columns.dates or "") if time is not None else None
+    used = {joint: table.name(column) for joint, column in zip(joint_names, at, strict=True)}
+    used |= {what: table.name(column) for what, column in (("name", name), ("time", time)) if column is not None}
+    return JointLog(
+        path,
+        table.texts(name) if name is not None else ("",) * len(joints),
+        table.lines,
+        joints,
+        np.full(len(joints), np.nan) if found is None else found.seconds,
+        "seconds" if found is None else found.clock,
+        used,
+        table.left_out,
+    )
+
+
+def _joint(table: LooseTable, j: int, name: str) -> int:
+    """The column of a joint by its heading."""
+    keys = (heading_of(name).key, *(form.format(j + 1) for form in _FORMS), _RTDE.format(j))
+    headings = table.headings or ()
+    for key in keys:
+        same = [i for i, each in enumerate(headings) if each.key == key]
+        if len(same) > 1:
+            raise LabError(f"{table.path}: {len(same)} columns may be joint {name} ({key}); name one by --columns")
+        if same:
+            return same[0]
+    known = ", ".join(each.text for each in headings if each.text)
+    raise LabError(f"{table.path}: no column is joint {name} ({known}); name the joints in the --columns file")
+
+
+def _other(table: LooseTable, given: str, known: tuple[str, ...]) -> int | None:
+    if given:
+        return column_named(table, given)
+    headings = table.headings or ()
+    return next((i for key in known for i, each in enumerate(headings) if each.key == key), None)
+
+
+def _scale(table: LooseTable, column: int, slides: bool, given: str | None) -> float:
+    """The factor to rad or m of a joint's column."""
+    heading = table.headings[column] if table.headings is not None else None
+    stated = heading.unit if heading is not None else ""
+    if heading is not None and heading.key.startswith("actual q ") and not slides:
+        stated = stated or "rad"
+    where = f"{table.path}: column {table.name(column)}"
+    if slides:
+        if stated not in _LENGTHS:
+            raise LabError(
+                f"{where}: the joint slides, and no unit of lengths is said; call the column ..._mm or ..._m"
+            )
+        return _LENGTHS[stated]
+    if stated and given and stated != given:
+        raise LabError(f"{where}: it is in {stated}, as it says; leave out --joint-unit {given}")
+    unit = stated or given
+    if not unit:
+        raise LabError(f"{where}: its unit is not said; give --joint-unit deg or --joint-unit rad")
+    if unit not in _SCALES:
+        raise LabError(f"{where}: {unit} is no unit of angles; use deg or rad")
+    return float(_SCALES[unit])
+
+
+def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], scales: list[float]) -> None:
+    """Radians that are many turns are degrees; degrees that all are a few are radians."""
+    turning = [j for j, slides in enumerate(prismatic) if not slides]
+    if not turning:
+        return
+    largest = float(np.abs(joints[:, turning]).max())
+    said = [scales[j] for j in turning]
+    if all(scale == 1.0 for scale in said) and largest > _FULL_TURNS * 2 * np.pi:
+        raise LabError(f"{path}: joints reach {largest:.4g} rad, which are degrees; give --joint-unit deg")
+    in_degrees = np.rad2deg(largest)
+    if (
+        all(scale != 1.0 for scale in said)
+        and len(joints) > 2
+        and in_degrees < 2 * np.pi
+        and np.ptp(joints, axis=0).max()
+    ):
+        raise LabError(
+            f"{path}: no joint turns by more than {in_degrees:.3g}°, which are radians; give --joint-unit rad"
+        )

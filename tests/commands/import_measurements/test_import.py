@@ -1,0 +1,191 @@
+"""`lab import`: a day in a tracker's and a controller's files comes back as it was, by name, in order and by time."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.drawing import nothing_drawn
+from helpers.tracker_files import controller_log, leica, plain, polyworks, rows_of_joints, spatial_analyzer
+
+from lab.campaign.robot import load_robot
+from lab.cli import main
+from lab.commands.calibrate.simulate import MeasuringDay, simulate
+from lab.commands.import_measurements.options import ImportOptions
+from lab.commands.import_measurements.run import import_measurements
+from lab.core.errors import LabError
+from lab.formats.measurement_csv import read_measurements
+
+POSES = 30
+
+
+@pytest.fixture(scope="module")
+def day() -> MeasuringDay:
+    return simulate("irb120", poses=POSES, seed=3, instrument="uniform-8um")
+
+
+@pytest.fixture
+def files(tmp_path: Path, day: MeasuringDay) -> tuple[Path, Path]:
+    """A tracker's export and the poses, both with names, the poses in another order."""
+    names, data = [f"P{i}" for i in range(POSES)], day.measurements
+    points = spatial_analyzer(tmp_path / "sa.txt", names, data.points[:, 0], np.full((POSES, 3), 8e-6))
+    joints = rows_of_joints(tmp_path / "poses.csv", names[::-1], data.joints[::-1])
+    return points, joints
+
+
+def test_names_bring_points_and_poses_together(files: tuple[Path, Path], day: MeasuringDay) -> None:
+    result = import_measurements(ImportOptions(*files))
+    assert result.matching.by == "name" and result.measurements.ids[0] == f"P{POSES - 1}"
+    np.testing.assert_allclose(result.measurements.joints[::-1], day.measurements.joints, atol=1e-10)
+    np.testing.assert_allclose(result.measurements.points[::-1], day.measurements.points, atol=1e-9)
+    np.testing.assert_allclose(result.measurements.sigma_m, 8e-6)
+
+
+def test_the_written_file_is_what_identify_reads(files: tuple[Path, Path], tmp_path: Path) -> None:
+    with nothing_drawn():
+        import_measurements(ImportOptions(*files)).save(tmp_path / "run")
+    chain = load_robot("irb120").chain
+    again = read_measurements(tmp_path / "run" / "measurements.csv", chain.joint_names, chain.prismatic)
+    assert again.warnings == () and len(again) == POSES and np.allclose(again.sigma_m, 8e-6)
+    told = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert told["by"] == "name" and told["columns"]["points"]["x"] == "X"
+
+
+def test_order_brings_them_together(tmp_path: Path, day: MeasuringDay) -> None:
+    data = day.measurements
+    points = plain(tmp_path / "p.txt", [f"x{i}" for i in range(POSES)], data.points[:, 0])
+    joints = rows_of_joints(tmp_path / "j.csv", [f"y{i}" for i in range(POSES)], data.joints)
+    result = import_measurements(ImportOptions(points, joints, by="order", unit="mm"))
+    np.testing.assert_allclose(result.measurements.points, data.points, atol=1e-9)
+
+
+def test_a_tool_of_three_targets_by_name_and_in_order(tmp_path: Path, day: MeasuringDay) -> None:
+    data, targets = day.measurements, ("p1", "p2", "p3")
+    shifted = np.stack([data.points[:, 0] + 0.01 * k for k in range(3)], axis=1)
+    names = [f"P{i}_{t}" for i in range(POSES) for t in targets]
+    points = polyworks(tmp_path / "p.txt", names, shifted.reshape(-1, 3))
+    joints = rows_of_joints(tmp_path / "j.csv", [f"P{i}" for i in range(POSES)], data.joints)
+    for by in ("name", "order"):
+        result = import_measurements(ImportOptions(points, joints, by=by, targets=targets))
+        np.testing.assert_allclose(result.measurements.points, shifted, atol=1e-9)
+
+
+@pytest.mark.parametrize("lost", [(), (4, 17)], ids=["all", "some lost"])
+def test_times_find_the_settled_poses_of_a_log(tmp_path: Path, day: MeasuringDay, lost: tuple[int, ...]) -> None:
+    data = day.measurements
+    middles = controller_log(tmp_path / "log.txt", data.joints, start=1000.0)
+    kept = [i for i in range(POSES) if i not in lost]
+    points = leica(tmp_path / "l.csv", [f"L{i}" for i in kept], data.points[kept, 0],
+                   np.full((len(kept), 3), 1e-5), (middles[kept] - 1000.0))  # fmt: skip
+    options = ImportOptions(points, tmp_path / "log.txt", by="time")
+    with pytest.raises(LabError, match=f"would place {len(kept)} of {len(kept)}") as error:
+        import_measurements(options)
+    offset = float(str(error.value).split("--clock-offset-s ")[1].split()[0])
+    result = import_measurements(replace(options, clock_offset_s=offset))
+    assert len(result.measurements) == len(kept)
+    np.testing.assert_allclose(result.measurements.joints, data.joints[kept], atol=2e-6)
+    np.testing.assert_allclose(result.measurements.points, data.points[kept], atol=1e-8)
+    assert {"temp_C", "time_s"} == set(result.measurements.conditions)
+    assert [each.why for each in result.matching.left_out] == ["no point was measured there"] * len(lost)
+
+
+def test_a_point_measured_while_the_arm_moves_is_left_out(tmp_path: Path, day: MeasuringDay) -> None:
+    data = day.measurements
+    middles = controller_log(tmp_path / "log.txt", data.joints)
+    seconds = middles - middles[0]
+    seconds[7] += 2.5  # in the move to the next pose
+    points = leica(tmp_path / "l.csv", [f"L{i}" for i in range(POSES)], data.points[:, 0],
+                   np.full((POSES, 3), 1e-5), seconds)  # fmt: skip
+    result = import_measurements(ImportOptions(points, tmp_path / "log.txt", by="time", clock_offset_s=-middles[0]))
+    assert len(result.measurements) == POSES - 1
+    assert ("L7", "measured while the arm moved, or outside the log") in [
+        (each.what, each.why) for each in result.matching.left_out
+    ]
+
+
+def test_another_unit_is_refused_by_the_size_of_the_arm(files: tuple[Path, Path], tmp_path: Path) -> None:
+    text = files[0].read_text().replace("Units: mm", "Units: m")
+    (tmp_path / "m.txt").write_text(text)
+    with pytest.raises(LabError, match="lengths are in another unit"):
+        import_measurements(ImportOptions(tmp_path / "m.txt", files[1]))
+
+
+def test_rows_of_other_poses_are_suspected(tmp_path: Path, day: MeasuringDay) -> None:
+    data = day.measurements
+    points = plain(tmp_path / "p.txt", [f"x{i}" for i in range(POSES)], np.roll(data.points[:, 0], 5, axis=0))
+    joints = rows_of_joints(tmp_path / "j.csv", [f"y{i}" for i in range(POSES)], data.joints)
+    result = import_measurements(ImportOptions(points, joints, by="order", unit="mm"))
+    assert "do not follow the nominal arm" in result.warnings[-1]
+
+
+def wrong(case: str, points: Path, joints: Path) -> list[str]:
+    """The arguments of a case, whose files are made wrong."""
+    text, poses = points.read_text(), joints.read_text()
+    flags: list[str] = []
+    if case == "count mismatch":
+        joints.write_text("\n".join(poses.splitlines()[:-2]))
+        flags = ["--by", "order"]
+    elif case == "no common name":
+        joints.write_text(poses.replace("P", "Q"))
+        flags = ["--by", "name"]
+    elif case == "a pose twice":
+        joints.write_text(poses.replace("P1,", "P2,"))
+    elif case == "a point twice":
+        points.write_text(text.replace("robot, P1,", "robot, P2,"))
+    elif case == "no times":
+        flags = ["--by", "time"]
+    elif case == "degrees called radians":
+        joints.write_text(poses.replace("(deg)", "(rad)"))
+    elif case == "no targets":
+        flags = ["--targets", ","]
+    elif case == "targets twice":
+        flags = ["--targets", "p1,p1"]
+    elif case == "coverage of nothing":
+        flags = ["--coverage", "0"]
+    elif case == "no map":
+        flags = ["--columns", "map.toml"]
+    elif case == "no such joint file":
+        joints.unlink()
+    elif case == "no such export":
+        points.unlink()
+    elif case == "another robot":
+        flags = ["--robot", "scara"]
+    elif case == "export of joints":
+        points.write_text(poses)
+    elif case == "three targets, one measured":
+        flags = ["--by", "order", "--targets", "p1,p2,p3"]
+    elif case == "offset not finite":
+        flags = ["--clock-offset-s", "inf"]
+    return [str(points), "--joints", str(joints), *flags]
+
+
+CASES = {
+    "count mismatch": "remove what has no partner",
+    "no common name": "--by order",
+    "a pose twice": "two poses are called",
+    "a point twice": "is there twice",
+    "no times": "--by name",
+    "degrees called radians": "--joint-unit deg",
+    "no targets": "--targets",
+    "targets twice": "--targets",
+    "coverage of nothing": "--coverage",
+    "no map": "map.toml",
+    "no such joint file": "poses.csv",
+    "no such export": "sa.txt",
+    "another robot": "the joint slides",
+    "export of joints": "no column is x",
+    "three targets, one measured": "3 points each",
+    "offset not finite": "--clock-offset-s",
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_mistakes_are_told_in_one_line(
+    case: str, files: tuple[Path, Path], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(files[0].parent)
+    assert main(["import", *wrong(case, *files), "--out", "run"]) == 2
+    out, err = capfd.readouterr()
+    assert CASES[case] in err and len(err.strip().splitlines()) == 1 and out == ""
+    assert not Path("run").exists()
