@@ -7,14 +7,21 @@ the bit, which a run keeps of a robot that was given as a table or as a mechanis
 from lab.formats.description import DescriptionFormat
 from lab.formats.dh_table_toml import TABLE_TOML
 from lab.formats.mechanism_toml import MECHANISM_TOML
-from lab.formats.urdf import URDF
+from lab.formats.ur_calibration import UR_KINEMATICS
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.closed_robot import CLOSED_MJCF, ClosedModel
 from lab.simulation.serial_model import SerialModel
 from lab.simulation.write_mjcf import MJCF
+from lab.simulation.write_urdf import URDF, XACRO
 
 __all__ = ["CLOSED_FORMATS", "SERIAL_FORMATS"]
 
-SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (MJCF, URDF, TABLE_TOML)
+SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
+    MJCF,
+    URDF,
+    XACRO,
+    UR_KINEMATICS,
+    TABLE_TOML,
+)
 CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)

@@ -227,7 +227,7 @@ class SerialRobot(Robot):
 
     @property
     def description_files(self) -> tuple[str, ...]:
-        """MJCF, URDF and the table."""
+        """MJCF, URDF and the table; of some robots those of ROS."""
         return tuple(each.file for each in SERIAL_FORMATS)
 
     def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:

@@ -35,6 +35,8 @@ _FILES = {
     "calibrated.xml",
     "calibrated.toml",
     "calibrated.urdf",
+    "calibrated_origins.xacro",
+    "ur_kinematics.yaml",
     "nominal.toml",
     "joints.csv",
     "cartesian.csv",

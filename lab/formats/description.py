@@ -41,7 +41,7 @@ class DescriptionFormat(Generic[ArmT_contra, ModelT_contra]):
 
     Attributes:
         file: the name of its file in a run's folder.
-        text: the file's content for an identified robot.
+        text: the file's content for an identified robot; "" where the format has nothing to say of it.
     """
 
     file: str

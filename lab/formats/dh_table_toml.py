@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
@@ -26,7 +27,9 @@ from lab.formats.robot_toml import (
     written_base_and_tool,
 )
 from lab.formats.toml import read_toml
+from lab.formats.ur_calibration import read_corrections
 from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes
 from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
 
 __all__ = ["TABLE_TOML", "RobotTable", "read_table"]
@@ -36,7 +39,7 @@ _KNOWN = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
     "(of a slide _mm or _m), speed with _per_s and acceleration with _per_s2 after that, torque_nm (force_n), mass_kg"
 )
-_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool"}
+_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool", "corrections"}
 
 
 @dataclass(frozen=True)
@@ -103,9 +106,30 @@ def read_table(path: Path) -> RobotTable:
         acceleration=acceleration,
         parallel=tuple(parallel),
     )
+    if "corrections" in document:
+        chain = _corrected(path, chain, document["corrections"])
     base = read_base(path, document["base"]) if "base" in document else None
     tool = read_tool(path, document.get("tool", {}))
     return RobotTable(chain, base, tool, read_height(path, document), mass_kg, torque, tuple(warnings))
+
+
+def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
+    """The chain with a controller's corrections of its table, described anew from the axes that it then has."""
+    if not isinstance(file, str) or not file:
+        raise LabError(f'{path}: corrections is {file!r}; give the name of a file, e.g. "calibration.conf"')
+    if chain.convention != "distal" or chain.size != 6 or any(chain.prismatic):
+        raise LabError(f"{path}: corrections are of a distal table of six joints that turn; leave them out here")
+    table = np.array(chain.table)
+    table[:, :4] += read_corrections(path.parent / file)
+    frames = [np.eye(4)]
+    for theta, d, a, alpha, beta in table:
+        turn = se3.exp(np.array([0, 0, theta])) @ se3.exp(np.array([alpha, 0, 0])) @ se3.exp(np.array([0, beta, 0]))
+        frames.append(frames[-1] @ se3.pose(turn, np.array([a * np.cos(theta), a * np.sin(theta), d])))
+    at, last = np.stack(frames[:-1]), frames[-1]
+    axes = JointAxes(at[:, :3, 3], at[:, :3, 2] * chain.sign[:, None], np.zeros((0, 3)))
+    limits = (chain.lower, chain.upper, chain.speed, chain.acceleration)
+    found, _ = chain_from_axes(chain.name, chain.joint_names, chain.prismatic, axes, np.eye(4), last, limits)
+    return found
 
 
 def _cell(reader: JointSection, name: str) -> float:

@@ -6,13 +6,13 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.description import DescriptionFormat, IdentifiedRobot
+from lab.formats.description import IdentifiedRobot
 from lab.formats.link_tree import Link, free_name, link_tree
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["URDF"]
+__all__ = ["identified_urdf"]
 
 _PLACEHOLDER_KG = 1e-3
 _GYRATION_M = 0.05
@@ -23,7 +23,7 @@ A velocity or an effort of 0 is one that is not known.
 """
 
 
-def _identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
+def identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
     """The identified arm as links and joints, to the last digit.
 
     Joints have the chain's names. Links are those of ``formats.link_tree``: the instrument's frame, the
@@ -41,9 +41,6 @@ def _identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
     ET.indent(root)
     head = f'<?xml version="1.0"?>\n<!--\n{_ABOUT}{_masses_note(loads)}\n-->\n'
     return head + ET.tostring(root, encoding="unicode") + "\n"
-
-
-URDF = DescriptionFormat("calibrated.urdf", _identified_urdf)
 
 
 def _add_mass(element: ET.Element, mass_kg: float, centre: Array) -> None:

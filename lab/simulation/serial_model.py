@@ -68,16 +68,10 @@ class SerialModel(RobotModel):
         a body without a joint stays where it is on the one that carries it. ``values``' base is
         not used: frame 0 stands where the model has it.
         """
-        still = values.copy()
-        still[:6] = 0.0
-        data = at_zero(self.model)
-        moved = self._moved_poses(arm, still, data)
-        T_world_last = self.T_world_frame0 @ arm.flange(np.zeros((1, arm.chain.size)), still)[0]
+        moved = self.moved_bodies(arm, values)
         carrier = self.carrier
-        if carrier not in self.bodies:
-            nominal_last = last_frame(self.chain, self.T_world_frame0)
-            body = model.body(carrier).id
-            moved[body] = T_world_last @ se3.inverse(nominal_last) @ body_pose(data, body)
+        still = _without_base(values)
+        T_world_last = self.T_world_frame0 @ arm.flange(np.zeros((1, arm.chain.size)), still)[0]
         for name in dict.fromkeys([*self.bodies, carrier]):
             body = model.body(name).id
             local = se3.inverse(moved[int(model.body_parentid[body])]) @ moved[body]
@@ -90,6 +84,18 @@ class SerialModel(RobotModel):
             site = sites[target]
             T_body_last = se3.inverse(moved[int(model.site_bodyid[site])]) @ T_world_last
             model.site_pos[site] = se3.transform(T_body_last, point[None])[0]
+
+    def moved_bodies(self, arm: SerialArm, values: Array) -> list[Array]:
+        """Poses ``(4, 4)`` (m) of all bodies in the world, joint positions zero, as ``place_bodies`` puts them."""
+        still, data = _without_base(values), at_zero(self.model)
+        moved = self._moved_poses(arm, still, data)
+        if self.carrier not in self.bodies:
+            T_world_last = self.T_world_frame0 @ arm.flange(np.zeros((1, arm.chain.size)), still)[0]
+            body = self.model.body(self.carrier).id
+            moved[body] = (
+                T_world_last @ se3.inverse(last_frame(self.chain, self.T_world_frame0)) @ body_pose(data, body)
+            )
+        return moved
 
     def _moved_poses(self, arm: SerialArm, values: Array, data: mujoco.MjData) -> list[Array]:
         """World poses of all bodies, at joint positions zero, with the chain's axes."""
@@ -114,6 +120,13 @@ class SerialModel(RobotModel):
                 moved_anchor = origin + axis * np.dot(anchor - origin, axis)
             poses.append(se3.pose(turn @ nominal[:3, :3], moved_anchor + turn @ (nominal[:3, 3] - anchor)))
         return poses
+
+
+def _without_base(values: Array) -> Array:
+    """Parameters with the base at the origin: frame 0 stands where the model has it."""
+    still = values.copy()
+    still[:6] = 0.0
+    return still
 
 
 def last_frame(chain: Chain, T_world_frame0: Array) -> Array:

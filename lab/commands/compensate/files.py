@@ -34,7 +34,8 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     (folder / NOMINAL).write_text(nominal, encoding="utf-8")
     arm, values = run.geometry
     for name in run.robot.description_files:
-        (folder / name).write_text(run.robot.description(name, arm.targets, values), encoding="utf-8")
+        if text := run.robot.description(name, arm.targets, values):
+            (folder / name).write_text(text, encoding="utf-8")
     if len(rows):
         for name, content in target_files(run.robot.chain, result.options.controller, _moves(result)).items():
             (folder / name).write_bytes(content)
