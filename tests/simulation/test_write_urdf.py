@@ -10,8 +10,7 @@ from helpers.ur5e import JOINTS, ur5e_urdf
 
 from lab.campaign.robot import load_robot
 from lab.core import se3
-from lab.core.errors import LabError
-from lab.formats.urdf_patch import with_origins
+from lab.simulation.write_urdf import URDF, XACRO
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +23,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str
     rng = np.random.default_rng(2)
     links = [i for i, name in enumerate(arm.names) if name.startswith("link") and not name.startswith("link6")]
     values[links] += rng.normal(0, 2e-3, len(links))
-    files = ("calibrated.urdf", "calibrated_origins.xacro", "ur_kinematics.yaml")
+    files = (URDF.file, XACRO.file, "ur_kinematics.yaml")
     return path, *(robot.description(file, ("p1",), values) for file in files)
 
 
@@ -62,8 +61,3 @@ def test_the_xacro_and_ros_s_kinematics_say_the_same(identified: tuple[Path, str
     lengths = re.findall(r'elbow_joint_xyz" value="(\S+) ', xacro)
     assert f'<origin xyz="{lengths[0]} ' in text
     assert kinematics.count("roll:") == 6 and "hash: calib_" in kinematics
-
-
-def test_a_joint_that_is_not_there_is_told() -> None:
-    with pytest.raises(LabError, match="joint a is not in the URDF"):
-        with_origins('<robot><!-- <joint name="a"><parent/></joint> --></robot>', {"a": np.eye(4)})
