@@ -158,7 +158,7 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
         if command.folder:
             place = asked.out or free_name(Path("runs"), command.folder_name(asked.options))
-            folder = stack.enter_context(run_folder(place, input_files(asked.options)))
+            folder = stack.enter_context(run_folder(place, input_files(asked.options), overwrite=asked.overwrite))
         result = command(asked.options)
         if command.folder:
             with status("writing the page and the other files"):

@@ -17,6 +17,7 @@ __all__ = ["Arguments", "parsed"]
 
 _CONFIG = "--config"
 _JSON = Annotated[Flag, tyro.conf.arg(help="Print the result as one JSON object.")]
+_OVERWRITE = Annotated[Flag, tyro.conf.arg(help="Replace an earlier run in that folder.")]
 
 
 @dataclass(frozen=True)
@@ -26,11 +27,13 @@ class Arguments:
     Attributes:
         options: of the command's own class.
         out: the run's folder; None for the default one.
+        overwrite: whether an earlier run in that folder is replaced.
         json: whether to print the result as JSON.
     """
 
     options: Any
     out: Path | None
+    overwrite: bool
     json: bool
 
 
@@ -46,14 +49,15 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     options = ("options", given) if default is None else ("options", given, field(default=default))
     common: list[Any] = [("json", _JSON, field(default=False))]
     if command.folder:
-        said = f"The run's folder: runs/{command.folder} by default, numbered if taken; an earlier run is replaced."
-        common.insert(0, ("out", Annotated[Path | None, tyro.conf.arg(help=said)], field(default=None)))
+        said = f"The run's folder: runs/{command.folder} by default, numbered if taken."
+        out = ("out", Annotated[Path | None, tyro.conf.arg(help=said)], field(default=None))
+        common = [out, ("overwrite", _OVERWRITE, field(default=False)), *common]
     made: Any = make_dataclass("Arguments", [options, *common])
     program = f"lab {command.name}"
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
     with one_line_errors(program, flags):
         found = tyro.cli(made, prog=program, description=_described(command), args=rest, registry=_numbers())
-    return Arguments(found.options, getattr(found, "out", None), found.json)
+    return Arguments(found.options, getattr(found, "out", None), getattr(found, "overwrite", False), found.json)
 
 
 def _described(command: Command) -> str:

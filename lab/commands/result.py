@@ -94,17 +94,20 @@ class Result(ABC):
             ) from error
         return pandas.DataFrame(dict(self.columns()))
 
-    def save(self, folder: str | Path) -> Path:
-        """Write all files of the run into a folder, completely or not at all; an earlier run there is replaced.
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write all files of the run into a folder, completely or not at all.
+
+        Args:
+            overwrite: whether an earlier run that stands there is replaced.
 
         Raises:
-            LabError: the folder holds something else or an input, or cannot be written.
+            LabError: the folder holds an earlier run, something else or an input, or cannot be written.
         """
         from threadpoolctl import threadpool_limits
 
         from lab.commands.run_folder import input_files, run_folder
 
-        with threadpool_limits(1), run_folder(Path(folder), input_files(self.options)) as draft:
+        with threadpool_limits(1), run_folder(Path(folder), input_files(self.options), overwrite=overwrite) as draft:
             self.write(draft)
         return Path(folder)
 

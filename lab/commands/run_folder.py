@@ -57,16 +57,17 @@ _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
 
 @contextmanager
-def run_folder(out: Path, inputs: Sequence[Path] = ()) -> Iterator[Path]:
+def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = False) -> Iterator[Path]:
     """A folder to write a run into, which becomes ``out`` when the block ends well.
 
-    ``out`` may be missing, empty, or an earlier run, which is then replaced.
+    ``out`` may be missing or empty.
 
     Args:
         inputs: what the run is made from, which is not to be replaced.
+        overwrite: whether ``out`` may also be an earlier run, which is then replaced.
 
     Raises:
-        LabError: ``out`` holds something else, or an input, is the working folder or above it, is being written by
+        LabError: ``out`` holds an earlier run, something else, or an input, is the working folder or above it, is being written by
             another run, or cannot be written.
     """
     place = _place(out)
@@ -76,7 +77,7 @@ def run_folder(out: Path, inputs: Sequence[Path] = ()) -> Iterator[Path]:
     begun = False
     try:
         _refuse_other_files(out)
-        with draft_of(place) as draft:
+        with draft_of(place, replacing=overwrite) as draft:
             begun = True
             yield draft
             (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")

@@ -29,17 +29,18 @@ _BLOCK = 1 << 20
 
 
 @contextmanager
-def draft_of(place: Path) -> Iterator[Path]:
-    """A folder to write into, which becomes ``place`` when the block ends well; what stands there is replaced.
+def draft_of(place: Path, *, replacing: bool) -> Iterator[Path]:
+    """A folder to write into, which becomes ``place`` when the block ends well.
 
-    Until the new folder stands, the earlier one is only moved aside. Parents of ``place`` that are made and stay empty
-    are removed again.
+    Until the new folder stands, an earlier one is only moved aside. Parents of ``place`` that are made and stay empty
+    are removed again, as is what killed processes left.
 
     Args:
         place: absolute.
+        replacing: whether a folder that stands there with something in it is replaced.
 
     Raises:
-        LabError: another process is writing this folder.
+        LabError: another process is writing this folder, or it holds something that is not to be replaced.
         OSError: it cannot be written.
     """
     new_parents = [parent for parent in place.parents if not parent.exists()]
@@ -47,12 +48,14 @@ def draft_of(place: Path) -> Iterator[Path]:
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         _recover(place)
+        _refuse_to_replace(place, replacing)
         draft = Path(tempfile.mkdtemp(prefix=f".{place.name}.{_DRAFT}-", dir=place.parent))
         draft.chmod(0o777 & ~_umask())
         with _locked(draft):
             if is_being_written(place, but=draft):
                 raise LabError(f"{place}: is being written by another run; wait for it, or give another folder")
             yield draft
+            _refuse_to_replace(place, replacing)  # what another one has written meanwhile
             _swap(draft, place)
     finally:
         if draft is not None:
@@ -138,6 +141,11 @@ def _recover(place: Path) -> None:
         with _locked(draft) as free:
             if free:
                 shutil.rmtree(draft, ignore_errors=True)
+
+
+def _refuse_to_replace(place: Path, replacing: bool) -> None:
+    if not replacing and place.is_dir() and any(place.iterdir()):
+        raise LabError(f"{place}: holds an earlier run; add --overwrite to replace it, or give --out another folder")
 
 
 def _swap(draft: Path, place: Path) -> None:

@@ -143,7 +143,7 @@ def begin(folder: Path, study: Study) -> Store:
         place = resolved(folder)
         if place.exists() and (not place.is_dir() or any(place.iterdir())):
             raise LabError(f"{folder}: holds something; --resume goes on with a study, else give another folder")
-        with draft_of(place) as draft:
+        with draft_of(place, replacing=False) as draft:
             for part in (_POSES, _CAMPAIGNS):
                 (draft / part).mkdir()
             for name, values in content.items():

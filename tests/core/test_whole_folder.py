@@ -15,7 +15,7 @@ WRITER = """\
 import sys, time
 from pathlib import Path
 from lab.core.whole_folder import draft_of
-with draft_of(Path(sys.argv[1])) as draft:
+with draft_of(Path(sys.argv[1]), replacing=False) as draft:
     (draft / "a").write_text("new")
     print(flush=True)
     time.sleep(60)
@@ -29,7 +29,7 @@ def names(folder: Path) -> list[str]:
 def test_what_ends_well_stands_and_replaces(tmp_path: Path) -> None:
     place = tmp_path / "deep" / "run"
     for text in ("first", "second"):
-        with draft_of(place) as draft:
+        with draft_of(place, replacing=text == "second") as draft:
             (draft / text).write_text(text)
             assert is_being_written(place) and (text == "first" or names(place) == ["first"])
         assert names(place) == [text] and names(place.parent) == ["run"] and not is_being_written(place)
@@ -38,12 +38,12 @@ def test_what_ends_well_stands_and_replaces(tmp_path: Path) -> None:
 
 def test_what_ends_badly_leaves_what_stood(tmp_path: Path) -> None:
     place = tmp_path / "deep" / "run"
-    with pytest.raises(ZeroDivisionError), draft_of(place):
+    with pytest.raises(ZeroDivisionError), draft_of(place, replacing=False):
         _ = 1 / 0
     assert names(tmp_path) == []
-    with draft_of(place) as draft:
+    with draft_of(place, replacing=False) as draft:
         (draft / "a").write_text("old")
-    with pytest.raises(KeyboardInterrupt), draft_of(place) as draft:
+    with pytest.raises(KeyboardInterrupt), draft_of(place, replacing=True) as draft:
         (draft / "a").write_text("new")
         raise KeyboardInterrupt
     assert (place / "a").read_text() == "old" and names(place.parent) == ["run"]
@@ -55,13 +55,13 @@ def test_a_writer_is_not_disturbed_and_a_killed_one_s_leftovers_go(tmp_path: Pat
         assert writer.stdout is not None
         writer.stdout.readline()
         (theirs,) = names(tmp_path)
-        with pytest.raises(LabError, match="is being written by another run"), draft_of(place):
+        with pytest.raises(LabError, match="is being written by another run"), draft_of(place, replacing=False):
             pass
         assert names(tmp_path) == [theirs] and names(tmp_path / theirs) == ["a"]
         writer.send_signal(signal.SIGKILL)
         writer.wait()
     assert names(tmp_path) == [theirs]  # what a killed one leaves
-    with draft_of(place) as draft:
+    with draft_of(place, replacing=False) as draft:  # which is no earlier run
         (draft / "b").write_text("")
     assert names(tmp_path) == ["run"] and names(place) == ["b"]
 
@@ -70,10 +70,29 @@ def test_a_run_that_was_moved_aside_when_the_writer_was_killed_comes_back(tmp_pa
     (tmp_path / ".run.replaced-x").mkdir()
     (tmp_path / ".run.replaced-x" / "a").write_text("earlier")
     (tmp_path / ".other.partial-y").mkdir()
-    with pytest.raises(ZeroDivisionError), draft_of(tmp_path / "run"):
+    with pytest.raises(ZeroDivisionError), draft_of(tmp_path / "run", replacing=True):
         assert (tmp_path / "run" / "a").read_text() == "earlier"
         _ = 1 / 0
     assert names(tmp_path) == [".other.partial-y", "run"] and names(tmp_path / "run") == ["a"]
+
+
+def test_nothing_is_replaced_unless_it_is_said(tmp_path: Path) -> None:
+    """What stands, what a killed process had moved aside, and what another one writes meanwhile."""
+    place = tmp_path / "run"
+    (tmp_path / ".run.replaced-x").mkdir()
+    (tmp_path / ".run.replaced-x" / "a").write_text("earlier")
+    for _ in range(2):
+        with pytest.raises(LabError, match="holds an earlier run; add --overwrite"), draft_of(place, replacing=False):
+            raise AssertionError("nothing is to begin")
+        assert names(tmp_path) == ["run"] and (place / "a").read_text() == "earlier"
+    (place / "a").unlink()
+    with draft_of(place, replacing=False) as draft:  # an empty folder is none
+        (draft / "b").write_text("")
+    other = tmp_path / "other"
+    with pytest.raises(LabError, match="holds an earlier run"), draft_of(other, replacing=False):
+        other.mkdir()
+        (other / "c").write_text("")
+    assert names(tmp_path) == ["other", "run"] and names(other) == ["c"]
 
 
 def test_one_at_a_time(tmp_path: Path) -> None:

@@ -52,6 +52,8 @@ class KinematicsOptions:
     """Print the matrices also in letters (needs sympy)."""
     out: Path | None = None
     """A folder for the result, a report, a recording and a table; by default nothing is written."""
+    overwrite: Flag = False
+    """Replace an earlier run in that folder."""
 
     def check(self) -> None:
         """Refuse options that contradict each other, with a LabError that names them."""

@@ -89,10 +89,10 @@ def _solved(options: KinematicsOptions, robot: Robot) -> KinematicsResult:
         )
     warnings = (*robot.warnings, *said, *model.told(placed, reached))
     matrices = Matrices(links, model.letters(), options.between)
-    asked = replace(options, out=None)  # where it is written is no part of the result
+    asked = replace(options, out=None, overwrite=False)  # where it is written is no part of the result
     found = KinematicsResult(asked, robot, placed, reached, model.assembly_modes(placed), matrices, tuple(warnings))
     if options.out is not None:
-        found.save(options.out)
+        found.save(options.out, overwrite=options.overwrite)
     return found
 
 

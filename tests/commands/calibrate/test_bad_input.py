@@ -130,7 +130,7 @@ def test_a_disk_that_fills_up_leaves_the_earlier_run(
     before = contents(folder)
     fill_disk_at(name, monkeypatch)
     capfd.readouterr()
-    assert run(f"{CALIBRATE} --seed 5 --out {out}") == 2
+    assert run(f"{CALIBRATE} --seed 5 --overwrite --out {out}") == 2
     written, err = capfd.readouterr()
     assert written == ""
     line = the_line(err)
@@ -193,15 +193,20 @@ def test_a_run_that_cannot_be_put_in_place_leaves_the_earlier_one(
 
     monkeypatch.setattr(Path, "rename", busy)
     capfd.readouterr()
-    assert run(f"{CALIBRATE} --seed 5 --out run") == 2
+    assert run(f"{CALIBRATE} --seed 5 --overwrite --out run") == 2
     assert "busy" in the_line(capfd.readouterr().err)
     assert contents(folder) == before
 
 
-def test_an_earlier_run_is_replaced(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    for seed in (1, 2):
-        assert run(f"{CALIBRATE} --seed {seed} --out run") == 0
-        assert json.loads((folder / "run" / "config.json").read_text())["options"]["seed"] == seed
+def test_an_earlier_run_is_replaced_only_where_that_is_said(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(f"{CALIBRATE} --out run") == 0
+    before = contents(folder)
+    capfd.readouterr()
+    assert run(f"{CALIBRATE} --seed 1 --out run") == 2
+    assert "run: holds an earlier run; add --overwrite to replace it" in the_line(capfd.readouterr().err)
+    assert contents(folder) == before
+    assert run(f"{CALIBRATE} --seed 2 --out run --overwrite") == 0
+    assert json.loads((folder / "run" / "config.json").read_text())["options"]["seed"] == 2
     assert {path.name for path in folder.iterdir() if path.is_dir()} == {"run"}
 
 
