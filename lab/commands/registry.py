@@ -126,6 +126,12 @@ COMMANDS = (
         "trend-{folder}",
     ),
     Command(
+        "migrate",
+        "Give runs of an older lab what those of today have: schema, checksums, and a date.",
+        "lab.commands.migrate.options:MigrateOptions",
+        "lab.commands.migrate.run:migrate",
+    ),
+    Command(
         "payload",
         "Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.",
         "lab.commands.payload.options:PayloadOptions",

@@ -67,8 +67,8 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
         overwrite: whether ``out`` may also be an earlier run, which is then replaced.
 
     Raises:
-        LabError: ``out`` holds an earlier run, something else, or an input, is the working folder or above it, is being written by
-            another run, or cannot be written.
+        LabError: ``out`` holds an earlier run, something else, or an input, is the working folder or above it, is
+            being written by another run, or cannot be written.
     """
     place = _place(out)
     for path in inputs:

@@ -370,7 +370,7 @@ def test_bad_readings_are_named_and_left_out(tmp_path, capsys) -> None:
 
 def test_joints_that_lag_are_told(tmp_path, capsys) -> None:
     for lag, told in ((0.002, True), (0.0, False)):
-        _, result = run(capsys, "calibrate", "--lag", lag, "--poses", "60", "--out", tmp_path / "run")
+        _, result = run(capsys, "calibrate", "--lag", lag, "--poses", "60", "--out", tmp_path / str(lag))
         assert any("do not follow the arm" in warning for warning in result["warnings"]) is told
 
 
@@ -472,7 +472,7 @@ def test_rows_that_are_not_fitted_decide_nothing(tmp_path, capsys) -> None:
     marked(file, "session", {i: "0" if i == 0 else "1" if i < 30 else "2" for i in range(60)})
     for model in ("drift", "auto", "sessions"):
         code, result = run(capsys, "identify", file, "--model", model, "--instrument", "uniform-8um", "--out",
-                           tmp_path / "id")  # fmt: skip
+                           tmp_path / model)  # fmt: skip
         assert code == 0 and result["status"] == "converged", model
 
 
@@ -484,7 +484,7 @@ def test_what_cannot_be_judged_by_is_not_chosen(tmp_path, capsys) -> None:
     code, result = run(capsys, "identify", file, "--model", "auto", "--validate", other, "--refit", "base,tool",
                        "--out", tmp_path / "id")  # fmt: skip
     assert "backlash" not in result["model"] and any("backlash is not tried" in w for w in result["warnings"])
-    code, result = run(capsys, "identify", file, "--model", "auto", "--out", tmp_path / "id")
+    code, result = run(capsys, "identify", file, "--model", "auto", "--out", tmp_path / "alone")
     assert code == 0 and result["model"] == "geometric+backlash"
 
 

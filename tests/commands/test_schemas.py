@@ -37,6 +37,10 @@ def test_runs_hold_what_the_schemas_say(runs: list[Path]) -> None:
         assert set(result) <= {*schema("result")["properties"], "stiffness_nm_per_rad", "stiffness_std_nm_per_rad"}
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(result | {"verdict": "splendid"}, schema("result"))
+        part = {name: value for name, value in result.items() if name != "answers"}
+        with pytest.raises(jsonschema.ValidationError, match="answers"):
+            jsonschema.validate(part, schema("result"))
+        jsonschema.validate(part | {"migrated": True}, schema("result"))
 
 
 def test_a_run_knows_its_inputs(runs: list[Path]) -> None:

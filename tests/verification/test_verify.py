@@ -269,7 +269,7 @@ def write(path: Path, data: Measurements) -> None:
 
 
 def checked(capsys, folder: Path, run: str, file: str | Path, *flags: str) -> tuple[int, dict]:
-    out = ("--out", str(folder / "out"))
+    out = ("--overwrite", "--out", str(folder / "out"))
     code = main(["verify", str(folder / run), str(folder / file), *flags, *out, "--json"])
     return code, json.loads(capsys.readouterr().out)
 
@@ -299,7 +299,7 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
 
 def test_it_prints_for_a_person(runs: Path, capsys) -> None:
     for file, says in (("good.csv", "the test would detect it"), ("base.csv", "--refit base says")):
-        main(["verify", str(runs / "known"), str(runs / file), "--out", str(runs / "shown")])
+        main(["verify", str(runs / "known"), str(runs / file), "--overwrite", "--out", str(runs / "shown")])
         said = " ".join(capsys.readouterr().out.split())
         assert says in said and "degrees of freedom" in said and "predicted" in said
 

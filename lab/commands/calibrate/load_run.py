@@ -63,6 +63,7 @@ class Findings:
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
     schema: int = 0
+    migrated: bool = False
 
     @property
     def usable(self) -> bool:
@@ -169,8 +170,8 @@ class Calibrated:
     def warnings(self) -> tuple[str, ...]:
         """What whoever builds on the run should be told of it."""
         result, said = self.result, [*self.robot.warnings, *self.edits]
-        if result.schema == 0:
-            said.append(f"{self.folder}: an older version of the lab made this run: its verdict gives no answers")
+        if result.schema == 0 or result.migrated:
+            said.append(f"{self.folder}: an older version of the lab made this run, and judged it by other rules")
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
             belief = "may be too small" if result.usable else "is not to be believed"

@@ -68,7 +68,7 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
         if command not in _CALIBRATIONS or not isinstance(given, dict):
             left_out.append(f"{folder}: is no run of lab calibrate or lab identify, and is left out")
         elif not isinstance(given.get("date"), str):
-            left_out.append(f"{folder}: has no date, and is left out; make it again with --date YYYY-MM-DD")
+            left_out.append(f"{folder}: has no date, and is left out; lab migrate {folder} --date YYYY-MM-DD adds it")
         elif (twin := seen.setdefault(_content(folder), folder.name)) != folder.name:
             left_out.append(f"{folder}: has the measurements of {twin}, and is left out")
         else:

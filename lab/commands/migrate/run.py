@@ -1,0 +1,107 @@
+"""Runs of an older lab, made readable as those of today: schema, checksums, and a date where one is given."""
+
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from lab.calibration.identify import WEAK
+from lab.commands.integrity import is_older, refuse_edits
+from lab.commands.migrate.options import MigrateOptions
+from lab.commands.migrate.result import Migrated, MigrationResult
+from lab.commands.run_folder import SCHEMA, write_json
+from lab.core.errors import LabError
+from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, resolved
+from lab.formats.structured import read_json
+
+__all__ = ["migrate"]
+
+_NO_RUN = "give the folder of a run of the lab"
+_CALIBRATIONS = ("calibrate", "identify")
+
+
+def migrate(options: MigrateOptions) -> MigrationResult:
+    """Bring the runs of a folder to the schema of today; a run stands there whole, the old one or the new one.
+
+    Raises:
+        LabError: the folder holds no run, a run was edited, or a date is given for several runs or instead of another.
+    """
+    folders = list(_runs(options.folder))
+    if options.date is not None and len(folders) > 1:
+        raise LabError(f"{options.folder}: holds {len(folders)} runs, and --date is of one; give the folder of that")
+    return MigrationResult(options, tuple(Migrated(each, _migrated(each, options.date)) for each in folders))
+
+
+def _runs(folder: Path) -> Iterator[Path]:
+    if (folder / "config.json").is_file():
+        yield folder
+        return
+    inside = sorted(folder.iterdir()) if folder.is_dir() else []
+    found = [path for path in inside if (path / "config.json").is_file()]
+    if not found:
+        raise LabError(f"{folder}: holds no run; {_NO_RUN}, or the one above it")
+    yield from found
+
+
+def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
+    """Migrate a run: what was done, in words; nothing where it is as today's runs are."""
+    config = _object(folder / "config.json")
+    options = config.get("options")
+    if "model_sha256" not in config or not isinstance(options, dict):
+        raise LabError(f"{folder}/config.json: is not what the lab writes; {_NO_RUN}")
+    refuse_edits(folder)
+    files, done = dict[str, Any](), []
+    if is_older(folder):
+        done.append(f"schema {SCHEMA}")
+        files["config.json"] = {"schema": SCHEMA, **config, "inputs_sha256": config.get("inputs_sha256", {})}
+        if config.get("command") in _CALIBRATIONS:
+            files["result.json"] = _object(folder / "result.json") | {"schema": SCHEMA, "migrated": True}
+            files["parameters.json"] = [_observability(row) for row in _rows(folder / "parameters.json")]
+    if date is not None:
+        if options.get("date") not in (None, date):
+            raise LabError(f"{folder}: its date is {options['date']}; leave out --date {date}, or make the run again")
+        if config.get("command") not in _CALIBRATIONS:
+            raise LabError(f"{folder}: is no run of lab calibrate or lab identify; only these have a date")
+        done += [] if options.get("date") == date else [f"date {date}"]
+        files["config.json"] = files.get("config.json", config) | {"options": {**options, "date": date}}
+    if not (folder / CHECKSUMS).is_file():
+        done.append("checksums")
+    if done:
+        _replace(folder, files)
+    return tuple(done)
+
+
+def _replace(folder: Path, files: Mapping[str, Any]) -> None:
+    """Write the run again with other contents of some of its files."""
+    if Path.cwd().is_relative_to(folder.resolve()):
+        raise LabError(f"{folder}: is the working folder, or holds it; go above it")
+    try:
+        with draft_of(resolved(folder), replacing=True) as draft:
+            shutil.copytree(folder, draft, dirs_exist_ok=True)
+            for name, content in files.items():
+                write_json(draft / name, content)
+            (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
+    except OSError as error:
+        raise LabError(f"{folder}: cannot be written ({error.strerror or error}); nothing was changed") from error
+
+
+def _observability(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of ``parameters.json`` that says whether the parameter is weakly observable."""
+    std = row.get("std")
+    sure = std is not None and std <= WEAK
+    weak = row.get("status") == "identified" and row.get("unit") in ("m", "rad") and not sure
+    return {**row, "weakly_observable": row.get("weakly_observable", weak)}
+
+
+def _object(path: Path) -> dict[str, Any]:
+    content = read_json(path, _NO_RUN)
+    if not isinstance(content, dict):
+        raise LabError(f"{path}: is not what the lab writes; {_NO_RUN}")
+    return content
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    content = read_json(path, _NO_RUN)
+    if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
+        raise LabError(f"{path}: is not what the lab writes; {_NO_RUN}")
+    return content

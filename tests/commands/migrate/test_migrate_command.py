@@ -1,0 +1,95 @@
+"""``lab migrate`` on runs as an older lab wrote them: without schema, without checksums."""
+
+import json
+import shutil
+from pathlib import Path
+
+import jsonschema
+import pytest
+from helpers.robots import ROOT
+
+from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.migrate.options import MigrateOptions
+from lab.commands.migrate.run import migrate
+from lab.core.errors import LabError
+
+
+@pytest.fixture
+def old(seven_run: Path, tmp_path: Path) -> Path:
+    """A run without what came with the schema: its version, hashes, answers, checksums."""
+    run = tmp_path / "runs" / "old"
+    shutil.copytree(seven_run, run)
+    (run / "SHA256SUMS").unlink()
+    without = {"config.json": {"schema", "inputs_sha256"}, "result.json": {"schema", "answers", "noise_mrad"}}
+    for name, keys in without.items():
+        write(run / name, {key: value for key, value in read(run / name).items() if key not in keys})
+    rows = read(run / "parameters.json")
+    write(run / "parameters.json", [{k: v for k, v in row.items() if k != "weakly_observable"} for row in rows])
+    return run
+
+
+def read(path: Path):
+    return json.loads(path.read_text())
+
+
+def write(path: Path, content) -> None:
+    path.write_text(json.dumps(content))
+
+
+def valid(run: Path) -> None:
+    for name in ("config", "result", "parameters"):
+        schema = ROOT / "docs" / "reference" / "schemas" / f"{name}.schema.json"
+        jsonschema.validate(read(run / f"{name}.json"), read(schema))
+
+
+def test_an_older_run_is_read_with_a_word(old: Path, seven_run: Path) -> None:
+    found, ours = read_calibrated(old), read_calibrated(seven_run)
+    assert (found.estimates == ours.estimates).all()
+    assert any("without checksums: nothing tells whether it was edited; lab migrate" in said for said in found.warnings)
+    assert any("judged it by other rules" in said for said in found.warnings)
+    assert not any("older" in said for said in ours.warnings)
+
+
+def test_a_migrated_run_has_schema_and_checksums_and_the_same_numbers(old: Path, seven_run: Path) -> None:
+    before = {path.name: path.read_bytes() for path in old.iterdir()}
+    (done,) = migrate(MigrateOptions(old)).runs
+    assert done.given == ("schema 1", "checksums")
+    valid(old)
+    assert read(old / "parameters.json") == read(seven_run / "parameters.json")
+    result = read(old / "result.json")
+    assert result.pop("migrated") is True and result.pop("schema") == 1
+    assert result == json.loads(before["result.json"])
+    kept = set(before) - {"config.json", "result.json", "parameters.json"}
+    assert all((old / name).read_bytes() == before[name] for name in kept)
+    words = read_calibrated(old).warnings
+    assert any("judged it by other rules" in said for said in words) and not any("checksums" in said for said in words)
+    assert migrate(MigrateOptions(old.parent)).runs[0].given == ()  # and of the folder above it
+    assert sorted(path.name for path in old.parent.iterdir()) == ["old"]
+
+
+def test_a_run_gets_its_date_once(old: Path) -> None:
+    assert migrate(MigrateOptions(old, "2025-02-01")).runs[0].given == ("schema 1", "date 2025-02-01", "checksums")
+    assert read(old / "config.json")["options"]["date"] == "2025-02-01"
+    assert migrate(MigrateOptions(old, "2025-02-01")).runs[0].given == ()
+    with pytest.raises(LabError, match="its date is 2025-02-01; leave out --date 2025-03-01"):
+        migrate(MigrateOptions(old, "2025-03-01"))
+
+
+def test_what_cannot_be_migrated_is_left_as_it_was(old: Path, seven_run: Path, tmp_path: Path, monkeypatch) -> None:
+    with pytest.raises(LabError, match="holds no run"):
+        migrate(MigrateOptions(ROOT / "models"))
+    shutil.copytree(old, old.parent / "other")
+    with pytest.raises(LabError, match="holds 2 runs, and --date is of one"):
+        migrate(MigrateOptions(old.parent, "2025-02-01"))
+    edited = tmp_path / "edited"
+    shutil.copytree(seven_run, edited)
+    write(edited / "result.json", read(edited / "result.json") | {"verdict": "good"})
+    with pytest.raises(LabError, match=r"result\.json was changed since the run was written"):
+        migrate(MigrateOptions(edited))
+    (edited / "SHA256SUMS").unlink()  # a run that has a schema had checksums
+    with pytest.raises(LabError, match="its checksums are missing"):
+        migrate(MigrateOptions(edited))
+    monkeypatch.chdir(old)
+    with pytest.raises(LabError, match="is the working folder"):
+        migrate(MigrateOptions(Path()))
+    assert "schema" not in read(old / "config.json")
