@@ -23,6 +23,7 @@ from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.axes_to_dh import Truth
 
 __all__ = [
@@ -304,11 +305,12 @@ def error_tangent(model: Model, values: Array) -> Array:
 def _refuse_unknown_targets(identification: Identification, model: Model, refit: Sequence[str]) -> None:
     if stray := set(refit) - {"base", "tool"}:
         raise LabError(f"--refit {sorted(stray)[0]}: unknown; give base, tool or base,tool")
-    unknown = [target for target in model.targets if target not in identification.model.targets]
+    known = targets_of(identification.model.parameters)
+    unknown = [target for target in model.targets if target not in known]
     if unknown and "tool" not in refit:
         raise LabError(
             f"target {unknown[0]} of the validation file was not identified (those are "
-            f"{', '.join(identification.model.targets)}); rename it, or add --refit tool"
+            f"{', '.join(known)}); rename it, or add --refit tool"
         )
 
 

@@ -8,7 +8,7 @@ from lab.calibration.gauss_newton import ExtraResiduals, Observations, typical_w
 from lab.calibration.noise.shared_errors import SharedErrors, correlated
 from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
+from lab.core.instruments import Instrument, is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 
@@ -52,7 +52,7 @@ def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -
         if not given.any():
             return Observations(inputs, data.points, np.broadcast_to(1 / units, shape)), False
     rows = np.broadcast_to(data.sigma_m[:, None], shape)
-    if instrument is not None and instrument.kind == "spherical":
+    if instrument is not None and not is_isotropic(instrument):
         covariance = _instrument_covariance(observation, instrument, data.points, noise.readings)
         covariance = np.where(given[:, None, None, None], (rows * units)[..., None, None] ** 2 * np.eye(3), covariance)
         return Observations(inputs, data.points, whitening(covariance)), True

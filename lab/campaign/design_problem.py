@@ -11,7 +11,7 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.campaign.robot import Robot, load_virtual
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
+from lab.core.instruments import Instrument, is_isotropic, observing
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
@@ -98,7 +98,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
 
     def whitened(joints: Array) -> Array:
         points, jacobian = observed(joints)
-        white = everywhere if device.kind != "spherical" else whitening(device.covariance(points))
+        white = everywhere if is_isotropic(device) else whitening(device.covariance(points))
         return (white @ jacobian).reshape(len(joints), rows, len(kept))
 
     jacobians = whitened if scaling.kind == "whitened" else unweighted
@@ -136,7 +136,7 @@ def _finite(numbers: Array) -> Array:
 
 
 def _noisy(name: str) -> Instrument:
-    device = named_instrument(name)
+    device = observing(named_instrument(name), "points")
     if device.kind == "exact":
         raise LabError("instrument 'exact' has no noise, so every design is as good: choose another instrument")
     return device

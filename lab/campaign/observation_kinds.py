@@ -1,4 +1,4 @@
-"""The kinds of observation that there are: a line each, with its calibration and, where it has one, its simulation.
+"""The kinds of observation that there are: a line each, with its calibration and its simulation.
 
 Their modules are imported when a kind is asked for: a command line is parsed with the names alone.
 """
@@ -26,21 +26,30 @@ class RegisteredKind:
 
     Attributes:
         calibration: the class of the kind, an ``ObservationKind``.
-        simulation: the function that measures a virtual arm by it, a ``Simulate``; empty where there is none.
+        simulation: the function that measures a virtual arm by it, a ``Simulate``.
+        setup: the fields of ``options.MeasuringSetup`` that this function reads.
     """
 
     calibration: str
-    simulation: str = ""
+    simulation: str
+    setup: tuple[str, ...]
 
 
+_CALIBRATION, _SIMULATION = "lab.calibration.observations", "lab.simulation.observations"
 KINDS: Mapping[str, RegisteredKind] = {
     "points": RegisteredKind(
-        "lab.calibration.observations.points:PointsKind", "lab.simulation.observations.points:measure_with_outlier_mask"
+        f"{_CALIBRATION}.points:PointsKind", f"{_SIMULATION}.points:observe_points", ("occlusion",)
     ),
-    "pose": RegisteredKind("lab.calibration.observations.full_pose:PoseKind"),
-    "cable": RegisteredKind("lab.calibration.observations.cable:CableKind"),
-    "socket": RegisteredKind("lab.calibration.observations.socket:SocketKind"),
-    "plane": RegisteredKind("lab.calibration.observations.plane:PlaneKind"),
+    "pose": RegisteredKind(
+        f"{_CALIBRATION}.full_pose:PoseKind",
+        f"{_SIMULATION}.full_pose:observe_poses",
+        ("occlusion", "orientation_share"),
+    ),
+    "cable": RegisteredKind(f"{_CALIBRATION}.cable:CableKind", f"{_SIMULATION}.cable:observe_cable", ("fixtures",)),
+    "socket": RegisteredKind(
+        f"{_CALIBRATION}.socket:SocketKind", f"{_SIMULATION}.socket:observe_sockets", ("fixtures",)
+    ),
+    "plane": RegisteredKind(f"{_CALIBRATION}.plane:PlaneKind", f"{_SIMULATION}.plane:observe_planes", ("fixtures",)),
 }
 
 KindName = Annotated[
@@ -92,10 +101,7 @@ def simulation_of(name: str) -> "Simulate":
     """The function that measures a virtual arm by the kind of this name.
 
     Raises:
-        LabError: there is no such kind, or it is not simulated.
+        LabError: there is no such kind.
     """
-    if not KINDS[kind_named(name).name].simulation:
-        simulated = ", ".join(kind for kind, registered in KINDS.items() if registered.simulation)
-        raise LabError(f"--observe {name}: a virtual arm is not measured by this kind; give one of {simulated}")
-    simulate: Simulate = resolve_name(KINDS[name].simulation)
+    simulate: Simulate = resolve_name(KINDS[kind_named(name).name].simulation)
     return simulate

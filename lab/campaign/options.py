@@ -1,26 +1,52 @@
 """What can be asked of a virtual campaign and of a design: options that commands and studies share."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
+from lab.calibration.observations.options import FitInputs, ObservationOptions
+from lab.campaign.observation_kinds import KINDS, KindName, configured_kind
 from lab.campaign.option_groups import ArmEffects, Fitting, Flag, Names, Numbers
 from lab.core.dates import day
 from lab.core.errors import LabError
-from lab.core.limits import CANDIDATES, POSES, READINGS, SEED, STARTS, TARGETS
+from lab.core.limits import CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS
 from lab.core.numbers import LARGEST, positive, whole
 from lab.formats.programs.registry import Controller
 
-__all__ = ["DesignOptions", "VirtualCampaign", "check_common"]
+if TYPE_CHECKING:
+    from lab.calibration.observations.kind import ObservationKind
+
+__all__ = ["DesignOptions", "MeasuringSetup", "VirtualCampaign", "check_common"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuringSetup:
+    """What of a virtual measuring day is neither the arm's nor the instrument's; each option is of some kinds."""
+
+    occlusion: Flag = False
+    """Leave out what the instrument does not see: out of its sight, or behind the arm."""
+    orientation_share: float = 1.0
+    """Share of the poses whose orientation is measured, by chance; of the others the position alone."""
+    fixtures: int = 4
+    """How many anchors of a cable, locations of two sockets each, or planes."""
+
+    def check_setup(self, observe: str) -> None:
+        """Refuse what makes no sense, or is of another kind of observation, with a LabError that names the option."""
+        if not 0 < self.orientation_share <= 1:
+            raise LabError(f"--orientation-share {self.orientation_share:g}: give a share above 0, up to 1")
+        whole("--fixtures", self.fixtures, 1, FIXTURES)
+        for each in fields(MeasuringSetup):
+            kinds = [name for name, kind in KINDS.items() if each.name in kind.setup]
+            if observe not in kinds and getattr(self, each.name) != each.default:
+                flag = "--" + each.name.replace("_", "-")
+                raise LabError(f"{flag} is of --observe {', '.join(kinds)}; give one of these, or leave it out")
 
 
 @dataclass(frozen=True)
-class VirtualCampaign:
-    """A campaign on a virtual arm."""
-
-    observe: ClassVar[str] = "points"
+class _VirtualDay:
+    """A virtual arm, how it is measured, and how its parameters are fitted."""
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
@@ -35,10 +61,12 @@ class VirtualCampaign:
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """Whose noise the tracker has: exact, uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm;
-    or the TOML file of a tracker, with its systematic errors."""
+    """Whose noise there is: exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm, krypton-k600,
+    draw-wire, ball-in-socket or touch-probe; or the TOML file of a tracker, with its systematic errors."""
+    observe: KindName = "points"
+    """What is measured."""
     readings: int = 1
-    """Readings that each measured point is the mean of."""
+    """Readings that each measurement is the mean of."""
     noise_mm: float | None = None
     """The noise that the identifier assumes (1σ per axis), instead of the instrument's."""
     position_sigma_mm: float = 0.5
@@ -60,8 +88,23 @@ class VirtualCampaign:
     effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)
     """What of the arm is not geometry."""
 
+
+@dataclass(frozen=True)
+class VirtualCampaign(ObservationOptions, MeasuringSetup, _VirtualDay):
+    """A campaign on a virtual arm."""
+
+    def kind(self) -> "ObservationKind":
+        """The kind of observation that is asked for, with its options.
+
+        Raises:
+            LabError: there is no such kind, or an option of it makes no sense or is of another kind.
+        """
+        return configured_kind(self.observe, self, FitInputs(self.noise_mm, self.fitting.prior))
+
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
+        self.kind()
+        self.check_setup(self.observe)
         self.effects.check()
         whole("--poses", self.poses, 1, POSES)
         whole("--readings", self.readings, 1, READINGS)
@@ -96,8 +139,8 @@ class DesignOptions:
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """Whose noise and sight the plan is for: uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm,
-    or the TOML file of a tracker."""
+    """Whose noise and sight the plan is for: uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
+    krypton-k600, or the TOML file of a tracker."""
     candidates: int = 2000
     """How many feasible poses to choose from."""
     starts: int = 4

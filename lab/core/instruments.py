@@ -11,10 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.se3 import Array
+from lab.core.se3 import Array, exp
 from lab.core.tracker_errors import TrackerErrors
 
-__all__ = ["INSTRUMENTS", "FieldOfView", "Instrument", "instrument"]
+__all__ = [
+    "INSTRUMENTS",
+    "FieldOfView",
+    "Instrument",
+    "LineCameras",
+    "PoseInstrument",
+    "instrument",
+    "is_isotropic",
+    "observers",
+    "observing",
+]
 
 
 @dataclass(frozen=True)
@@ -51,15 +61,16 @@ class FieldOfView:
 class Instrument:
     """Noise of one reading of a point at range R (metres).
 
-    ``gaussian`` and ``uniform`` are isotropic: each coordinate has standard deviation
-    ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
+    ``gaussian`` and ``uniform`` are isotropic: each coordinate, or the one number that is measured, has standard
+    deviation ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
     line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
-    first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``field_of_view`` is where it
-    sees a target at all. ``errors`` says how well its systematic errors are known; they are zero unless stated.
+    first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``line-cameras`` are a
+    ``LineCameras``. ``field_of_view`` is where it sees a target at all. ``errors`` says how well its systematic errors
+    are known; they are zero unless stated.
     """
 
     name: str
-    kind: Literal["exact", "uniform", "gaussian", "spherical"]
+    kind: Literal["exact", "uniform", "gaussian", "spherical", "line-cameras"]
     radial_m: float = 0.0
     radial_per_m: float = 0.0
     transverse_m: float = 0.0
@@ -81,7 +92,7 @@ class Instrument:
 
         What is by chance from pose to pose is in it: the noise, and how the reflector is placed.
         """
-        if self.kind != "spherical":
+        if is_isotropic(self):
             isotropic = np.broadcast_to(np.eye(3), (*points.shape, 3))
             return isotropic * self.radial_m**2 / readings
         reach = np.linalg.norm(points, axis=-1)[..., None, None]
@@ -100,15 +111,104 @@ class Instrument:
             return points + self.radial_m * draw
         reach = np.linalg.norm(points, axis=-1, keepdims=True)
         ray = points / reach
-        level = np.hypot(ray[..., :1], ray[..., 1:2])
-        straight_up = level < 1e-12  # there azimuth has no direction of its own: any will do
-        sideways = np.where(
-            straight_up, np.array([0.0, 1.0, 0.0]), _turned_left(ray) / np.where(straight_up, 1.0, level)
-        )
+        sideways = _sideways(ray)
         along = (self.radial_m + self.radial_per_m * reach) * draw[..., :1]
         across = self.transverse_m + self.transverse_per_m * reach
         error: Array = along * ray + across * (draw[..., 1:2] * sideways + draw[..., 2:] * np.cross(ray, sideways))
         return points + error
+
+
+@dataclass(frozen=True)
+class PoseInstrument(Instrument):
+    """An instrument that also measures the orientation of a frame.
+
+    Attributes:
+        rotation_rad: standard deviation of a measured orientation about each axis.
+    """
+
+    rotation_rad: float = 0.0
+
+    def sample_rotations(self, rotations: Array, rng: np.random.Generator, readings: int = 1) -> Array:
+        """Noisy rotations ``(..., 3, 3)``: each turned by the mean of some readings' small rotation vectors."""
+        numbers = Instrument("", self.kind if self.kind in ("exact", "uniform") else "gaussian", self.rotation_rad)
+        return np.asarray(rotations @ exp(numbers.sample(np.zeros(rotations.shape[:-1]), rng, readings)))
+
+
+@dataclass(frozen=True)
+class LineCameras(PoseInstrument):
+    """Three line CCDs on a bar that faces each point, level.
+
+    Two at the bar's ends, ``baseline_m`` apart, see a point's direction along the bar, one in the middle its
+    elevation, each with standard deviation ``angle_rad``.
+    """
+
+    baseline_m: float = 1.0
+    angle_rad: float = 0.0
+
+    def covariance(self, points: Array, readings: int = 1) -> Array:
+        """Covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``."""
+        axes, sigmas = _sight_axes(points), self._sigmas(points)
+        own: Array = (axes * (sigmas**2)[..., None, :]) @ axes.swapaxes(-1, -2) / readings
+        return own
+
+    def _one_reading(self, points: Array, rng: np.random.Generator) -> Array:
+        draw = self._sigmas(points) * rng.standard_normal(points.shape)
+        return np.asarray(points + (_sight_axes(points) @ draw[..., None])[..., 0])
+
+    def _sigmas(self, points: Array) -> Array:
+        """Standard deviations ``(..., 3)`` (m) along the line of sight, along the bar, and up.
+
+        The outer two see azimuths a, b of a point at range R in front of a bar of length B:
+        da, db = (R dy -+ B/2 dx) / D with D = R^2 + B^2/4, so that dx = D (db - da) / B and dy = D (da + db) / (2 R);
+        the middle one sees its elevation, R de.
+        """
+        reach = np.linalg.norm(points, axis=-1)
+        spread = reach**2 + self.baseline_m**2 / 4
+        along, sideways = np.sqrt(2) * spread / self.baseline_m, spread / (np.sqrt(2) * reach)
+        return self.angle_rad * np.stack([along, sideways, reach], axis=-1)
+
+
+def is_isotropic(device: Instrument) -> bool:
+    """Whether its noise is the same along all axes, wherever a point is."""
+    return device.kind not in ("spherical", "line-cameras")
+
+
+def observers(kind: str) -> tuple[str, ...]:
+    """The names of the instruments that make a kind of observation, as ``--observe`` calls it."""
+    return tuple(name for name in INSTRUMENTS if kind in _OBSERVES.get(name, _POINTS))
+
+
+def observing(device: Instrument, kind: str) -> Instrument:
+    """An instrument, for one kind of observation.
+
+    Args:
+        device: a preset, or one of points.
+        kind: as ``--observe`` calls it.
+
+    Raises:
+        LabError: it does not observe so; the message lists the instruments that do.
+    """
+    able = _OBSERVES.get(device.name, _POINTS)
+    if kind not in able:
+        *others, last = observers(kind)
+        known = f"{', '.join(others)} or {last}"
+        raise LabError(f"instrument {device.name} measures {', '.join(able)}, not {kind}: take {known}")
+    return device
+
+
+def _sideways(ray: Array) -> Array:
+    """Horizontal unit vectors ``(..., 3)`` across lines of sight, where azimuth grows; any, of one straight up."""
+    level = np.hypot(ray[..., :1], ray[..., 1:2])
+    straight_up = level < 1e-12
+    left = _turned_left(ray) / np.where(straight_up, 1.0, level)
+    return np.asarray(np.where(straight_up, np.array([0.0, 1.0, 0.0]), left))
+
+
+def _sight_axes(points: Array) -> Array:
+    """``(..., 3, 3)``: along the line of sight, sideways, and up, as columns."""
+    ray = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    sideways = _sideways(ray)
+    return np.stack([ray, sideways, np.cross(ray, sideways)], axis=-1)
 
 
 def _turned_left(vector: Array) -> Array:
@@ -119,6 +219,10 @@ def _turned_left(vector: Array) -> Array:
 # One standard deviation is the stated maximum permissible error over k = 2. Sources: uniform-8um,
 # Mahdadi & Bouafia 2020; leica-at960, a vendor table in a 2021 journal paper; leica-at500, vendor
 # manual to ISO 10360-10; faro-vantage, Sensors 2025, 25, 184; optical-cmm, order of magnitude only.
+# Representative, not of a data sheet, are also all orientations (the AT960's with a probe that it tracks in six degrees
+# of freedom; uniform-8um's as if from three points on a circle of 70 mm), the line cameras (which with these angles
+# read a point at 2.5 m to 57 um in depth, 11 um along the bar, 12 um up), the draw-wire, the ball in its socket and
+# the touched plane.
 _MICRON = 1e-6
 # Where they see. The trackers' ranges are the part that a robot cell uses, and their elevations, like the camera's
 # sight, are representative, not a data sheet's; the Vantage's vertical range is 130 degrees in all (a maker's
@@ -127,16 +231,39 @@ _MICRON = 1e-6
 _LEICA = FieldOfView(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(30.0))
 _VANTAGE = FieldOfView(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(30.0))
 _CAMERA = FieldOfView(1.0, 5.0, np.deg2rad(-45.0), np.deg2rad(45.0), np.deg2rad(60.0))
+_LINE_CAMERAS = FieldOfView(1.5, 6.0, np.deg2rad(-17.0), np.deg2rad(17.0), np.deg2rad(60.0))
 INSTRUMENTS = {
     instrument.name: instrument
     for instrument in (
-        Instrument("exact", "exact"),
-        Instrument("uniform-8um", "uniform", radial_m=8 * _MICRON / np.sqrt(3)),
-        Instrument("leica-at960", "spherical", 0.0, 0.25 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA),
+        PoseInstrument("exact", "exact"),
+        PoseInstrument("uniform-8um", "uniform", radial_m=8 * _MICRON / np.sqrt(3), rotation_rad=54e-6),
+        PoseInstrument(
+            "leica-at960", "spherical", 0.0, 0.25 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA, rotation_rad=87e-6
+        ),
         Instrument("leica-at500", "spherical", 5 * _MICRON, 0.15 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA),
         Instrument("faro-vantage", "spherical", 8 * _MICRON, 0.4 * _MICRON, 10 * _MICRON, 2.5 * _MICRON, _VANTAGE),
-        Instrument("optical-cmm", "gaussian", radial_m=30 * _MICRON, field_of_view=_CAMERA),
+        PoseInstrument("optical-cmm", "gaussian", radial_m=30 * _MICRON, field_of_view=_CAMERA, rotation_rad=200e-6),
+        LineCameras(
+            "krypton-k600",
+            "line-cameras",
+            field_of_view=_LINE_CAMERAS,
+            rotation_rad=200e-6,
+            baseline_m=0.8,
+            angle_rad=5e-6,
+        ),
+        Instrument("draw-wire", "gaussian", radial_m=50 * _MICRON),
+        Instrument("ball-in-socket", "gaussian", radial_m=20 * _MICRON),
+        Instrument("touch-probe", "gaussian", radial_m=10 * _MICRON),
     )
+}
+_POINTS, _ALL = ("points",), ("points", "pose", "cable", "socket", "plane")
+_OBSERVES = {
+    **{name: ("points", "pose") for name, device in INSTRUMENTS.items() if isinstance(device, PoseInstrument)},
+    "exact": _ALL,
+    "uniform-8um": _ALL,
+    "draw-wire": ("cable",),
+    "ball-in-socket": ("socket",),
+    "touch-probe": ("plane",),
 }
 
 

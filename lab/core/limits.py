@@ -19,6 +19,7 @@ __all__ = [
     "DEPTH",
     "DRAWN_POINTS",
     "DRAWS",
+    "FIXTURES",
     "JOINTS",
     "LIMITS",
     "LINE",
@@ -98,6 +99,7 @@ NAME = Limit("characters of a name", 100, "names are columns, titles and labels"
 JOINTS = Limit("joints of a robot", 40, "the work grows with their cube")
 TARGETS = Limit("targets of a tool", 100, "the work grows with their square")
 POSES = Limit("poses", 100_000, "a robot measures some hundred in a day")
+FIXTURES = Limit("anchors, locations or planes", 100, "each takes some poses of its own")
 READINGS = Limit("readings of a point", 1_000_000, "their mean has no noise left")
 CANDIDATES = Limit("candidates of a plan", 100_000, "2,000 are as good")
 STARTS = Limit("starts of a plan's search", 1_000, "4 are as good")

@@ -1,6 +1,7 @@
 """Measured orientations: a file's quaternions, or its angles in a convention that is named."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
@@ -8,7 +9,7 @@ from lab.core.measurements import Measurements
 from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
 from lab.core.se3 import Array
 
-__all__ = ["ENDS", "oriented_target", "read_orientations", "rotation_from_angles"]
+__all__ = ["ENDS", "orientation_texts", "oriented_target", "read_orientations", "rotation_from_angles"]
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ANGLES = ("rx_deg", "ry_deg", "rz_deg")
@@ -96,3 +97,29 @@ def rotation_from_angles(angles: Array, meaning: AngleConvention) -> Array:
     if meaning == "fixed-xyz":
         return se3.rotation_from_roll_pitch_yaw(angles)
     return se3.rotation_from_roll_pitch_yaw(-angles).swapaxes(-1, -2)  # Rx(a) Ry(b) Rz(c)
+
+
+def orientation_texts(
+    target: str, rotations: Array, measured: NDArray[np.bool_], meaning: AngleConvention | None = None
+) -> dict[str, tuple[str, ...]]:
+    """The columns that ``read_orientations`` reads these rotations from.
+
+    Args:
+        target: whose they are.
+        rotations: ``(n, 3, 3)``.
+        measured: ``(n,)``; the cells of the other rows are empty.
+        meaning: of three angles; a quaternion if not given.
+    """
+    ends: tuple[str, ...] = _QUATERNION if meaning is None else _ANGLES
+    numbers = se3.quaternion_from_rotation(rotations) if meaning is None else np.rad2deg(_angles(rotations, meaning))
+    cells = [[repr(x) if there else "" for x in row] for row, there in zip(numbers.tolist(), measured, strict=True)]
+    return {f"{target}_{end}": tuple(column) for end, column in zip(ends, zip(*cells, strict=True), strict=True)}
+
+
+def _angles(rotations: Array, meaning: AngleConvention) -> Array:
+    """The three angles (rad) ``(..., 3)`` of rotations: the inverse of ``rotation_from_angles``."""
+    if meaning == "rotation-vector":
+        return se3.log(rotations)
+    if meaning == "fixed-xyz":
+        return se3.roll_pitch_yaw(rotations)
+    return -se3.roll_pitch_yaw(rotations.swapaxes(-1, -2))

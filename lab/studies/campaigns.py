@@ -21,7 +21,7 @@ from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument, instrument
+from lab.core.instruments import Instrument, instrument, is_isotropic, observing
 from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
@@ -164,8 +164,8 @@ class _Fitted:
         nominal = model.values_before(arm, model.T_world_tracker)
         free = base_set(arm, nominal, fix=asked.fix, free=asked.free).kept
         effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
-        device = _noisy(instrument(cell.instrument), cell.noise)
-        if study.frozen and device.kind == "spherical":
+        device = _noisy(observing(instrument(cell.instrument), "points"), cell.noise)
+        if study.frozen and not is_isotropic(device):
             raise LabError(
                 f"frozen: {device.name} weighs every arm otherwise, so one Jacobian cannot serve all; leave it"
             )
@@ -184,8 +184,8 @@ class _Fitted:
 
 def _noisy(device: Instrument, noise: float) -> Instrument:
     """The instrument with its noise multiplied."""
-    names = ("radial_m", "radial_per_m", "transverse_m", "transverse_per_m")
-    return replace(device, **{name: noise * getattr(device, name) for name in names})
+    names = ("radial_m", "radial_per_m", "transverse_m", "transverse_per_m", "angle_rad")
+    return replace(device, **{name: noise * getattr(device, name) for name in names if hasattr(device, name)})
 
 
 def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> Columns:
@@ -239,7 +239,7 @@ def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) ->
         T = se3.inverse(real.T_world_tracker) @ real.robot.T_world_frame0
         Ts = np.broadcast_to(T, (len(measured), 4, 4))
         campaigns = PointBatch(fitted.stacked, shown, in_nominal_frame(measured, Ts), Ts)
-    if device.kind != "spherical":
+    if is_isotropic(device):
         return campaigns
     rotations = campaigns.Ts_instrument_nominal[:, None, None, :3, :3]
     whiten = whitening(device.covariance(measured)) @ rotations  # (b, n, k, 3, 3)

@@ -1,11 +1,12 @@
 """What the help of commands says of what may be given."""
 
+import re
 from pathlib import Path
 
 import pytest
 from helpers.robots import ROOT
 
-from lab.core.instruments import INSTRUMENTS
+from lab.core.instruments import INSTRUMENTS, observers
 from lab.pose_selection.criteria import CRITERIA
 
 OPTIONS = [
@@ -18,12 +19,13 @@ OPTIONS = [
 @pytest.mark.parametrize("path", OPTIONS)
 def test_help_names_the_instruments_that_there_are(path: str) -> None:
     """The texts are typed by hand, so that a command line is parsed without numpy."""
-    source = Path(ROOT / path).read_text(encoding="utf-8")
-    lines = [line for line in source.splitlines() if "leica-at500" in line]
-    assert lines
-    for line in lines:
-        possible = [name for name in INSTRUMENTS if name != "exact" or "exact, " in line]
-        assert f"{', '.join(possible[:-1])} or {possible[-1]}" in line
+    text = " ".join(Path(ROOT / path).read_text(encoding="utf-8").split())
+    lists = re.findall(r"(?:exact, )?uniform-8um, [^\"]*? or [a-z0-9-]+", text)
+    assert lists
+    for listed in lists:
+        named = INSTRUMENTS if "draw-wire" in listed else observers("points")
+        possible = [name for name in named if name != "exact" or listed.startswith("exact")]
+        assert listed == f"{', '.join(possible[:-1])} or {possible[-1]}"
 
 
 def test_help_names_the_criteria_that_there_are() -> None:

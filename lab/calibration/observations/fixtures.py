@@ -19,7 +19,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.newton import newton
 from lab.core.random import rng_for
-from lab.core.se3 import Array
+from lab.core.se3 import Array, transform
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 
@@ -27,6 +27,7 @@ __all__ = ["FIXTURE", "Fixtures"]
 
 FIXTURE = "fixture"  # the condition that numbers a row's fixture
 _IN_CONTACT = 1e-11  # m
+_SETTLED_M = 1e-9  # of a residual before the last step
 _VALIDATING_ROWS = 2  # times the rows that a fixture takes, and a fixture is placed by rows that were not fitted
 _NEWTON_STEPS = 12
 _LONGEST_STEP = 0.5  # rad or m of a joint
@@ -85,6 +86,28 @@ class Fixtures(ABC):
     @abstractmethod
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
         """Fixtures ``(m, 3)``, else random, that the points ``(m, 3)`` touch."""
+
+    def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
+        """Fixtures in the base's frame, where the base is at the origin and lengths may be scaled.
+
+        Args:
+            placed: ``(m, 3)`` m, places in the instrument's frame.
+            T_base_instrument: ``(4, 4)``, of lengths that are scaled already.
+            scale: of all lengths.
+
+        Returns:
+            ``(m, 3)``, the fixtures' parameters.
+        """
+        return transform(T_base_instrument, scale * placed)
+
+    @property
+    def scale_link(self) -> int:
+        """The index of the link's length that is the scale of contacts, where nothing else is known of it."""
+        order = [i for i in self.arm.column_priority() if self.arm.parameters[i].group != "base"]
+        after_tool = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
+        near = [self.arm.parameters[i] for i in order[:after_tool]]
+        links = [i for i, each in zip(order, near, strict=False) if each.is_link and each.kind == "length"]
+        return max(links, key=lambda i: abs(self.nominal_arm[i]))
 
     @property
     def first(self) -> int:
@@ -161,9 +184,7 @@ class Fixtures(ABC):
         order = [i for i in self.arm.column_priority() if i not in base]
         if self.contact:
             after_tool = 1 + max(order.index(i) for i in indices_of_groups(parameters, ["tool"]))
-            links = [i for i in order[:after_tool] if parameters[i].is_link and parameters[i].kind == "length"]
-            longest = max(links, key=lambda i: abs(self.nominal_arm[i]))
-            order.insert(after_tool - 1, order.pop(order.index(longest)))
+            order.insert(after_tool - 1, order.pop(order.index(self.scale_link)))
         return (*range(self.first, len(self.names)), *range(len(parameters), self.first), *order, *base)
 
     def rank_point(self, values: Array) -> Array:
@@ -207,16 +228,18 @@ class Fixtures(ABC):
         """
         joints = inputs.shape[1] - len(self.conditions)
 
-        def step(positions: Array, rows: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-            inputs[:, :joints] = positions
-            residual = self.points(inputs, values)[:, 0]
+        def step(positions: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+            near = np.concatenate([positions[going], inputs[going, joints:]], axis=1)
+            residual = self.points(near, values)[:, 0]
             slopes = np.empty((*residual.shape, joints))
             for j in range(joints):
-                moved = inputs.copy()
+                moved = near.copy()
                 moved[:, j] += _DIFFERENCE
                 slopes[..., j] = (self.points(moved, values)[:, 0] - residual) / _DIFFERENCE
-            change = -(np.linalg.pinv(slopes) @ residual[..., None])[..., 0]
-            return np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), np.zeros_like(rows)
+            change, settled = np.zeros_like(positions), np.zeros_like(going)
+            change[going] = -(np.linalg.pinv(slopes) @ residual[..., None])[..., 0]
+            settled[going] = np.linalg.norm(residual, axis=1) < _SETTLED_M  # the next residual is about its square
+            return np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), settled
 
         inputs[:, :joints] = newton(step, inputs[:, :joints], _NEWTON_STEPS).values
         size = np.linalg.norm(self.points(inputs, values)[:, 0], axis=1)

@@ -21,6 +21,7 @@ from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.instruments import Instrument, PoseInstrument
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention
@@ -256,10 +257,10 @@ class PoseKind(ObservationKind):
         """Poses with these options.
 
         Raises:
-            LabError: an instrument or a validation file is given, ``--noise-mrad`` without ``--noise-mm``, or a prior
+            LabError: a validation file is given, ``--noise-mrad`` without ``--noise-mm``, or a prior
                 for the sequential method.
         """
-        fit.refuse_those_of_points(cls.name)
+        fit.refuse_validation_file(cls.name)
         if options.noise_mrad is not None and fit.noise_mm is None:
             raise LabError("--noise-mrad says what orientations weigh beside positions; give --noise-mm too")
         if options.method == "sequential" and fit.prior:
@@ -295,6 +296,16 @@ class PoseKind(ObservationKind):
         """The model with the ratio of the two noises that its residuals show, where none was given."""
         assert isinstance(model, Poses)
         return balanced(model, data, nominal, request) if self.ratio is None else model
+
+    def weighed_by(self, instrument: Instrument, data: Measurements) -> Self:
+        """Poses with the ratio of the instrument's noises: of a rotation, and of a position, a mean of those seen."""
+        points = data.points[data.seen]
+        known = isinstance(instrument, PoseInstrument) and instrument.kind != "exact"
+        if self.ratio is not None or not known or not len(points):
+            return self
+        assert isinstance(instrument, PoseInstrument)
+        mean = float(np.trace(instrument.covariance(points), axis1=-2, axis2=-1).mean()) / 3
+        return replace(self, ratio=instrument.rotation_rad / float(np.sqrt(mean)))
 
     def weighed_as(self, model: Model) -> Self:
         """Poses with the ratio of this model."""

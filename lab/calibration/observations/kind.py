@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import IdentifyOptions, Solve
 from lab.calibration.observations.options import FitInputs, ObservationOptions
+from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -126,6 +127,15 @@ class ObservationKind(ABC):
             The model as it is, where all observed numbers are lengths.
         """
         return model
+
+    def weighed_by(self, instrument: Instrument, data: Measurements) -> Self:
+        """The kind with the weights that an instrument's noise gives: the kind itself where all are lengths.
+
+        Args:
+            instrument: what observed.
+            data: the file's.
+        """
+        return self
 
     def weighed_as(self, model: Model) -> Self:
         """The kind with the weights of this model given: the kind itself where nothing is estimated."""

@@ -36,6 +36,15 @@ class FitInputs:
         if self.instrument or self.validation_file:
             raise LabError(f"--observe {kind}: --validate and --instrument are of points; leave them out")
 
+    def refuse_validation_file(self, kind: str) -> None:
+        """Refuse a file of points to validate on.
+
+        Raises:
+            LabError: there is one.
+        """
+        if self.validation_file:
+            raise LabError(f"--observe {kind}: --validate is of points; leave it out")
+
 
 @dataclass(frozen=True, kw_only=True)
 class PoseOptions:

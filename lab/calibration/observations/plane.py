@@ -10,7 +10,7 @@ from lab.calibration.observations.fixture_kinds import FixtureKind, FixtureRows,
 from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.kind import ObservationWords
 from lab.core.measurements import Measurements
-from lab.core.se3 import Array, exp, left_jacobian
+from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 
@@ -42,6 +42,13 @@ class Planes(Fixtures):
         centre = points.mean(axis=0)
         normal = np.linalg.svd(points - centre)[2][-1]
         return _plane(normal if normal[2] >= 0 else -normal, centre)
+
+    def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
+        """Planes ``(m, 3)`` from normals and distances ``(m, 4)`` in the instrument's frame."""
+        normals = placed[:, :3] @ T_base_instrument[:3, :3].T
+        points = transform(T_base_instrument, scale * placed[:, :3] * placed[:, 3:])
+        upper = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
+        return np.array([_plane(normal, point) for normal, point in zip(upper, points, strict=True)])
 
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
         """Planes ``(m, 3)`` through the points, of random normals in the upper half."""

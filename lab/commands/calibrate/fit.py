@@ -36,6 +36,7 @@ from lab.commands.calibrate.warnings import (
     of_nominal,
     of_outliers,
     of_prior,
+    of_size,
     of_twist,
     of_weakness,
 )
@@ -191,6 +192,7 @@ class Fitter:
         if self.options.prior:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         warnings += of_nominal(found, self.nominal(found.model))
+        warnings += of_size(found)
         if only_positions(observation):
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs)
         warnings += of_joints(found, observations, clean, self._moves(clean))

@@ -31,8 +31,8 @@ class _MeasurementFile:
     seed: int = 0
     """Of the split into poses to fit and poses to validate on."""
     instrument: str | None = None
-    """Weigh the points by the noise of exact, uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm,
-    with its head at the file's origin; or of the TOML file of a tracker."""
+    """Weigh points or poses by the noise of exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
+    krypton-k600, with its head at the file's origin; or of the TOML file of a tracker."""
     noise_mm: float | None = None
     """Weigh the points by this noise (1σ per axis); without either it is estimated."""
     holdout: float | None = None

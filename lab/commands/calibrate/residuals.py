@@ -19,6 +19,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise
+from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.significance import UNSOLICITED_WARNING
 
@@ -70,7 +71,7 @@ def with_own_intervals(
         believed: whether the weights stand on a known sigma or on a prior.
     """
     device = noise.instrument
-    if (device is not None and device.kind == "spherical") or found.sigma_m < LEAST_SIGMA_M:
+    if (device is not None and not is_isotropic(device)) or found.sigma_m < LEAST_SIGMA_M:
         return found, []
     seen = isotropy(found.model, observations, found.fit)
     if not seen.words:

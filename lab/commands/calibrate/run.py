@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.calibration.validation import (
     TruthComparison,
     Validation,
@@ -25,7 +24,8 @@ from lab.calibration.validation import (
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import configured_kind, kind_named
+from lab.campaign.observation_kinds import kind_named
+from lab.campaign.observed_truth import truth_as_observed
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.virtual_robot import (
@@ -40,7 +40,9 @@ from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.core.errors import LabError, error_context
+from lab.core.instruments import observing
 from lab.core.measurements import Measurements
+from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.render.progress import Stage, status
@@ -74,13 +76,13 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
     with status("calibrating") as stage:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
-            return _of_a_virtual_robot(measuring_day(robot, load_virtual(robot.robot, robot.cell)), stage)
+            return _of_a_virtual_robot(*measuring_day(robot, load_virtual(robot.robot, robot.cell)), stage)
         known = load_virtual(robot)
         asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
-        return _of_a_virtual_robot(measuring_day(asked, known.placed_in(asked.cell)), stage)
+        return _of_a_virtual_robot(*measuring_day(asked, known.placed_in(asked.cell)), stage)
 
 
-def _of_a_virtual_robot(day: MeasuringDay, stage: Stage) -> CalibrationResult:
+def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
     """Identify from a measuring day, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = day.options, day.robot, day.measurements, day.true_robot
     device = named_instrument(options.instrument)
@@ -88,23 +90,24 @@ def _of_a_virtual_robot(day: MeasuringDay, stage: Stage) -> CalibrationResult:
     noise = Noise(device, readings=options.readings)
     if options.noise_mm is not None:
         noise = Noise(None, options.noise_mm / 1e3)
-    kind = configured_kind(options.observe, ObservationOptions(), FitInputs())
+    kind = options.kind()
+    if options.noise_mm is None:
+        kind = kind.weighed_by(device, data)
     fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting, options.seed)
-    rows = _visible(data)
+    rows = _visible(fitter.observed())
     stage("2 of 3, identifying the parameters")
     with error_context(options.plan or f"--poses {options.poses}"):
         fit = fitter(rows)
     stage("3 of 3, validating")
-    fresh = day.validation
     identification = fit.identification
-    said = [*_impossible("poses", data), *_impossible("validation poses", fresh)]
-    validation = Validation("fresh", errors_of(identification, fresh), tuple(said), fresh)
+    validation = _judged_by_fresh(day, fitter, fit)
     truth = truth_of(real, robot.arm(options.targets))
-    effects = true_parameters(real.effects)
+    if truth is not None:
+        truth = truth_as_observed(replace(truth, effects=true_parameters(real.effects)), identification, real, placed)
     if truth is None:
         hidden = "what is aliased on the nominal model is not on this robot: its parameters have no single truth"
         validation = replace(validation, warnings=(*validation.warnings, hidden))
-    comparison = None if truth is None else compare_with_truth(identification, replace(truth, effects=effects))
+    comparison = None if truth is None else compare_with_truth(identification, truth)
     seconds = time.perf_counter() - started
     return _outcome(
         fitter,
@@ -116,6 +119,19 @@ def _of_a_virtual_robot(day: MeasuringDay, stage: Stage) -> CalibrationResult:
         comparison=comparison,
         bad=day.outliers,
     )
+
+
+def _judged_by_fresh(day: MeasuringDay, fitter: Fitter, fit: FitReport) -> Validation:
+    """On exact points at poses that were not measured; what was measured at fixtures has its base placed there."""
+    fresh, identification = day.validation, fit.identification
+    said = [*_impossible("validation poses", fresh)]
+    if fitter.kind.in_instrument_frame:
+        if not day.options.occlusion:
+            said = [*_impossible("poses", day.measurements), *said]
+        return Validation("fresh", errors_of(identification, fresh), tuple(said), fresh)
+    model = fitter.robot.arm_with(fresh.targets, [group for group in fit.groups if group not in CAMPAIGN_SPECIFIC])
+    found = validate_file(identification, model, fresh, ("base",))
+    return replace(found, judged_by="fresh", warnings=tuple(said))
 
 
 @takes(MeasuredCampaign)
@@ -244,8 +260,10 @@ def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options
 def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
     """How the file is to be fitted."""
     kind = options.kind()
-    device = None if options.instrument is None else named_instrument(options.instrument)
+    device = None if options.instrument is None else observing(named_instrument(options.instrument), kind.name)
     noise = Noise(device, None if options.noise_mm is None else options.noise_mm / 1e3)
+    if device is not None:
+        kind = kind.weighed_by(device, data)
     targets = kind.targets(data)
     arm = robot.arm(targets)
     data = kind.with_sessions(arm, data, arm.nominal(robot.tool))

@@ -1,5 +1,6 @@
 """A virtual measuring day: a robot that is off, an instrument that is somewhere, and what it measures."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -7,14 +8,18 @@ from typing import Any
 import numpy as np
 
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import simulation_of
+from lab.campaign.observation_kinds import KINDS, simulation_of
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import carrying
+from lab.core.errors import LabError
+from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.simulation.observations.protocol import Setup
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["MeasuringDay", "measuring_day", "simulate"]
@@ -70,23 +75,41 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
         (20, 1, 3)
     """
     if isinstance(robot, VirtualCampaign):
-        return measuring_day(robot, load_virtual(robot.robot, robot.cell))
+        return measuring_day(robot, load_virtual(robot.robot, robot.cell))[0]
     known = load_virtual(robot)
     asked = options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options})
-    return measuring_day(asked, known.placed_in(asked.cell))
+    return measuring_day(asked, known.placed_in(asked.cell))[0]
 
 
-def measuring_day(options: VirtualCampaign, robot: Robot) -> MeasuringDay:
-    """The measuring day of these options, with a robot that ``load_virtual`` gave."""
+def measuring_day(options: VirtualCampaign, robot: Robot) -> tuple[MeasuringDay, Mapping[str, Array]]:
+    """The measuring day of these options, with a robot that ``load_virtual`` gave.
+
+    Returns:
+        The day, and what is identified beside the arm (``SimulatedDay.placed``), for the assessment alone.
+
+    Raises:
+        LabError: an option makes no sense, or is of another robot, instrument or kind of observation.
+    """
     options.check()
     robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     robot.refuse_unknown(options.targets)
+    device = observing(named_instrument(options.instrument), options.observe)
+    if options.plan is not None and "fixtures" in KINDS[options.observe].setup and options.observe != "cable":
+        raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
     asked = asked_conditions(robot, options)
     conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
-    noise, device = rng_for(options.seed, "noise"), named_instrument(options.instrument)
+    setup = Setup(
+        options.occlusion,
+        options.orientation_share,
+        options.orientation,
+        options.fixtures,
+        None if options.socket_distance_mm is None else options.socket_distance_mm / 1e3,
+    )
     measure = simulation_of(options.observe)
-    data, bad = measure(real, joints, options.targets, device, noise, options.readings, conditions)
-    named = frozenset(np.array(data.ids)[bad].tolist())
-    return MeasuringDay(options, robot, replace(data, warnings=notes), real, named)
+    noise = rng_for(options.seed, "noise")
+    found = measure(real, joints, options.targets, device, noise, options.readings, conditions, setup)
+    named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
+    day = MeasuringDay(options, robot, replace(found.measurements, warnings=notes), real, named)
+    return day, found.placed

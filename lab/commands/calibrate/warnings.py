@@ -5,6 +5,7 @@ import numpy as np
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
+from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.statistics.alternatives import Alternative
@@ -21,7 +22,17 @@ from lab.kinematics.dynamics.link_loads import link_ends
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["of_export", "of_groups", "of_joints", "of_nominal", "of_outliers", "of_prior", "of_twist", "of_weakness"]
+__all__ = [
+    "of_export",
+    "of_groups",
+    "of_joints",
+    "of_nominal",
+    "of_outliers",
+    "of_prior",
+    "of_size",
+    "of_twist",
+    "of_weakness",
+]
 
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _STRANGE = 0.05  # m or rad from the nominal value
@@ -86,6 +97,17 @@ def of_nominal(found: Identification, nominal: Array) -> list[str]:
     size = float(np.max(off[sure]))
     far = f"{np.rad2deg(size):.3g}°" if worst.is_angle else f"{1e3 * size:.3g} mm"
     return [f"{worst.name} is estimated {far} from its nominal value: is the nominal model that of this robot?"]
+
+
+def of_size(found: Identification) -> list[str]:
+    """That contacts tell the arm's shape, but not its size: one length stays nominal, and all go with it."""
+    model = found.model
+    if not isinstance(model, Fixtures) or not model.contact or model.scale_link in found.base_set.kept:
+        return []
+    return [
+        f"contacts do not tell the arm's size: {model.names[model.scale_link]} stays nominal, and all lengths are in "
+        "proportion to it; a known distance between sockets (--socket-distance-mm) or a length of cable tells it"
+    ]
 
 
 def of_joints(found: Identification, seen: Observations, rows: Measurements, moves: Array) -> list[str]:

@@ -23,8 +23,8 @@ class VerifyOptions:
     refit: Names = ()
     """What was set up anew, and is fitted: base, tool, or base,tool."""
     instrument: str | None = None
-    """Whose noise these measurements have: uniform-8um, leica-at960, leica-at500, faro-vantage or optical-cmm,
-    with its head at the file's origin; by default what the run took it for.
+    """Whose noise these measurements have: uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
+    krypton-k600, with its head at the file's origin; by default what the run took it for.
     Or the TOML file of a tracker."""
     noise_mm: float | None = None
     """Their noise (1σ per axis) instead."""

@@ -20,6 +20,7 @@ from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
 from lab.core.errors import LabError
+from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.verification.prediction import CalibrationPrediction
@@ -168,7 +169,7 @@ def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
     if options.noise_mm is not None:
         return Noise(sigma_m=options.noise_mm / 1e3, shared=given)
     if options.instrument is not None:
-        return Noise(named_instrument(options.instrument), shared=given)
+        return Noise(observing(named_instrument(options.instrument), "points"), shared=given)
     then = calibrated.options
     if then.get("noise_mm") is not None:
         return Noise(sigma_m=then["noise_mm"] / 1e3, shared=shared)

@@ -6,14 +6,51 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.errors import LabError
 from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.effects.conditions import BUMPED
+from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.effects import NOTHING_SET
+from lab.simulation.observations.protocol import Setup, SimulatedDay
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["measure_with_outlier_mask", "recorded", "track"]
+__all__ = ["measure_with_outlier_mask", "observe_points", "recorded", "scattered_points", "seen_by", "track"]
+
+
+def observe_points(
+    real: TrueRobot,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int,
+    conditions: Mapping[str, Array],
+    setup: Setup,
+) -> SimulatedDay:
+    """Points of the targets, of all or of those that the instrument sees."""
+    data, bad = measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)
+    if setup.occlusion:
+        visible = seen_by(real, joints, targets, instrument)
+        data = replace(data, points=np.where(visible[..., None], data.points, np.nan))
+    return SimulatedDay(data, bad)
+
+
+def seen_by(real: TrueRobot, joints: Array, targets: tuple[str, ...], instrument: Instrument) -> NDArray[np.bool_]:
+    """``(n, k)``: whether each target is in the instrument's sight, and nothing of the arm in between.
+
+    Raises:
+        LabError: it sees none of them in any pose.
+    """
+    stands = replace(real.robot, model=real.model)
+    visible = np.stack([field_of_view(stands, (target,), instrument)(joints) for target in targets], axis=1)
+    if not visible.any():
+        raise LabError(
+            f"--occlusion: {instrument.name} sees none of {', '.join(targets)} in any pose; place it by a --cell, turn "
+            "the targets to it, or choose the poses with lab design"
+        )
+    return visible
 
 
 def track(
@@ -40,8 +77,6 @@ def measure_with_outlier_mask(
 ) -> tuple[Measurements, NDArray[np.bool_]]:
     """What the tracker reads where these joint positions settle, each point the mean of some readings.
 
-    Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
-
     Args:
         real: the arm as it truly is, before its tracker.
         joints: ``(m, n)`` rad or m.
@@ -55,12 +90,29 @@ def measure_with_outlier_mask(
         The measurements, points in the tracker's frame, and ``(m,)`` which poses' readings are bad, for the
         assessment alone.
     """
+    return scattered_points(real, joints, targets, instrument, rng, readings, conditions)[:2]
+
+
+def scattered_points(
+    real: TrueRobot,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int,
+    conditions: Mapping[str, Array],
+) -> tuple[Measurements, NDArray[np.bool_], Array]:
+    """What ``measure_with_outlier_mask`` reads, and how far the joints stood off by chance there, ``(m, n)``.
+
+    Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
+    """
     effects, (scattering, failing, shaping, misaligned) = real.effects, rng.spawn(4)
-    exact = real.points(joints, targets, conditions, effects.scatter(len(joints), scattering))
+    scatter = effects.scatter(len(joints), scattering)
+    exact = real.points(joints, targets, conditions, scatter)
     displaced, bad = effects.displacements(len(joints), failing)
     noise = effects.shaped_noise(instrument.sample(exact, rng, readings) - exact, shaping)
     points = exact + instrument.errors.sample(exact, misaligned) + noise + displaced[:, None]
-    return recorded(real, effects.shown(joints), targets, points, conditions), bad
+    return recorded(real, effects.shown(joints), targets, points, conditions), bad, scatter
 
 
 def recorded(

@@ -1,0 +1,39 @@
+"""The noise of three line cameras, against their triangulation from noisy angles."""
+
+import numpy as np
+import pytest
+
+from lab.core.instruments import INSTRUMENTS, is_isotropic
+from lab.core.se3 import exp
+
+KRYPTON = INSTRUMENTS["krypton-k600"]
+
+
+def triangulated(point: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Points ``(n, 3)`` that cameras on a bar along y see by noisy azimuths from both ends, and an elevation."""
+    half = KRYPTON.baseline_m / 2
+    first = np.arctan2(point[1] + half, point[0]) + noise[:, 0]
+    second = np.arctan2(point[1] - half, point[0]) + noise[:, 1]
+    x = 2 * half / (np.tan(first) - np.tan(second))
+    y = x * np.tan(first) - half
+    return np.stack([x, y, np.hypot(x, y) * np.tan(np.arctan2(point[2], np.hypot(*point[:2])) + noise[:, 2])], axis=1)
+
+
+@pytest.mark.parametrize("reach", [1.5, 2.5, 5.0])
+def test_the_covariance_is_that_of_a_triangulation(reach: float) -> None:
+    noise = KRYPTON.angle_rad * np.random.default_rng(0).standard_normal((40_000, 3))
+    found = np.cov(triangulated(np.array([reach, 0.0, 0.0]), noise).T)
+    np.testing.assert_allclose(found, KRYPTON.covariance(np.array([reach, 0, 0])), atol=0.03 * found.max(), rtol=0.03)
+
+
+def test_draws_have_the_covariance_wherever_a_point_is() -> None:
+    rng = np.random.default_rng(1)
+    turn = exp(np.array([0.0, 0.0, 2.1]))
+    point = turn @ np.array([2.4, 0.0, 0.4])
+    draws = KRYPTON.sample(np.tile(point, (40_000, 1)), rng) - point
+    expected = KRYPTON.covariance(point)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(np.cov(draws.T) / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.03)
+    mean = KRYPTON.sample(np.tile(point, (2_000, 1)), rng, readings=9) - point
+    assert np.std(mean) == pytest.approx(np.std(draws) / 3, rel=0.06)
+    assert not is_isotropic(KRYPTON)
