@@ -140,7 +140,7 @@ COMMANDS = (
     ),
     Command(
         "dynamics",
-        "Base parameters of an arm's dynamics: which of links, motors and friction its torques determine.",
+        "Identify an arm's own dynamics: base parameters of links, motors and friction, with a load or without.",
         "lab.commands.dynamics.options:DynamicsOptions",
         "lab.commands.dynamics.run:dynamics",
         "dynamics-{robot}",

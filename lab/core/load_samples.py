@@ -26,6 +26,7 @@ class PayloadSamples:
         torques: ``(n, J)`` of the joints, Nm (N of a slide), positive where they push the reading up; or None.
         wrench: ``(n, 6)`` as the sensor gives it, in its axes and about the last frame's origin, N and Nm; or None.
         loaded: ``(n,)`` whether the load was at the hand.
+        currents: whether ``torques`` are the motors' currents, A.
         lines: of the file, as an editor counts them, one a row; empty where there is no file.
         warnings: what a reader should be told.
     """
@@ -37,6 +38,7 @@ class PayloadSamples:
     loaded: NDArray[np.bool_]
     lines: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
+    currents: bool = False
 
     def __post_init__(self) -> None:
         n, size = self.joints.shape

@@ -21,7 +21,7 @@ from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.structured import structured
 from lab.formats.toml import is_number, read_toml
 
-__all__ = ["WRENCH", "Limits", "read_loads", "read_mounting", "write_loads", "write_mounting"]
+__all__ = ["WRENCH", "Limits", "read_loads", "read_motion", "read_mounting", "write_loads", "write_mounting"]
 
 RUNS = ("loaded", "unloaded")
 WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -42,7 +42,8 @@ def write_loads(path: Path, records: PayloadSamples, joint_names: Sequence[str],
     for j, (name, slides) in enumerate(zip(joint_names, prismatic, strict=True)):
         columns[f"{name}_{'m' if slides else 'rad'}"] = _decimals(records.joints[:, j])
     if records.torques is not None:
-        for name, torque in zip(_torque_columns(prismatic), records.torques.T, strict=True):
+        names = _current_columns(prismatic) if records.currents else _torque_columns(prismatic)
+        for name, torque in zip(names, records.torques.T, strict=True):
             columns[name] = _decimals(torque)
     if records.wrench is not None:
         columns |= {name: _decimals(values) for name, values in zip(WRENCH, records.wrench.T, strict=True)}
@@ -62,6 +63,10 @@ def _torque_columns(prismatic: Sequence[bool]) -> list[str]:
     return [f"f{j}_n" if slides else f"tau{j}_nm" for j, slides in enumerate(prismatic, start=1)]
 
 
+def _current_columns(prismatic: Sequence[bool]) -> list[str]:
+    return [f"current{j}_a" for j in range(1, len(prismatic) + 1)]
+
+
 def read_loads(
     path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: Limits | None = None
 ) -> PayloadSamples:
@@ -78,15 +83,63 @@ def read_loads(
     return _LoadReader(path, list(joint_names), list(prismatic), ObservedColumns()).read_records(limits)
 
 
+def read_motion(
+    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: Limits | None = None
+) -> PayloadSamples:
+    """Read a file of an arm in motion: times, joint positions, and torques or the motors' currents.
+
+    A column ``run`` says which rows were measured with a load; without it none were.
+
+    Args:
+        joint_names: the robot's; the file may call them q1…qn instead.
+        prismatic: which of them slide.
+        limits: lower and upper ``(J,)`` of the joint positions, rad or m.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    return _LoadReader(path, list(joint_names), list(prismatic), ObservedColumns()).read_arm(limits)
+
+
 class _LoadReader(PoseReader):
     """A file of runs being read."""
 
     unknown_are = "passed over"
 
-    def read_records(self, limits: Limits | None) -> PayloadSamples:
+    def read_arm(self, limits: Limits | None) -> PayloadSamples:
+        """The runs of an arm in motion."""
+        joints = self._joints(limits)
+        torques = self._all_or_none(_torque_columns(self.prismatic), "of every joint")
+        currents = self._all_or_none(_current_columns(self.prismatic), "of every motor")
+        self._refuse_unknown_loads()
+        if (torques is None) == (currents is None):
+            names = (
+                f"{_torque_columns(self.prismatic)[0]} and so on, or {_current_columns(self.prismatic)[0]} and so on"
+            )
+            found = "neither torques nor motor currents" if torques is None else "torques and motor currents"
+            raise LabError(f"{self.path}: line 1: {found}; give one of the two: {names}")
+        if "time_s" not in self.header:
+            raise LabError(f"{self.path}: line 1: no column time_s; an arm's dynamics show in a motion alone")
+        loaded = self._runs() if "run" in self.header else np.zeros(len(self.rows), dtype=np.bool_)
+        time_s = self.numbers("time_s")
+        for run, name in ((True, RUNS[0]), (False, RUNS[1])):
+            rows = np.flatnonzero(loaded == run)
+            if 0 < len(rows) < LEAST_MOVING:
+                raise LabError(f"{self.path}: {len(rows)} rows with run = {name}; give at least {LEAST_MOVING}")
+            self._refuse_uneven(time_s, rows)
+        self._rest([])
+        measured, lines, warnings = torques if currents is None else currents, tuple(self.lines), tuple(self.warnings)
+        return PayloadSamples(time_s, joints, measured, None, loaded, lines, warnings, currents is not None)
+
+    def _joints(self, limits: Limits | None) -> Array:
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
         self._refuse_degrees(joints, limits)
+        return joints
+
+    def read_records(self, limits: Limits | None) -> PayloadSamples:
+        """The runs with and without a payload, along a motion or in static poses."""
+        joints = self._joints(limits)
         torques = self._all_or_none(_torque_columns(self.prismatic), "of every joint")
         wrench = self._all_or_none(WRENCH, "of all six")
         self._refuse_unknown_loads()

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics
-from lab.payload_identification.fourier_path import CHECKED, HARMONICS, PERIOD_S, FourierPath, Limits, random_path
+from lab.payload_identification.fourier_path import (
+    CHECKED,
+    HARMONICS,
+    PERIOD_S,
+    FourierPath,
+    Limits,
+    random_path,
+    rest_shapes,
+)
 from lab.payload_identification.path_optimizer import Allowed, PathSearch
 from lab.pose_selection.criteria import Criterion, criterion
 from lab.pose_selection.exchange import Feasible, ascend, exchange, information
@@ -120,6 +128,8 @@ def design_path(
     goal: Criterion | None = None,
     starts: int = 4,
     rounds: int = 12,
+    at_rest: bool = False,
+    drawn: int = _DRAWN,
     progress: Progress = lambda done, all_of_it: None,
 ) -> PathDesign:
     """The path that shows the parameters best, as far as is found; one generator state gives one path.
@@ -133,27 +143,30 @@ def design_path(
         goal: another criterion than the determinant, of whitened rows in the regressor's units: to compare.
         starts: random paths to ascend from.
         rounds: ascents from each.
+        at_rest: whether each period is to begin and end at rest.
+        drawn: random paths, of which the best are taken.
 
     Raises:
         LabError: no random path is allowed, or one does not show every parameter.
     """
     allowed = _allowance(limits, feasible, torque)
-    paths = [random_path(limits, rng, period_s) for _ in range(_DRAWN)]
+    paths = [random_path(limits, rng, period_s, at_rest=at_rest) for _ in range(drawn)]
+    shapes = rest_shapes(HARMONICS) if at_rest else np.eye(1 + 2 * HARMONICS)
 
     def whitened(joints: Array, speeds: Array, accelerations: Array) -> Array:
         rows: Array = regressor(joints, speeds, accelerations) / sigma[:, None]
         return rows
 
     columns = predicted(paths[0], regressor, sigma).covariance.shape[0]
-    search = PathSearch(whitened, goal or criterion("O1", columns), limits.box, allowed, period_s, HARMONICS)
-    best = (-np.inf, paths[0].coefficients)
-    for i, start in enumerate(_started(search, paths, starts)):
+    search = PathSearch(whitened, goal or criterion("O1", columns), limits.box, allowed, period_s, shapes)
+    best = (-np.inf, shapes.T @ paths[0].coefficients)
+    for i, start in enumerate(_started(search, [shapes.T @ path.coefficients for path in paths], starts)):
         best = max(best, (search.score(start), start), key=_first)
         for j, (path, score) in enumerate(search.ascents(start, rounds)):
             progress(i * rounds + j + 1, starts * rounds)
             best = max(best, (score, path), key=_first)
     progress(starts * rounds, starts * rounds)
-    found = FourierPath(best[1], period_s)
+    found = FourierPath(shapes @ best[1], period_s)
     return PathDesign(found, predicted(found, regressor, sigma, seconds, rate_hz))
 
 
@@ -220,12 +233,12 @@ def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> A
     return allowed
 
 
-def _started(search: PathSearch, paths: list[FourierPath], starts: int) -> list[Array]:
+def _started(search: PathSearch, paths: list[Array], starts: int) -> list[Array]:
     """The best of the random paths that are allowed, after each has shrunk until it is."""
     found: list[tuple[float, Array]] = []
     for path in paths:
         for share in _SHRUNK:
-            tried = path.coefficients * np.append(1.0, np.full(len(path.coefficients) - 1, share))[:, None]
+            tried = path * np.append(1.0, np.full(len(path) - 1, share))[:, None]
             if search.is_allowed(tried):
                 found.append((search.score(tried), tried))
                 break

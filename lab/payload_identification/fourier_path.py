@@ -9,7 +9,7 @@ from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 from lab.pose_selection.tour import rated
 
-__all__ = ["CHECKED", "HARMONICS", "PERIOD_S", "Box", "FourierPath", "Limits", "bases", "random_path"]
+__all__ = ["CHECKED", "HARMONICS", "PERIOD_S", "Box", "FourierPath", "Limits", "bases", "random_path", "rest_shapes"]
 
 HARMONICS, PERIOD_S = 5, 5.0
 _MARGIN = 0.02  # of a joint's range, kept from each limit
@@ -29,6 +29,22 @@ def bases(times: Array, period_s: float, harmonics: int) -> Array:
             np.hstack([0 * one, -(rates**2) * cosine, -(rates**2) * sine]),
         ]
     )
+
+
+def rest_shapes(harmonics: int) -> Array:
+    """Orthonormal columns ``(1 + 2 h, 2 h - 1)`` of series that are at rest where a period begins and ends.
+
+    A series whose speed and acceleration vanish there has coefficients with sum k s_k = 0 and sum k^2 c_k = 0 (e.g.
+    Swevers, Verdonck & De Schutter 2007): what is orthogonal to those. The first column is the constant.
+    """
+    order = np.arange(1, harmonics + 1, dtype=np.float64)
+    shapes = np.zeros((1 + 2 * harmonics, 2 * harmonics - 1))
+    shapes[0, 0] = 1.0
+    for i, moving in enumerate((order**2, order)):
+        rows = slice(1 + i * harmonics, 1 + (i + 1) * harmonics)
+        free = np.linalg.svd(moving[None])[2][1:].T
+        shapes[rows, 1 + i * (harmonics - 1) : 1 + (i + 1) * (harmonics - 1)] = free
+    return shapes
 
 
 @dataclass(frozen=True)
@@ -106,11 +122,20 @@ class Limits:
         )
 
 
-def random_path(limits: Limits, rng: np.random.Generator, period_s: float = PERIOD_S) -> FourierPath:
-    """A path of random coefficients, each joint as fast and as far as its limits allow."""
+def random_path(
+    limits: Limits, rng: np.random.Generator, period_s: float = PERIOD_S, *, at_rest: bool = False
+) -> FourierPath:
+    """A path of random coefficients, each joint as fast and as far as its limits allow.
+
+    Args:
+        at_rest: whether each period begins and ends at rest.
+    """
     order = np.arange(1, HARMONICS + 1)
     drawn = rng.standard_normal((1 + 2 * HARMONICS, len(limits.lower)))
     drawn[1:] *= 10 * limits.box.half[0] / np.concatenate([order, order])[:, None] ** rng.uniform(0.0, 2.0)
     drawn[0] = rng.uniform(limits.lower, limits.upper)
+    if at_rest:
+        shapes = rest_shapes(HARMONICS)
+        drawn = shapes @ (shapes.T @ drawn)
     times = period_s * np.arange(CHECKED) / CHECKED
     return FourierPath(limits.box.fitted(drawn, bases(times, period_s, HARMONICS)), period_s)

@@ -58,14 +58,20 @@ class PathSearch:
         box: Box,
         allowed: Allowed,
         period_s: float,
-        harmonics: int,
+        shapes: Array,
     ) -> None:
-        """The regressor gives whitened rows ``(n, r, p)`` at readings, speeds and accelerations."""
+        """The regressor gives whitened rows ``(n, r, p)`` at readings, speeds and accelerations.
+
+        Args:
+            shapes: ``(1 + 2 h, s)`` orthonormal columns, the constant first: a path's Fourier coefficients are these
+                times what is sought ``(s, J)``.
+        """
         self._regressor, self._goal, self.box, self._allowed = regressor, goal, box, allowed
-        self._coarse = bases(period_s * np.arange(_SAMPLES) / _SAMPLES, period_s, harmonics)
-        self.fine = bases(period_s * np.arange(CHECKED) / CHECKED, period_s, harmonics)
-        order = np.arange(1, harmonics + 1)
-        self._scale = 1 / np.concatenate([[1], order, order])[:, None]  # a harmonic's speed grows with its order
+        harmonics = len(shapes) // 2
+        self._coarse = bases(period_s * np.arange(_SAMPLES) / _SAMPLES, period_s, harmonics) @ shapes
+        self.fine = bases(period_s * np.arange(CHECKED) / CHECKED, period_s, harmonics) @ shapes
+        order = np.concatenate([[1], *[np.arange(1, harmonics + 1)] * 2])
+        self._scale = 1 / (order @ shapes**2)[:, None]  # a harmonic's speed grows with its order
 
     def states(self, coefficients: Array) -> Array:
         """``(n, 3, J)`` along a path, at the times checked."""

@@ -1,20 +1,24 @@
-"""The virtual measurement of a load: a loaded and an unloaded run, with what an arm and its sensors do wrong.
+"""The virtual measurement of an arm and its load: a loaded and an unloaded run, with what arm and sensors do wrong.
 
 Torques that are measured: the rigid arm's and its load's (``load``), and friction in the direction of motion,
-``(f_c + mu |tau|) sign(q') + f_v q'`` with a load-dependent part (e.g. Hamon, Gautier & Garrec 2010), all of them as
-late as the torque channel. A servo of compliance c lets the load shift the path by ``-c tau_load``.
+``(f_c + mu |tau|) sign(q') + f_v q'`` with a load-dependent part (e.g. Hamon, Gautier & Garrec 2010), then what the
+drives add: their inertia, their own friction where they turn with several joints, an offset. All of them are as late as
+the torque channel, and come through its filter. A servo of compliance c lets the load shift the path by
+``-c tau_load``.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 from scipy.interpolate import make_interp_spline
 
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
+from lab.kinematics.dynamics.arm_dynamics import directions
 from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
 from lab.simulation.serial_model import SerialModel
 
@@ -23,7 +27,11 @@ __all__ = ["LoadBench", "RunErrors"]
 Path = Callable[[Array], tuple[Array, Array, Array]]
 """Times ``(n,)`` s to joint positions, speeds and accelerations ``(n, J)``; also a little before and after the run."""
 
-_EACH_JOINT = ("encoder_rad", "coulomb_nm", "viscous_nm_s", "servo_rad_per_nm")
+_EACH_JOINT = (
+    "encoder_rad", "coulomb_nm", "viscous_nm_s", "servo_rad_per_nm", "motor_inertia_kgm2", "motor_coulomb_nm",
+    "motor_viscous_nm_s",
+)  # fmt: skip
+_FILTER_ORDER = 2  # of the torque channel's Butterworth filter
 _SPARE = 8  # samples around a run on which the spline of its shift stands
 
 
@@ -39,6 +47,10 @@ class RunErrors:
         load_friction: mu: friction grows by this share of the torque that the joint carries.
         stiction: the share of Coulomb friction, of either sign, that a joint at rest may still carry.
         lag_s: how late the torques are.
+        motor_inertia_kgm2: of what turns at each motor, as its joint feels it, ``(J,)``.
+        motor_coulomb_nm, motor_viscous_nm_s: friction at the motors, as their joints feel it, ``(J,)``.
+        torque_offset_nm: steady errors of the torques, ``(J,)``; of either sign.
+        torque_filter_hz: the torques come through a causal low-pass of this frequency; 0 is none.
         servo_rad_per_nm: by how much the load's torque shifts the path, rad/Nm (m/N), ``(J,)``.
         force_noise_n, moment_noise_nm: standard deviations of the wrist sensor.
         wrench_offset: ``(6,)`` N and Nm.
@@ -54,6 +66,11 @@ class RunErrors:
     load_friction: float = 0.0
     stiction: float = 0.0
     lag_s: float = 0.0
+    motor_inertia_kgm2: Array | float = 0.0
+    motor_coulomb_nm: Array | float = 0.0
+    motor_viscous_nm_s: Array | float = 0.0
+    torque_offset_nm: tuple[float, ...] = ()
+    torque_filter_hz: float = 0.0
     servo_rad_per_nm: Array | float = 0.0
     force_noise_n: float = 0.0
     moment_noise_nm: float = 0.0
@@ -67,7 +84,7 @@ class RunErrors:
             if not np.isfinite(value).all():
                 raise LabError(f"errors of a run: {name} is {value}; give finite numbers")
             default = getattr(RunErrors, name)
-            if isinstance(default, tuple) and len(value) != len(default):
+            if isinstance(default, tuple) and default and len(value) != len(default):
                 raise LabError(f"errors of a run: {name} has {len(value)} numbers; give {len(default)}")
             if not isinstance(default, tuple) and (np.asarray(value) < 0).any():
                 raise LabError(f"errors of a run: {name} is {value}; give zero or more")
@@ -76,8 +93,20 @@ class RunErrors:
 class LoadBench:
     """An arm that measures with a load and without it; one generator state gives one set of records."""
 
-    def __init__(self, robot: SerialModel, load: RigidLoad, mounting: Mounting, errors: RunErrors) -> None:
+    def __init__(
+        self,
+        robot: SerialModel,
+        load: RigidLoad | None,
+        mounting: Mounting,
+        errors: RunErrors,
+        couplings: Array | None = None,
+    ) -> None:
         """The mounting is what is known of the set-up; the errors come on top.
+
+        Args:
+            load: None of an arm that never carries one, and has no loaded run.
+            couplings: C ``(J, J)``, what each drive turns by the joints' positions (``ArmDynamics``); torques are then
+                those of the drives.
 
         Raises:
             LabError: the arm has no masses, torque noise is asked for and it has no peak torques, or an error is not
@@ -88,7 +117,12 @@ class LoadBench:
                 raise LabError(f"errors of a run: {name} is {value}; give one number, or {robot.chain.size} of them")
         leaning = se3.exp(np.append(errors.tilt_rad, 0.0))
         gravity = leaning.T @ mounting.gravity
-        self._arms = {True: CarryingArm(robot, gravity, load), False: CarryingArm(robot, gravity)}
+        if len(errors.torque_offset_nm) not in (0, robot.chain.size):
+            raise LabError(f"errors of a run: torque_offset_nm: give {robot.chain.size} numbers, one a joint")
+        self._arms = {False: CarryingArm(robot, gravity)}
+        if load is not None:
+            self._arms[True] = CarryingArm(robot, gravity, load)
+        self._couplings = np.eye(robot.chain.size) if couplings is None else couplings
         self._T_last_sensor = mounting.rotation @ se3.exp(np.array(errors.turn_rad))
         self._sign, self._errors, self._size = mounting.sign, errors, robot.chain.size
         self._noise_nm = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
@@ -102,13 +136,21 @@ class LoadBench:
         times = np.arange(round(seconds * rate_hz)) / rate_hz
         if len(times) < 2:
             raise LabError(f"{seconds:g} s at {rate_hz:g} Hz are {len(times)} samples; ask for more")
-        shifted = self._shifted(path, times) if np.any(self._errors.servo_rad_per_nm) else path
-        chance = _Chance(rng)
-        runs = [self._run(way, times, loaded, chance) for loaded, way in ((True, shifted), (False, path))]
-        return self._recorded(np.concatenate([times, times]), runs)
+        chance, ways = _Chance(rng), [(False, path)]
+        if True in self._arms:
+            shifted = self._shifted(path, times) if np.any(self._errors.servo_rad_per_nm) else path
+            ways = [(True, shifted), *ways]
+        runs = [self._run(way, times, loaded, chance) for loaded, way in ways]
+        return self._recorded(np.tile(times, len(runs)), runs)
 
     def resting(self, joints: Array, rng: np.random.Generator) -> PayloadSamples:
-        """Static poses ``(n, J)``, first all with the load, then all without it."""
+        """Static poses ``(n, J)``, first all with the load, then all without it.
+
+        Raises:
+            LabError: there is no load.
+        """
+        if True not in self._arms:
+            raise LabError("an arm without a load: poses at rest show a load alone; give one")
         zero = np.zeros_like(joints)
         chance, errors = _Chance(rng), self._errors
         hanging = self._load_torque(joints, zero, zero)
@@ -123,17 +165,36 @@ class LoadBench:
         arm, late = self._arms[loaded], self._errors.lag_s
         motion = path(times)
         torques, wrench = arm.torques_and_wrench(*motion)
-        driven = torques + self._friction(torques, motion[1])
+        driven = self._driven(torques, *motion[1:])
         if late:
             before = path(times - late)
-            held = arm.torques(*before)
-            driven = held + self._friction(held, before[1])
+            driven = self._driven(arm.torques(*before), *before[1:])
+        if self._errors.torque_filter_hz:
+            driven = self._filtered(driven, float(times[1] - times[0]))
         return self._read(motion[0], driven, wrench, loaded, chance)
 
     def _friction(self, torques: Array, speeds: Array) -> Array:
         errors = self._errors
         dry: Array = errors.coulomb_nm + errors.load_friction * np.abs(torques)
-        return dry * np.sign(speeds) + errors.viscous_nm_s * speeds
+        return dry * directions(speeds) + errors.viscous_nm_s * speeds
+
+    def _driven(self, torques: Array, speeds: Array, accelerations: Array) -> Array:
+        """What the drives give ``(n, J)`` for the joints' torques: tau = C' f, and what turns at the motors."""
+        errors, couplings = self._errors, self._couplings
+        turned, rates = speeds @ couplings.T, accelerations @ couplings.T
+        given = np.linalg.solve(couplings.T, (torques + self._friction(torques, speeds)).T).T
+        own = errors.motor_coulomb_nm * directions(turned) + errors.motor_viscous_nm_s * turned
+        driven: Array = given + errors.motor_inertia_kgm2 * rates + own
+        return driven + np.array(errors.torque_offset_nm) if errors.torque_offset_nm else driven
+
+    def _filtered(self, torques: Array, step_s: float) -> Array:
+        """The torques after the channel's filter, which was settled before the run."""
+        if not self._errors.torque_filter_hz < 0.5 / step_s:
+            raise LabError(f"torque_filter_hz of {self._errors.torque_filter_hz:g} Hz: above half the sampling rate")
+        sections = signal.butter(_FILTER_ORDER, self._errors.torque_filter_hz, fs=1 / step_s, output="sos")
+        settled = signal.sosfilt_zi(sections)[..., None] * torques[0]
+        filtered: Array = signal.sosfilt(sections, torques, axis=0, zi=settled)[0]
+        return filtered
 
     def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
         """What encoders, drives and sensor show of one run; ``wrench`` is the hand's on the load, in the last frame."""

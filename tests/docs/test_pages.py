@@ -23,6 +23,7 @@ from lab.core.load_samples import Mounting
 from lab.formats.cell_toml import read_cell
 from lab.formats.column_map import read_column_map
 from lab.formats.dh_table_toml import read_table
+from lab.formats.drives_toml import read_drives
 from lab.formats.instrument_toml import read_instrument
 from lab.formats.load_csv import read_mounting, write_loads
 from lab.formats.mechanism_toml import read_mechanism
@@ -120,6 +121,8 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         read_mounting(path)
     elif "obstacle" in content:
         assert [each.name for each in read_cell(path).obstacle] == ["table"]
+    elif "drive" in content:
+        assert read_drives(path, 2).couplings[1].tolist() == [1.0, 1.0]
     elif "systematic" in content:
         assert "collimation" in {term.name for term in read_instrument(path).errors.stated}
     elif "points" in content:

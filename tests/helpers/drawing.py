@@ -12,6 +12,7 @@ from markupsafe import Markup
 _WRITES = {
     "lab.commands.calibrate.recording": "record",
     "lab.commands.design.recording": "record_plan",
+    "lab.commands.dynamics.recording": "record_dynamics",
     "lab.commands.payload.recording": "record_payload",
 }  # by module: the function that writes a file
 

@@ -178,7 +178,7 @@ def usual():
 def test_the_slope_of_the_score(name: str) -> None:
     allowed = lambda states: (np.ones(len(states), bool),) * 2  # noqa: E731
     whitened = lambda *motion: torques(*motion) / SIGMA_NM[:, None]  # noqa: E731
-    search = PathSearch(whitened, criterion(name, 10), LIMITS.box, allowed, 5.0, 5)
+    search = PathSearch(whitened, criterion(name, 10), LIMITS.box, allowed, 5.0, np.eye(11))
     path = random_path(LIMITS, np.random.default_rng(4)).coefficients
     score, slope = search._slope(path)
     assert score == pytest.approx(search.score(path), rel=1e-12)
@@ -197,7 +197,7 @@ def test_the_slope_of_the_walls() -> None:
         Box(rng.normal(size=(3, 2)), rng.uniform(0.5, 2.0, (3, 2))),
         lambda s: s,
         5.0,
-        5,
+        np.eye(11),
     )
     walls = _Walls()
     for _ in range(2):

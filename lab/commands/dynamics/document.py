@@ -5,34 +5,165 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lab.commands.dynamics.result import DynamicsResult
+from lab.commands.payload.document import parameter_rows
 from lab.commands.provenance import provenance_section
-from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings
-from lab.render.style import PREDICTED
+from lab.core.significance import PAYLOAD_RESIDUALS
+from lab.dynamics_identification.estimate import DynamicsEstimate
+from lab.render.document import (
+    EVERYWHERE,
+    PAGE,
+    Badge,
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    Warnings,
+)
+from lab.render.format import digits_of, fixed, sentence, short
+from lab.render.style import MEASURED, PREDICTED
 from lab.render.svg import axes_picture, log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["dynamics_document", "singular_values_picture"]
+__all__ = ["dynamics_document", "singular_values_picture", "torque_pictures"]
+
+MOST_DRAWN = 600  # rows
 
 
 def dynamics_document(result: DynamicsResult) -> Document:
     """The base parameters with their formulas, what affects no torque, and the conditioning."""
-    base = result.base
+    base, found = result.base, result.estimate
+    grouping = (Paragraph(_counts(result)), _formulas(result), Paragraph(_without(result)))
     return Document(
         f"{result.robot.name}: {base.size} base parameters of {len(base.names)} standard ones",
         (
+            *(
+                ()
+                if found is None
+                else (Paragraph((_FIT[found.verdict.adequate], f" {sentence(found.verdict.words)}")),)
+            ),
             Warnings(result.warnings),
-            Section("Base parameters", (Paragraph(_counts(result)), _formulas(result), Paragraph(_without(result)))),
-            Section("Conditioning", (_conditioning(result),)),
+            *(() if found is None else _identified(result, found)),
+            Section("Base parameters", grouping, shown_in=EVERYWHERE if found is None else PAGE),
+            Section("Conditioning", (_conditioning(result),), shown_in=EVERYWHERE if found is None else PAGE),
             provenance_section("dynamics", result.options, result.robot.sha256),
         ),
     )
 
 
+_FIT = {True: Badge("no lack of fit", "good"), False: Badge("lack of fit", "bad"), None: Badge("not judged")}
+
+
+def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Section, ...]:
+    """What was identified, how it predicts, the load beside it, and the torques."""
+    caption = "Measured torques, and what the parameters make of them."
+    return (
+        Section("Identified parameters", (_values(result, found), Paragraph(_noise(result, found)))),
+        Section("Physical consistency", (Paragraph(_physical(result)),)),
+        Section("Predicted torques", (_predictions(result, found),)),
+        Section("The load", _loads(found)),
+        Section("Measured and explained", (Figure("torques", torque_pictures(result), caption),), shown_in=PAGE),
+    )
+
+
+def _values(result: DynamicsResult, found: DynamicsEstimate) -> Table:
+    """Values to the second digit of their half-widths, with relative standard deviations."""
+    units = result.arm.units([formula.name for formula in result.formulas])
+    rows = []
+    for name, unit, value, half, relative in zip(
+        found.names, units, result.values, found.half_width, found.relative_sigma, strict=True
+    ):
+        if not np.isfinite(value):
+            rows.append((name, "–", "–", "–", unit))
+            continue
+        digits = digits_of(half, 9)
+        rows.append((name, fixed(value, digits), fixed(half, digits), f"{short(100 * relative)} %", unit))
+    caption = "With half-widths of 95 % intervals and relative standard deviations."
+    return Table(("base parameter", "value", "±", "relative σ", "unit"), tuple(rows), caption)
+
+
+def _noise(result: DynamicsResult, found: DynamicsEstimate) -> str:
+    noise = ", ".join(short(sigma) for sigma in found.noise)
+    units = "Nm" if not any(result.robot.chain.prismatic) else "Nm (N of a slide)"
+    late = ""
+    if found.delay is not None:
+        value, half = (short(1e3 * each) for each in (found.delay.value, found.delay.half_width))
+        late = f" The torques are {value} ± {half} ms later than the positions."
+    return (
+        f"What is left of the torques is {short(100 * found.relative_error)} % of them. The noise of one reading is "
+        f"{noise} {units} (1σ, estimated).{late}"
+    )
+
+
+def _physical(result: DynamicsResult) -> str:
+    """Whether links, motors and joints can have these parameters."""
+    fit = result.physical
+    if fit is None:
+        return ""
+    if fit.physical:
+        return "Links, motors and joints can have these parameters."
+    noise = "which the noise explains" if fit.p > PAYLOAD_RESIDUALS else "which the noise does not explain"
+    taken = "the table has these" if result.options.physical else "--physical takes these"
+    return (
+        f"No arm has exactly what least squares found; the nearest that one has is {short(fit.distance)} standard "
+        f"deviations away, {noise} (p = {fit.p:.2g}); {taken}."
+    )
+
+
+def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> Table:
+    """A row for each path that was predicted, and for each drive of it."""
+    rows = []
+    for each in found.predictions:
+        rows.append((each.of, "all", short(100 * each.total_relative, "%"), short(each.total_noise_ratio)))
+        for name, relative, ratio in zip(result.robot.chain.joint_names, each.relative, each.noise_ratio, strict=True):
+            rows.append(("", name, short(100 * relative, "%"), short(ratio)))
+    return Table(("torques of", "drive", "relative error", "error / noise"), tuple(rows))
+
+
+def _loads(found: DynamicsEstimate) -> tuple[Block, ...]:
+    """The load by both ways, side by side."""
+    if found.load is None:
+        return ()
+    ways = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
+    rows = []
+    for name, value, width, unit in ways[0]:
+        others = [row for way in ways[1:] for row in way if row[0] == name]
+        pairs = [(value, width), *((other[1], other[2]) for other in others)]
+        cells = [f"{fixed(v, digits_of(w, 6))} ± {fixed(w, digits_of(w, 6))}" for v, w in pairs]
+        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit))
+    caption = "About and along the frame of the flange, with half-widths of 95 % intervals."
+    return (Table(("", "with the arm at once", "by difference of the runs", "unit"), tuple(rows), caption),)
+
+
+def torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:
+    """Each drive: its torque as measured, and as the parameters explain it."""
+    found = result.estimate
+    assert found is not None
+    every = max(1, len(found.measured) // MOST_DRAWN)
+    measured, left = found.measured[::every], found.residual[::every]
+    pictures = []
+    for j, (name, slides) in enumerate(zip(result.robot.chain.joint_names, result.robot.chain.prismatic, strict=True)):
+
+        def draw(axes: "Axes", j: int = j, name: str = name, slides: bool = slides) -> None:
+            at = np.arange(len(measured)) * every
+            axes.plot(at, measured[:, j], ".", color=MEASURED, markersize=3, label="measured")
+            axes.plot(at, measured[:, j] - left[:, j], "-", color=PREDICTED, linewidth=1, label="explained")
+            axes.set(title=name, xlabel="row, as thinned", ylabel="N" if slides else "Nm")
+            if j == 0:
+                axes.legend(loc="best")
+
+        words = f"Torque of {name}, measured and explained"
+        pictures.append(axes_picture(f"torque{j}", words, (4.4, 2.3), draw, (0.7, 0.45, 0.1, 0.3)))
+    return tuple(pictures)
+
+
 def singular_values_picture(result: DynamicsResult) -> Picture:
     """Singular values relative to the largest, from the best determined direction to the worst."""
-    relative = np.array(result.singular_values) / result.singular_values[0]
+    relative = result.singular_values / result.singular_values[0]
 
     def draw(axes: "Axes") -> None:
         axes.plot(np.arange(1, len(relative) + 1), relative, "o", color=PREDICTED, markersize=4.5)

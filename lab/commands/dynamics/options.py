@@ -1,9 +1,13 @@
 """What can be asked of ``lab dynamics``."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
-from lab.campaign.option_groups import Names
+import tyro
+
+from lab.campaign.option_groups import Flag, Names
 from lab.core.errors import LabError
+from lab.core.numbers import positive
 
 __all__ = ["PARTS", "DynamicsOptions"]
 
@@ -12,15 +16,40 @@ PARTS = ("motor-inertia", "friction", "offsets")  # of the model, beside the lin
 
 @dataclass(frozen=True)
 class DynamicsOptions:
-    """Whose dynamic parameters, and which belong to the model."""
+    """Whose dynamic parameters to identify, from what; without a file, which ones there are."""
 
+    file: tyro.conf.Positional[Path | None] = None
+    """CSV of a motion, at even times: joint positions with torques, or with motor currents."""
     robot: str = "irb120"
-    """A model's name, or a path to an MJCF, a URDF or a table."""
+    """A model's name, or a path to an MJCF, a URDF or a table; its masses are not used."""
+    drives: Path | None = None
+    """Gear ratios with their signs, couplings and drive gains, TOML: needed for motor currents."""
+    sensor: Path | None = None
+    """How the base stands, TOML: tilt and gravity."""
+    load: Path | None = None
+    """What the loaded run carries, if that is known, TOML: mass, centre of mass, inertia; else it is estimated."""
+    validate: Path | None = None
+    """CSV of another path, whose torques are predicted."""
+    holdout: float = 0.0
+    """Predict this share at the end of the path, and do not fit it."""
     without: Names = ()
     """Leave out of the model: motor-inertia, friction, offsets."""
+    delay: Flag = False
+    """Fit how much later the torques are than the positions."""
+    physical: Flag = False
+    """Take the nearest parameters that an arm can have."""
+    band_hz: float = 20.0
+    """Of the filter that torques and regressor pass, half power there; an arm's torques change below 10 Hz."""
 
     def check(self) -> None:
         """Refuse what makes no sense, with a LabError that names the option."""
         for part in self.without:
             if part not in PARTS:
                 raise LabError(f"--without {part}: there are {', '.join(PARTS)}")
+        positive("--band-hz", self.band_hz)
+        if not 0 <= self.holdout <= 0.8:
+            raise LabError(f"--holdout {self.holdout:g}: give a share of the path from 0 to 0.8")
+        given = {"--load": self.load, "--validate": self.validate, "--sensor": self.sensor}
+        given |= {"--holdout": self.holdout or None, "--delay": self.delay or None, "--physical": self.physical or None}
+        if self.file is None and (stray := [name for name, value in given.items() if value is not None]):
+            raise LabError(f"{stray[0]} is for measurements: give a FILE")

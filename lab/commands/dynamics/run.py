@@ -1,5 +1,6 @@
-"""The dynamic parameters of an arm."""
+"""The dynamic parameters of an arm: which ones its torques determine, and from a file what they are."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,58 +10,122 @@ from lab.campaign.robot import Robot, load_robot
 from lab.commands.dynamics.options import DynamicsOptions
 from lab.commands.dynamics.result import DynamicsResult
 from lab.commands.keywords import options_of, takes
+from lab.core.errors import LabError, error_context
+from lab.core.load_samples import PayloadSamples
 from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.dynamics_identification.estimate import DynamicsEstimate
+from lab.dynamics_identification.identify import identify_dynamics
+from lab.dynamics_identification.physical import nearest_physical_arm
+from lab.dynamics_identification.runs import DynamicModel
+from lab.formats.drives_toml import Drives, read_drives
+from lab.formats.load_csv import read_motion, read_mounting
+from lab.formats.rigid_load_toml import read_load
 from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
-from lab.kinematics.dynamics.base_parameters import base_parameters, random_states
-from lab.kinematics.dynamics.regrouping import regrouping_formulas
+from lab.kinematics.dynamics.base_parameters import base_parameters
+from lab.simulation.link_masses import link_inertias
 from lab.simulation.payload import drawn_mounting
 
 __all__ = ["dynamics"]
 
-STATES = 200  # over which the conditioning is looked at
-
 
 @takes(DynamicsOptions)
-def dynamics(robot: str | Path | Robot | DynamicsOptions = "irb120", **options: Any) -> DynamicsResult:
-    """Say which dynamic parameters of an arm its torques determine, and what is grouped into each.
+def dynamics(
+    file: str | Path | DynamicsOptions | None = None, robot: str | Path | Robot = "irb120", **options: Any
+) -> DynamicsResult:
+    """Identify the dynamic parameters of an arm; without a file, say which ones its torques determine.
 
     Args:
-        robot: the nominal model: a name, a path, or a loaded robot; or all options in one object.
-        options: those of ``lab dynamics``, by name: ``without``.
+        file: a motion: joint positions with torques or motor currents, with a payload, without, or both; or all
+            options in one object.
+        robot: the nominal model: a name, a path, or a loaded robot.
+        options: those of ``lab dynamics``, by name: ``drives``, ``validate``, ``without`` and so on.
 
     Returns:
-        The base parameters, as formulas of the standard ones.
+        The base parameters, as formulas of the standard ones, with their values and intervals where there is a file.
 
     Raises:
-        LabError: the robot has loops, or there is no such robot.
+        LabError: the robot has loops, or the file lacks what is needed.
 
     Example:
         >>> import lab
-        >>> lab.dynamics("course2r").to_dict()["formulas"]["XXR2"]
+        >>> lab.dynamics(robot="course2r").to_dict()["formulas"]["XXR2"]
         'XX2 − YY2'
     """
-    if isinstance(robot, DynamicsOptions):
-        robot.check()
-        return _described(robot, load_robot(robot.robot))
+    if isinstance(file, DynamicsOptions):
+        file.check()
+        return _identified(file, load_robot(file.robot))
     known = load_robot(robot)
-    asked = options_of("lab.dynamics", DynamicsOptions, {"robot": known.source, **options})
+    given = {"file": None if file is None else str(file), "robot": known.source, **options}
+    asked = options_of("lab.dynamics", DynamicsOptions, given)
     asked.check()
-    return _described(asked, known)
+    return _identified(asked, known)
 
 
-def _described(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
+def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
     model, left_out = robot.serial_model, set(options.without)
+    drives = None if options.drives is None else read_drives(options.drives, model.chain.size)
+    mounting = drawn_mounting(model)
+    if options.sensor is not None:
+        mounting = read_mounting(options.sensor, sensor=False)
     arm = ArmDynamics(
         khalil_chain(model.chain),
-        drawn_mounting(model).gravity,
-        np.eye(model.chain.size),
+        mounting.gravity,
+        np.eye(model.chain.size) if drives is None else drives.couplings,
         motor_inertia="motor-inertia" not in left_out,
         friction="friction" not in left_out,
         offsets="offsets" not in left_out,
     )
     base = base_parameters(arm, rng_for(0, "structure"))
-    formulas = regrouping_formulas(arm, base, rng_for(0, "structure", 1))
-    columns = arm.regressor(*random_states(arm, STATES, rng_for(0, "structure", 2)))[..., base.kept]
-    flat = columns.reshape(-1, base.size)
-    values = np.linalg.svd(flat / np.linalg.norm(flat, axis=0), compute_uv=False)
-    return DynamicsResult(options, robot, arm, base, formulas, tuple(values.tolist()))
+    described = DynamicsResult(options, robot, arm, base, None, None, None, tuple(robot.warnings))
+    return described if options.file is None else _measured(described, options.file, drives)
+
+
+def _measured(described: DynamicsResult, file: Path, drives: Drives | None) -> DynamicsResult:
+    options, robot = described.options, described.robot
+    samples = _read(robot, file, drives)
+    other = None if options.validate is None else _read(robot, options.validate, drives)
+    known = None if options.load is None else read_load(options.load)
+    if known is not None and not samples.loaded.any():
+        raise LabError(f"--load {options.load}: no row of {file} has run = loaded; mark those that carry it")
+    model = DynamicModel(robot.serial_model.chain, described.arm, described.base)
+    with error_context(file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+        estimate = identify_dynamics(
+            model, samples, known_load=known, delay=options.delay, holdout=options.holdout, other=other,
+            band_hz=options.band_hz,
+        )  # fmt: skip
+        if not estimate.identified.any():
+            raise LabError("nothing of the arm shows: move its joints, several at a time")
+    bodies = None
+    if estimate.identified.all():
+        bodies = nearest_physical_arm(
+            model, estimate, None if robot.loads is None else link_inertias(robot.serial_model)
+        )
+    elif options.physical:
+        raise LabError("--physical: not every base parameter is identified; move more joints, or leave it out")
+    said = (*described.warnings, *samples.warnings, *_warnings(estimate))
+    return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said)
+
+
+def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
+    """A motion with the drives' torques, as the joints feel them."""
+    chain = robot.chain
+    samples = read_motion(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    assert samples.torques is not None
+    if not samples.currents:
+        return samples
+    if drives is None:
+        raise LabError(f"{file}: motor currents need gear ratios and drive gains; give --drives FILE.toml")
+    torques: Array = drives.torques(samples.torques)
+    return replace(samples, torques=torques, currents=False)
+
+
+def _warnings(estimate: DynamicsEstimate) -> list[str]:
+    """What a reader of the estimate should be told."""
+    warnings = []
+    if estimate.verdict.adequate is False:
+        warnings.append(estimate.verdict.words)
+    hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]
+    if hidden:
+        warnings.append(f"the motion does not show {', '.join(hidden)}: move more joints at a time, and faster")
+    return warnings

@@ -24,9 +24,10 @@ from lab.kinematics.dynamics.rigid_body import LOAD, elements, symmetric, torque
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["INERTIAL", "ArmDynamics", "flange_in_last_link", "khalil_chain", "load_in_frame"]
+__all__ = ["INERTIAL", "ArmDynamics", "directions", "flange_in_last_link", "khalil_chain", "load_in_frame"]
 
 INERTIAL = ("M", "MX", "MY", "MZ", "XX", "YY", "ZZ", "XY", "XZ", "YZ")  # of a link, in the order of ``LOAD``
+STANDSTILL = 1e-6  # rad/s or m/s: a joint that is slower has friction of no known direction
 _COUPLED = 1e-12  # of a row of C: what is beside its one joint
 
 
@@ -133,18 +134,21 @@ class ArmDynamics:
     def regressor(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
         """W ``(n, J, p)`` at joint positions, speeds and accelerations ``(n, J)``, rad or m."""
         size = self.chain.size
-        forces = np.linalg.inv(self.couplings.T)
         turned, rates = speeds @ self.couplings.T, accelerations @ self.couplings.T
-        blocks = [forces @ self.link_regressor(joints, speeds, accelerations)]
+        blocks = [self._of_drives(self.link_regressor(joints, speeds, accelerations))]
         if self.motor_inertia:
             blocks.append(_diagonal(rates))
         if self.friction:
             own = list(self.coupled)
-            blocks += [forces @ _diagonal(at_joint) for at_joint in (np.sign(speeds), speeds)]
-            blocks += [_diagonal(at_drive)[:, :, own] for at_drive in (np.sign(turned), turned)]
+            blocks += [self._of_drives(_diagonal(at_joint)) for at_joint in (directions(speeds), speeds)]
+            blocks += [_diagonal(at_drive)[:, :, own] for at_drive in (directions(turned), turned)]
         if self.offsets:
             blocks.append(np.broadcast_to(np.eye(size), (len(joints), size, size)))
         return np.concatenate(blocks, axis=2)
+
+    def _of_drives(self, torques: Array) -> Array:
+        """The drives' torques ``(n, J, ...)`` that give those of the joints, f = C'^-1 tau."""
+        return np.linalg.inv(self.couplings.T) @ torques if self.coupled else torques
 
     def link_regressor(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
         """What the links alone ask of the joints, ``(n, J, 10 J)``: each as a load at the end of the chain up to it."""
@@ -174,6 +178,11 @@ class ArmDynamics:
     def bodies(self) -> NDArray[np.int_]:
         """Indices ``(J, 10)`` of the links' inertial parameters among the standard ones."""
         return np.arange(len(INERTIAL) * self.chain.size).reshape(self.chain.size, -1)
+
+
+def directions(speeds: Array) -> Array:
+    """The signs of speeds; zero at rest, where friction may have either."""
+    return np.where(np.abs(speeds) < STANDSTILL, 0.0, np.sign(speeds))
 
 
 def _diagonal(values: Array) -> Array:

@@ -1,12 +1,20 @@
 """``lab dynamics``: what of an arm's dynamics its torques determine."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lab
+from lab.campaign.robot import load_virtual
 from lab.cli import main
+from lab.formats.drives_toml import Drives, write_drives
+from lab.formats.load_csv import write_loads
+from lab.payload_identification.fourier_path import Limits, random_path
+from lab.simulation.payload import RigidLoad, drawn_mounting
+from lab.simulation.payload_bench import LoadBench, RunErrors
 
 
 def test_it_prints_the_base_parameters_and_their_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -21,7 +29,7 @@ def test_it_prints_the_base_parameters_and_their_formulas(tmp_path: Path, capsys
 
 
 def test_parts_of_the_model_can_be_left_out() -> None:
-    bare = lab.dynamics("tx40", without=("motor-inertia", "friction", "offsets"))
+    bare = lab.dynamics(robot="tx40", without=("motor-inertia", "friction", "offsets"))
     assert bare.to_dict()["base_parameters"] == 36
     assert bare.columns()["unit"][0] == "kg m²"
 
@@ -38,3 +46,83 @@ def test_bad_input_is_one_line(arguments: list[str], says: str, capsys: pytest.C
     assert main(["dynamics", *arguments]) == 2
     told = capsys.readouterr()
     assert says in told.err and told.err.count("\n") == 1
+
+
+TX40 = load_virtual("tx40")
+WRIST = np.eye(6)
+WRIST[5, 4] = 32 / 45
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A motion with torques, with a load and without, and one of motor currents with the drives that it needs."""
+    folder, chain = tmp_path_factory.mktemp("dynamics"), TX40.chain
+    path = random_path(Limits.of(chain), np.random.default_rng(3), at_rest=True).at
+    noise = RunErrors(torque_noise=0.005, coulomb_nm=2.0, viscous_nm_s=1.0, motor_inertia_kgm2=0.1)
+    load = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5, 26, 12.5]) * 1e-4)
+    mounting = drawn_mounting(TX40.serial_model)
+    both = LoadBench(TX40.serial_model, load, mounting, noise).moving(path, 10.0, 100.0, np.random.default_rng(1))
+    write_loads(folder / "both.csv", replace(both, wrench=None), chain.joint_names, chain.prismatic)
+    drives = Drives(np.array([-48.0, 48, 45, -45, 45, 32]), WRIST, np.full(6, 0.2))
+    bench = LoadBench(TX40.serial_model, None, mounting, noise, WRIST)
+    driven = bench.moving(path, 10.0, 100.0, np.random.default_rng(2))
+    currents = driven.torques / drives.torques(np.ones((1, 6)))
+    driven = replace(driven, torques=currents, currents=True, wrench=None)
+    write_loads(folder / "currents.csv", driven, chain.joint_names, chain.prismatic)
+    write_drives(folder / "drives.toml", drives)
+    return folder
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, dict, str]:
+    code = main(["dynamics", *map(str, arguments), "--robot", "tx40", "--json"])
+    said = capsys.readouterr()
+    return code, json.loads(said.out) if said.out else {}, said.err
+
+
+def test_torques_give_the_arm_and_its_load(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = (files / "both.csv", "--validate", files / "both.csv", "--out", tmp_path / "run")
+    code, seen, _ = run(capsys, *arguments)
+    assert code in (0, 1) and seen["p"] > 1e-3
+    assert seen["base_parameters"] == 58 and len(seen["identified"]) == 58
+    friction = seen["identified"]["Fc3"]
+    assert abs(friction["value"] - 2.0) < 2 * friction["half_width_95"] < 0.2
+    for load in (seen["load"], seen["load_by_difference"]):
+        assert abs(load["mass_kg"]["value"] - 1.5) < 2 * load["mass_kg"]["half_width_95"] < 0.1
+    assert seen["predictions"][0]["relative_error"] == pytest.approx(seen["relative_error"], rel=1e-6)
+    assert seen["physical"]["distance_sigma"] < 6
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    assert names == {"SHA256SUMS", "config.json", "result.json", "report.html", "recording.rrd"}
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "by difference of the runs" in page and "relative σ" in page
+
+
+def test_motor_currents_of_a_coupled_wrist(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = (files / "currents.csv", "--drives", files / "drives.toml", "--holdout", 0.3, "--out", tmp_path / "run")
+    code, seen, _ = run(capsys, *arguments)
+    assert code in (0, 1) and seen["base_parameters"] == 60
+    held = seen["predictions"][0]
+    assert held["of"] == "the last 30 % of the path" and held["noise_ratio"] < 1.3
+    motor = seen["identified"]["Ia6"]
+    assert abs(motor["value"] - 0.1) < 2 * motor["half_width_95"]
+
+
+def test_bad_measurements_are_one_line(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "drives.toml").write_text("[[drive]]\ngear_ratio = 3\n")
+    (tmp_path / "load.toml").write_text("[load]\nmass_kg = 1\ncom_mm = [0, 0, 0]\ninertia_kgcm2 = [1, 1, 1, 0, 0, 0]\n")
+    text = (files / "currents.csv").read_text()
+    (tmp_path / "both.csv").write_text(text.replace("current6_a", "tau6_nm", 1))
+    (tmp_path / "still.csv").write_text(text.replace("time_s", "when", 1))
+    (tmp_path / "short.csv").write_text("\n".join(text.split("\n")[:60]) + "\n")
+    drives = ("--drives", files / "drives.toml")
+    for arguments, says in (
+        ((files / "currents.csv",), "--drives"),
+        ((files / "currents.csv", "--drives", tmp_path / "drives.toml"), "6 joints"),
+        ((files / "currents.csv", *drives, "--load", tmp_path / "load.toml"), "run = loaded"),
+        ((tmp_path / "both.csv", *drives), "missing"),
+        ((tmp_path / "still.csv", *drives), "time_s"),
+        ((tmp_path / "short.csv", *drives), "too short"),
+        ((files / "currents.csv", *drives, "--holdout", 0.9), "--holdout"),
+        (("--delay",), "give a FILE"),
+    ):
+        code, _, said = run(capsys, *arguments, "--out", tmp_path / "run")
+        assert code == 2 and says in said and said.count("\n") == 1, (arguments, said)
