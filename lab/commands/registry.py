@@ -1,9 +1,10 @@
 """Which commands there are: one entry registers one. Nothing of a command is imported before it is asked for."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from lab.core.errors import LabError
@@ -45,8 +46,8 @@ class Command:
 
     def folder_name(self, options: Any) -> str:
         """How the folder of a run with these options is called by default."""
-        given = {field.name: Path(str(getattr(options, field.name))).stem for field in fields(options)}
-        return self.folder.format(**given)
+        names = [name for _, name, _, _ in Formatter().parse(self.folder) if name]
+        return self.folder.format(**{name: Path(str(getattr(options, name))).stem for name in names})
 
 
 COMMANDS = (
@@ -102,7 +103,7 @@ COMMANDS = (
         "Correct targets for a calibrated arm: joint values, corrected targets for its controller, and the arm itself.",
         "lab.commands.compensate.options:CompensateOptions",
         "lab.commands.compensate.run:compensate",
-        "compensate-{targets}",
+        "compensate-{source}",
     ),
     Command(
         "verify",

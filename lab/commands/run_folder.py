@@ -18,6 +18,7 @@ from lab.core.limits import TEXT_BYTES
 from lab.core.version import __version__
 from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, is_being_written, resolved
 from lab.formats.programs.registry import program_file_names
+from lab.formats.structured import read_json
 from lab.formats.text_file import read_bytes
 
 if TYPE_CHECKING:
@@ -111,11 +112,23 @@ def _refuse_other_files(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise LabError(f"{out}: is a file; give --out a folder")
     there = {path.name: path for path in out.iterdir()} if out.exists() else {}
-    strays = [name for name, path in there.items() if name not in _FILES or path.is_symlink() or not path.is_file()]
+    known = _FILES | _program_of(out / "config.json")
+    strays = [name for name, path in there.items() if name not in known or path.is_symlink() or not path.is_file()]
     if strays:
         raise LabError(f"{out}: holds {min(strays)}, which is no file of a run; give --out another folder")
     if there and not _is_config(out / "config.json"):
         raise LabError(f"{out}: holds files that are no run of the lab; give --out another folder")
+
+
+def _program_of(path: Path) -> set[str]:
+    """The name of the program that a run corrected, by its ``config.json``; none where it is of no such run."""
+    if not _is_config(path):
+        return set()
+    try:
+        program = read_json(path, "").get("options", {}).get("program")
+    except (LabError, AttributeError):
+        return set()
+    return {Path(program).name} if isinstance(program, str) else set()
 
 
 def _is_config(path: Path) -> bool:

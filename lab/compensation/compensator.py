@@ -33,7 +33,7 @@ _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Ne
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
 _NO_OTHER = "; no other solution of the inverse is free of that and within limits"
-_ASKED_FOR = "; the row's joint positions ask for this solution, so leave them empty to have others tried"
+_ASKED_FOR = "the row's joint positions ask for this solution, so leave them empty to have others tried"
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
 Moved = Callable[
@@ -92,6 +92,7 @@ class Compensator:
         nominal: nominal links, base and tool: the controller's.
         arm, values: as identified, with its effects.
         refusals: why the arm may not stand somewhere; None where nothing is known of what it could touch.
+        bound: why no other solution is tried where reference joint positions are given, for people.
 
     Raises:
         LabError: the arm cannot bring its tool to places all around it.
@@ -101,6 +102,7 @@ class Compensator:
     arm: Arm
     values: Array
     refusals: Refusals | None = None
+    bound: str = _ASKED_FOR
 
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
@@ -172,7 +174,7 @@ class Compensator:
             other = self._tried(wanted.take(rows), conditions[rows], starts[rows, rank], order[rows, rank])
             found.take_better(rows, other, chain)
         for i in np.flatnonzero(found.possible & ~found.fits).tolist():
-            found.refusals[i] += _NO_OTHER if free[i] else _ASKED_FOR
+            found.refusals[i] += _NO_OTHER if free[i] else f"; {self.bound}"
         return found
 
     def _on_surface(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:

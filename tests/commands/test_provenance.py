@@ -19,4 +19,4 @@ def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:
     assert told == "lab calibrate --seed 3 --robust --fix 'link4.d,tool.*' --payload-kg 0,3 --bad-share 0.05"
     told = command_line("identify", MeasuredCampaign(Path("a b.csv"), holdout=0.3, refit=("base",)))
     assert told == "lab identify 'a b.csv' --holdout 0.3 --refit base"
-    assert command_line("compensate", CompensateOptions(Path("t.csv"), Path("run"))) == "lab compensate t.csv --run run"
+    assert command_line("compensate", CompensateOptions(Path("run"), Path("t.csv"))) == "lab compensate t.csv --run run"

@@ -47,6 +47,7 @@ def compensation_document(result: CompensationResult) -> Document:
                 "What became of the targets",
                 (*_totals(result), _failed(result), _other_solutions(result), _near(result), *_moves(result)),
             ),
+            *_program(result),
             Section("How far they were moved", (*_histograms(result), *_map(result))),
             Section("Every target", _every_target(result), shown_in=PAGE),
             provenance_section("compensate", result.options, result.run.robot.sha256),
@@ -101,6 +102,14 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
     """What was checked for collisions, and on what the arm passes."""
     if not result.checked or not len(result.reached):
         return ()
+    if result.program is not None:
+        return (
+            Paragraph(
+                f"The {len(result.reached)} corrected targets and the moves from each to the next one in the order of "
+                "the text, whatever its loops and branches do, were checked for collisions with the arm itself and "
+                "with the surroundings that the robot's model knows."
+            ),
+        )
     passed = sum(name.startswith(VIA) for name in result.stops.names if name not in result.targets.ids)
     text = (
         f"The {len(result.reached)} corrected targets and the {len(result.stops.joints) - 1} moves from home through "
@@ -108,6 +117,28 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
         "and with the surroundings that the robot's model knows."
     )
     return (Paragraph(text + (f" {passed} stops are only passed, to get around something." if passed else "")),)
+
+
+def _program(result: CompensationResult) -> tuple[Section, ...]:
+    """What became of the program that the targets are of."""
+    if (program := result.program) is None:
+        return ()
+    text = (
+        f"{program.name} in the run's folder is the {program.language} program with the numbers of "
+        f"{len(result.reached)} targets corrected, and nothing else changed."
+    )
+    lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
+    ways = tuple((str(line), words) for line, words in program.ways)
+    return (
+        Section(
+            "The program",
+            (
+                Paragraph(text),
+                Table(("line", "what stays as it is, or needs a look"), lines, most_rows=MOST_LISTED),
+                Table(("line", "ways that are not free"), ways, most_rows=MOST_LISTED),
+            ),
+        ),
+    )
 
 
 def _near(result: CompensationResult) -> Table:

@@ -36,7 +36,9 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     for name in run.robot.description_files:
         if text := run.robot.description(name, arm.targets, values):
             (folder / name).write_text(text, encoding="utf-8")
-    if len(rows):
+    if result.program is not None:
+        (folder / result.program.name).write_bytes(result.program.content)
+    elif len(rows):
         for name, content in target_files(run.robot.chain, result.options.controller, _moves(result)).items():
             (folder / name).write_bytes(content)
     write_json(folder / "result.json", result.to_dict())
@@ -57,7 +59,7 @@ def _moves(result: CompensationResult) -> TargetMoves:
 def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
     """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
     positions, tool = 1e3 * result.found.positions[rows], result.targets.tool
-    quaternions = se3.quaternion_from_rotation(result.R_targets[rows])
+    quaternions = se3.quaternion_from_rotation(result.found.rotations[rows] @ result.run.R_last_tool)
     columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", positions.T, strict=True)}
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_groups import Flag, Numbers
+from lab.core.errors import LabError
 from lab.core.orientation import AngleConvention
 from lab.formats.programs.registry import Controller
 
@@ -16,10 +17,12 @@ __all__ = ["CompensateOptions"]
 class CompensateOptions:
     """Which targets to correct, for which calibrated arm."""
 
-    targets: tyro.conf.Positional[Path]
-    """Where the tool is to be, in the frame in which the arm was measured: CSV."""
     run: Path
     """The folder of a run of lab calibrate or lab identify."""
+    targets: tyro.conf.Positional[Path | None] = None
+    """Where the tool is to be, in the frame in which the arm was measured: CSV."""
+    program: Path | None = None
+    """In the place of targets: a program of the controller, whose targets are corrected in its text."""
     orientation: AngleConvention | None = None
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
@@ -34,3 +37,32 @@ class CompensateOptions:
     """Check nothing for collisions: neither the corrected targets nor the ways between them."""
     load: Path | None = None
     """The folder of a run of lab payload: what the arm carries at each target (as heavy as payload_kg, where given)."""
+    frames: str = ""
+    """Of a program: tools and frames that its text does not hold, as the controller shows them: NAME=x,y,z,…; parted by
+    semicolons. base is the controller's base in frame 0 of the table, flange its flange in the last frame."""
+    pulses_per_deg: Numbers = ()
+    """Of a JBI program with positions in pulses: how many make a degree, of the joints S, L, U, R, B and T."""
+    digits: int | None = None
+    """Of a program: places behind the point, where its text has fewer; as many as it has, if not given."""
+
+    @property
+    def source(self) -> Path:
+        """The file that is corrected."""
+        return self.program or self.targets or Path("targets.csv")
+
+    def refuse_conflicts(self) -> None:
+        """Refuse what does not go together.
+
+        Raises:
+            LabError: with what to leave out, or to give.
+        """
+        if (self.targets is None) == (self.program is None):
+            said = "both are given" if self.targets else "none is given"
+            raise LabError(f"give targets as a CSV file, or --program FILE: {said}")
+        if self.program is not None and self.orientation is not None:
+            raise LabError("--orientation is for angles of a CSV file; a program's language says what its angles mean")
+        given = {"--frames": self.frames, "--pulses-per-deg": self.pulses_per_deg, "--digits": self.digits is not None}
+        if self.program is None and (alone := [name for name, there in given.items() if there]):
+            raise LabError(f"{alone[0]} goes with --program FILE")
+        if self.digits is not None and not 0 <= self.digits <= 12:
+            raise LabError(f"--digits is {self.digits}: give 0 to 12")

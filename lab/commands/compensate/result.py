@@ -14,6 +14,7 @@ from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.compensate.options import CompensateOptions
+from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.result import Result
 from lab.commands.stops import Stops, joint_columns
 from lab.commands.values import number
@@ -69,6 +70,7 @@ class CompensationResult(Result):
             is passed on the way.
         checked: whether stops and the ways between them were checked for collisions.
         notes: what a reader should be told of the inputs.
+        program: the program that the targets are of; None where they are of a file of targets.
     """
 
     options: CompensateOptions
@@ -81,11 +83,13 @@ class CompensationResult(Result):
     stops: Stops
     checked: bool
     notes: tuple[str, ...]
+    program: CorrectedProgram | None = None
 
     @property
     def exit_code(self) -> int:
-        """0 where every target is reached, else 1."""
-        return 0 if self.found.converged.all() else 1
+        """0 where every target is reached, and a program's ways between them are free; else 1."""
+        touched = self.program is not None and (self.program.ways or len(self.program.rows) < len(self.program.targets))
+        return 1 if touched or not self.found.converged.all() else 0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -94,12 +98,13 @@ class CompensationResult(Result):
         far: tuple[str, ...] = ()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
-        return (*self.notes, *far, *self._unchecked, *self._no_program)
+        of_program = () if self.program is None else self.program.warnings
+        return (*self.notes, *far, *self._unchecked, *self._no_program, *of_program)
 
     @property
     def _no_program(self) -> tuple[str, ...]:
         """Why there is no program for the controller."""
-        why = refusal(self.run.robot.chain, self.options.controller)
+        why = None if self.program is not None else refusal(self.run.robot.chain, self.options.controller)
         return () if why is None else (why,)
 
     @property
@@ -196,6 +201,23 @@ class CompensationResult(Result):
             "near_singular": [_near(each) for each in near_singular(self)],
             "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
             "warnings": list(self.warnings),
+            **({} if self.program is None else {"program": self._program_values}),
+        }
+
+    @property
+    def _program_values(self) -> dict[str, Any]:
+        """What ``result.json`` holds of the program."""
+        program = self.program
+        assert program is not None
+        lines = [program.targets[row].line for row in program.rows]
+        return {
+            "file": program.name,
+            "language": program.language.lower(),
+            "corrected": [{"id": self.targets.ids[i], "line": lines[i]} for i in self.reached],
+            "uncorrected": [{"line": each.line, "reason": each.reason} for each in program.uncorrected],
+            "ways": [{"line": line, "reason": words} for line, words in program.ways],
+            "rounding_mm": program.rounding_mm,
+            "rounding_deg": program.rounding_deg,
         }
 
     def document(self) -> "Document":
@@ -283,11 +305,6 @@ class CompensationResult(Result):
     def target(self) -> int:
         """The index of the arm's target that is aimed."""
         return self.run.arm.targets.index(self.targets.tool)
-
-    @property
-    def R_targets(self) -> Array:
-        """Rotations ``(n, 3, 3)`` of the tool in the corrected targets, in the frame of the targets' file."""
-        return np.asarray(self.found.rotations @ self.run.R_last_tool)
 
 
 def verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:

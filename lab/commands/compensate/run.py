@@ -11,6 +11,8 @@ from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
+from lab.commands.compensate.program import open_program
+from lab.commands.compensate.program_postures import ways_touched
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.keywords import options_of, takes
 from lab.commands.stops import Stops
@@ -31,13 +33,14 @@ if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
 _HUBS = 100  # free poses tried as ones to pass through on the way to others
+_AS_ASKED = "the program's configuration asks for this solution"
 UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
 UNPLACED_M = 1e-7  # and a place
 
 
 @takes(CompensateOptions)
 def compensate(
-    targets: str | Path | Targets | CompensateOptions,
+    targets: str | Path | Targets | CompensateOptions | None = None,
     run: "str | Path | CalibrationResult | None" = None,
     **options: Any,
 ) -> CompensationResult:
@@ -45,9 +48,9 @@ def compensate(
 
     Args:
         targets: a CSV file, or targets in memory: where the tool is to be, in the frame in which the robot was
-            measured (m); or all options in one object.
+            measured (m); or all options in one object; None with ``program``.
         run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run.
-        options: those of ``lab compensate``, by name: ``orientation``, ``force``, ``load``.
+        options: those of ``lab compensate``, by name: ``program``, ``orientation``, ``force``, ``load``.
 
     Returns:
         Joint positions (rad or m) and corrected targets (m, in the frame of the targets), and the error to expect.
@@ -65,12 +68,15 @@ def compensate(
         1
     """
     if isinstance(targets, CompensateOptions):
+        targets.refuse_conflicts()
         return _compensated(
             targets, read_calibrated(targets.run, targets.load, targets.cell, accept_edited=targets.accept_edited)
         )
     in_memory = targets if isinstance(targets, Targets) else None
     file = "targets.csv" if in_memory is not None else str(targets)
-    asked = options_of("lab.compensate", CompensateOptions, {"targets": file, **folder_of(run), **options})
+    named = {} if targets is None else {"targets": file}
+    asked = options_of("lab.compensate", CompensateOptions, {**named, **folder_of(run), **options})
+    asked.refuse_conflicts()
     by = calibrated_by(run, asked.run, asked.load, asked.cell, accept_edited=asked.accept_edited)
     return _compensated(asked, by, in_memory)
 
@@ -78,19 +84,44 @@ def compensate(
 def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | None = None) -> CompensationResult:
     if not options.force:
         run.refuse_unfit("compensation")
+    if options.program is not None:
+        return _of_program(options, run)
     chain, targets = run.robot.chain, given
     if targets is None:
-        targets = read_targets(options.targets, chain.joint_names, chain.prismatic, options.orientation)
-    return _corrected(options, run, targets)
+        targets = read_targets(options.source, chain.joint_names, chain.prismatic, options.orientation)
+    return _corrected(options, run, targets, _access(options, run))
 
 
-def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) -> CompensationResult:
+def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResult:
+    """Correct the targets of a program, and its text."""
+    program, access = open_program(options, run), _access(options, run)
+    done = _corrected(options, run, program.targets, access, _AS_ASKED)
+    reached = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
+    reached[program.rows[done.reached]] = done.found.joints[done.reached]
+    ways: tuple[tuple[int, str], ...] = ()
+    if access is not None:
+        names = [each.name for each in program.read.targets]
+        ways = ways_touched(run.robot.model, access, program.nominal, reached, program.read.moves, names)
+    return replace(done, program=program.rewritten(done.found, options.digits, ways))
+
+
+def _corrected(
+    options: CompensateOptions,
+    run: Calibrated,
+    targets: Targets,
+    access: ReachabilityGraph | None,
+    bound: str | None = None,
+) -> CompensationResult:
     """Correct targets for the arm of a run.
+
+    Args:
+        access: where the arm may go; None where nothing is checked.
+        bound: of a program, whose moves are its own: why only the solution that it asks for is tried.
 
     Raises:
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
     """
-    source = str(options.targets)
+    source = str(options.source)
     if not kind_named(observed := run.options.get("observe", "points")).in_instrument_frame:
         raise LabError(
             f"{run.folder}: identified with --observe {observed}, so in which frame targets would be it does not say; "
@@ -105,19 +136,14 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
     conditions, warnings = _conditions(run, targets, source)
     target = run.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.R_last_tool.T)
-    access = _access(options, run)
-    compensator = Compensator(
-        run.nominal_inverse(target), run.arm, run.values, None if access is None else refusals(run.robot.model, access)
-    )
+    may_not = None if access is None else refusals(run.robot.model, access)
+    compensator = Compensator(run.nominal_inverse(target), run.arm, run.values, may_not)
+    if bound is not None:
+        compensator = replace(compensator, bound=bound)
     found = compensator(wanted, conditions, targets.joints)
     inputs = np.concatenate([found.joints, conditions], axis=1)
-    without = None
-    if run.groups and found.converged.any():
-        some = inputs[found.converged]
-        rigid, values = run.geometry
-        alone = rigid.points(some[:, : rigid.chain.size], values)[:, target]
-        off = run.arm.points(some, run.values)[:, target] - alone
-        without = float(np.sqrt((off**2).sum(axis=1).mean()))
+    without = _without_effects(run, inputs[found.converged], target)
+    if without is not None:
         warnings.append(
             f"the exported arm holds geometry alone: without {', '.join(listed(run.groups))} it is off by "
             f"{1e3 * without:.2g} mm at these targets"
@@ -126,7 +152,7 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
     said = (*run.warnings, *targets.warnings, *warnings)
     rows = np.flatnonzero(found.converged)
     way, which = found.joints[rows], np.arange(len(rows))
-    if access is not None:
+    if access is not None and bound is None:
         way, which = stops_in_order(rated(run.robot.chain)[0], access, way)
     stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, access is not None, said)
@@ -138,6 +164,15 @@ def _corrected(options: CompensateOptions, run: Calibrated, targets: Targets) ->
             words = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
         return replace(done, notes=(*said, words))
     return done
+
+
+def _without_effects(run: Calibrated, inputs: Array, target: int) -> float | None:
+    """How far geometry alone is off (m, root mean square) at inputs of the arm; None where there is nothing else."""
+    if not run.groups or not len(inputs):
+        return None
+    rigid, values = run.geometry
+    off = run.arm.points(inputs, run.values)[:, target] - rigid.points(inputs[:, : rigid.chain.size], values)[:, target]
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def _left_out(run: Calibrated, targets: Targets, found: Compensation) -> list[str]:

@@ -12,6 +12,9 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.reading.fanuc import read_fanuc
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.reading.spelling import FIXED_XYZ
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
@@ -39,8 +42,14 @@ class FanucLs(SixAxisLanguage):
 
     name = "FANUC"
     suffix = ".ls"
+    reads = (".ls",)
+    spelling = FIXED_XYZ
     makers = ("fanuc", "lrmate", "crx", "m10", "m20", "m710", "m900", "r2000")
     speed = f"{_PER_CENT} % of the joints' speed"
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it."""
+        return read_fanuc(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A program ``MEASURE_POSES``: home, every pose with a wait, home."""

@@ -18,6 +18,9 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.postures import Postures
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.reading.jbi import read_jbi
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.reading.spelling import FIXED_XYZ
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
@@ -46,8 +49,14 @@ class Jbi(SixAxisLanguage):
 
     name = "JBI"
     suffix = ".jbi"
+    reads = (".jbi",)
+    spelling = FIXED_XYZ
     makers = ("motoman", "yaskawa", "gp", "hc", "mh")
     speed = f"{_PER_CENT} % of the joints' speed"
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it."""
+        return read_jbi(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A job ``PLAN``: home, every pose with a wait, home; of the flange (tool 0), in the robot's frame."""

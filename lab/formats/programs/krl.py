@@ -11,6 +11,9 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.reading.krl import read_krl
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.reading.spelling import MOVING_ZYX
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
@@ -32,8 +35,14 @@ class Krl(SixAxisLanguage):
 
     name = "KRL"
     suffix = ".src"
+    reads = (".src", ".dat", ".sub")
+    spelling = MOVING_ZYX
     makers = ("kuka", "kr", "agilus")
     speed = f"{_PER_CENT} % of the joints' speed"
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it."""
+        return read_krl(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A module ``measure_poses``: home, every pose with a wait, home."""

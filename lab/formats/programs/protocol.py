@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.formats.programs.postures import Postures
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.reading.spelling import PoseSpelling
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["PAUSE_S", "Language", "MeasuringTour", "TargetMoves"]
@@ -79,6 +81,14 @@ class Language(Protocol):
         """What the names of its files end in, with the dot."""
 
     @property
+    def reads(self) -> tuple[str, ...]:
+        """What the names of files end in, in small letters, that hold its targets."""
+
+    @property
+    def spelling(self) -> PoseSpelling:
+        """How it writes poses."""
+
+    @property
     def makers(self) -> tuple[str, ...]:
         """Words by which the names of its robots are told, in small letters: "irb" of an irb120."""
 
@@ -94,3 +104,10 @@ class Language(Protocol):
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         """The file of a program that goes to the compensated targets."""
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it.
+
+        Raises:
+            LabError: what is given from outside the text does not suit the language.
+        """

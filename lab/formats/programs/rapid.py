@@ -9,6 +9,9 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.reading.rapid import read_rapid
+from lab.formats.programs.reading.spelling import QUATERNION
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["Rapid"]
@@ -29,6 +32,8 @@ class Rapid:
 
     name = "RAPID"
     suffix = ".mod"
+    reads = (".mod", ".modx", ".prg", ".sys", ".sysx")
+    spelling = QUATERNION
     makers = ("abb", "irb")
     speed = _SPEED
 
@@ -38,6 +43,10 @@ class Rapid:
             return None
         kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
         return f"no RAPID module: a joint target has six revolute axes, robot {joints.name} has {kinds}"
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it."""
+        return read_rapid(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A module with a procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""

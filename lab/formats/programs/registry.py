@@ -1,13 +1,16 @@
 """The languages in which programs are written: a line adds one. Which of them is written is chosen, or the maker's."""
 
 import re
+from pathlib import Path
 from typing import Literal
 
+from lab.core.errors import LabError, error_context
 from lab.formats.programs.fanuc import FanucLs
 from lab.formats.programs.jbi import Jbi
 from lab.formats.programs.krl import Krl
 from lab.formats.programs.protocol import Language, MeasuringTour, TargetMoves
 from lab.formats.programs.rapid import Rapid
+from lab.formats.programs.reading.program_text import Outside, ProgramText, refuse_unknown_frames
 from lab.formats.programs.urscript import UrScript
 from lab.formats.programs.val3 import Val3
 from lab.kinematics.joints import JointSpec
@@ -21,6 +24,7 @@ __all__ = [
     "plan_files",
     "plan_or_refusal",
     "program_file_names",
+    "read_program",
     "refusal",
     "target_files",
 ]
@@ -77,6 +81,35 @@ def target_files(joints: JointSpec, controller: str | None, moves: TargetMoves) 
 def program_file_names() -> tuple[str, ...]:
     """The names that a program's file can have in a run's folder."""
     return tuple(stem + language.suffix for stem in (PLAN, PROGRAM) for language in LANGUAGES)
+
+
+def read_program(
+    path: Path, text: str, joints: JointSpec, controller: str | None, outside: Outside
+) -> tuple[Language, ProgramText]:
+    """A program and its language: the one that is asked for, else that of its name's end, else of the robot's maker.
+
+    Raises:
+        LabError: the language is not known or cannot move these joints, no target is in the text, or a frame of one
+            is neither in it nor given.
+    """
+    by_name = [each for each in LANGUAGES if path.suffix.lower() in each.reads]
+    language = by_name[0] if by_name and controller is None else language_of(joints, controller)
+    if language is None:
+        known = ", ".join(each.name.lower() for each in LANGUAGES)
+        raise LabError(f"{path}: its language is not known by its name; choose --controller of {known}")
+    if why := language.refusal(joints):
+        raise LabError(f"{path}: {why}")
+    with error_context(path):
+        read = language.read(text, outside)
+        if not read.targets:
+            said = (
+                f"line {read.uncorrected[0].line}: {read.uncorrected[0].reason}"
+                if read.uncorrected
+                else "none is there"
+            )
+            raise LabError(f"no target of this {language.name} program can be read ({said})")
+        refuse_unknown_frames(read.targets, read.frames, language.spelling)
+    return language, read
 
 
 def _language(joints: JointSpec, controller: str | None) -> Language | None:

@@ -9,6 +9,9 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.reading.spelling import ROTATION_VECTOR
+from lab.formats.programs.reading.urscript import read_urscript
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
@@ -30,8 +33,14 @@ class UrScript(SixAxisLanguage):
 
     name = "URScript"
     suffix = ".script"
+    reads = (".script", ".urscript")
+    spelling = ROTATION_VECTOR
     makers = ("ur3", "ur5", "ur7", "ur8", "ur10", "ur12", "ur15", "ur16", "ur20", "ur30")
     speed = f"{_SPEED:g} rad/s"
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it."""
+        return read_urscript(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A function ``measure_poses``: home, every pose with a wait, home."""

@@ -10,6 +10,9 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.reading.spelling import MOVING_XYZ
+from lab.formats.programs.reading.val3 import read_val3
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
@@ -33,8 +36,14 @@ class Val3(SixAxisLanguage):
 
     name = "VAL3"
     suffix = ".pgx"
+    reads = (".pgx", ".dtx")
+    spelling = MOVING_XYZ
     makers = ("staubli", "tx", "tx2", "rx")
     speed = "mNomSpeed"
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it."""
+        return read_val3(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A program ``measurePoses``: home, every pose with a wait, home."""

@@ -1,0 +1,1 @@
+"""Programs of controllers, read for the numbers of their targets: a module for each language."""

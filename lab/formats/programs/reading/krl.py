@@ -1,0 +1,244 @@
+"""KRL modules and data lists, read for their positions, axis positions, tools and bases.
+
+Lengths are in mm; A turns about z, B about the new y, C about the new x. Of a position S and T say which solution of
+the inverse is meant: bit 0 of S is one where the wrist is behind axis 1, and bits 0 to 5 of T are one where axes 1 to
+6 are negative (KUKA System Software, Operating and Programming Instructions, "Status and Turn"). The other bits of S
+follow from these but for arms that can bend their elbow both ways with the same signs; then the solution is the one
+that is nearest to the position before. A tool or a base that is set in a line is called $TOOL@LINE or $BASE@LINE.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.formats.programs.postures import ArmShape
+from lab.formats.programs.reading.aggregate import arguments
+from lab.formats.programs.reading.numbers import NUMBER, Number, line_of, masked, values_of
+from lab.formats.programs.reading.program_text import (
+    Allowed,
+    Motion,
+    Move,
+    Outside,
+    ProgramText,
+    TargetText,
+    Uncorrected,
+)
+from lab.formats.programs.reading.spelling import MOVING_ZYX
+
+__all__ = ["read_krl"]
+
+_STATEMENT = re.compile(r"[^\r\n]+")
+_MOVE = re.compile(
+    r"^\s*(S?PTP|S?LIN|S?CIRC|PTP_REL|LIN_REL|S?SPL|CIRC_REL|SPTP_REL|SLIN_REL)\b\s*(.*)$", re.IGNORECASE
+)
+_GIVEN = re.compile(
+    r"^\s*(?:(?:GLOBAL|DECL|CONST)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)\s+)?(\$?[\w.]+(?:\[\d+\])?)\s*=\s*(.+?)\s*$",
+    re.IGNORECASE,
+)
+_PART = re.compile(rf"\b([A-Z]\w*)\s+({NUMBER})(?![\w.])", re.IGNORECASE)
+_BAS = re.compile(r"^\s*BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\d+)\s*\)", re.IGNORECASE)
+_PLACE, _AXES = tuple("XYZABC"), tuple(f"A{i}" for i in range(1, 7))
+_SLACK_RAD = np.deg2rad(0.05)
+
+
+@dataclass
+class _Position:
+    """A position that the text holds, by its name or its line."""
+
+    name: str
+    line: int
+    parts: dict[str, Number]
+    frames: set[tuple[str, str]] = field(default_factory=set)
+    moves: list[tuple[int, Motion]] = field(default_factory=list)
+
+    @property
+    def is_pose(self) -> bool:
+        return set(_PLACE) <= set(self.parts)
+
+    @property
+    def is_axes(self) -> bool:
+        return set(_AXES) <= set(self.parts) and "X" not in self.parts
+
+
+@dataclass
+class _Reader:
+    """A module being read, line by line: KRL's statements end with the line."""
+
+    text: str
+    code: str
+    outside: Outside
+    tool: str = "$TOOL"
+    base: str = "$BASE"
+    frames: dict[str, Array] = field(default_factory=dict)
+    positions: dict[str, _Position] = field(default_factory=dict)
+    uncorrected: list[Uncorrected] = field(default_factory=list)
+    assigned: set[str] = field(default_factory=set)
+
+    def read(self) -> ProgramText:
+        root = {name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "$ROBROOT")}
+        self.frames = root | {name.upper(): T for name, T in self.outside.posed(MOVING_ZYX).items()}
+        statements = list(_STATEMENT.finditer(self.code))
+        for found in statements:
+            if given := _GIVEN.match(found[0]):
+                self._declare(given, found.start())
+        for found in statements:
+            if moved := _MOVE.match(found[0]):
+                self._move(moved[1].upper(), moved[2].strip(), found.start() + moved.start(2))
+            elif bas := _BAS.match(found[0]):
+                self._take(bas[1], f"{bas[1].upper()}_DATA[{int(bas[2])}]")
+            elif (given := _GIVEN.match(found[0])) and given[2].upper() in ("$TOOL", "$BASE"):
+                self._take(given[2][1:], given[3], found.start() + given.start(3))
+        return self._targets()
+
+    def _leave(self, offset: int, reason: str) -> None:
+        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
+
+    def _take(self, what: str, source: str, at: int = 0) -> None:
+        """The tool or the base from here on."""
+        name = _named(self.outside.alias(re.sub(r"\s", "", source).upper()))
+        if name.startswith("{"):
+            parts = self._parts(source, at)
+            name = f"${what.upper()}@{line_of(self.text, at)}"
+            if set(_PLACE) <= set(parts):
+                self.frames[name] = MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE]))
+        elif name not in self.frames and re.search(r"[^\w$\[\].]", name):
+            name = f"${what.upper()}@{line_of(self.text, at)}"
+        if what.upper() == "TOOL":
+            self.tool = name
+        else:
+            self.base = name
+
+    def _parts(self, source: str, at: int) -> dict[str, Number]:
+        """The named numbers of a structure that begins at a character."""
+        return {part[1].upper(): Number(at + part.start(2), part[2]) for part in _PART.finditer(source)}
+
+    def _declare(self, given: "re.Match[str]", at: int) -> None:
+        kind, name, source = (given[1] or "").upper(), given[2].upper(), given[3]
+        whole = source.startswith("{") and source.endswith("}")
+        parts = self._parts(source, at + given.start(3)) if whole else {}
+        if kind == "FDAT":
+            return
+        head = name.split(".")[0]
+        if name in ("$TOOL", "$BASE", "$H_POS"):
+            return
+        if whole and set(_PLACE) <= set(parts) and ("_DATA[" in name or kind == "FRAME" or name.startswith("$")):
+            self.frames.setdefault(name, MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE])))
+            if kind != "FRAME":
+                return
+        if whole and (set(_PLACE) <= set(parts) or set(_AXES) <= set(parts)) and "." not in name:
+            line = line_of(self.text, at)
+            if name in self.positions:
+                self.assigned.add(name)
+            self.positions.setdefault(name, _Position(given[2], line, parts))
+        elif head in self.positions:
+            self.assigned.add(head)
+            self._leave(at, f"{given[2]} is computed")
+
+    def _move(self, kind: str, source: str, at: int) -> None:
+        if kind.endswith("_REL"):
+            self._leave(at, f"{kind} is relative to where the arm is")
+            return
+        motion: Motion = "joints" if kind in ("PTP", "SPTP") else "line"
+        wanted = 2 if kind in ("CIRC", "SCIRC") else 1
+        for begin, part in arguments(source, 0, len(source))[:wanted]:
+            self._reach(part, at + begin, motion)
+
+    def _reach(self, part: str, at: int, motion: Motion) -> None:
+        """A move to what an argument says: a structure, or a name."""
+        line = line_of(self.text, at)
+        structure = re.match(r"\{[^{}]*\}", part)
+        name = re.match(r"[\w$.]+(?:\[\d+\])?", part)
+        rest = part[structure.end() if structure else name.end() if name else 0 :]
+        if rest.lstrip().startswith(":"):
+            self._leave(at, f"{part} is computed")
+            return
+        if structure:
+            position = _Position(f"line {line}", line, self._parts(structure[0], at))
+            if not position.is_pose and not position.is_axes:
+                self._leave(at, "what this position leaves out is kept from where the arm is")
+                return
+            position.frames.add((self.tool, self.base))
+            position.moves.append((line, motion))
+            self.positions[f"line {line} {at}"] = position
+            return
+        known = self.positions.get(name[0].upper()) if name else None
+        if known is None or known.name.upper() in self.assigned:
+            self._leave(at, f"{name[0] if name else part} is {'computed' if known else 'not in this file'}")
+            return
+        known.frames.add((self.tool, self.base))
+        known.moves.append((line, motion))
+
+    def _of_data(self, name: str) -> set[tuple[str, str]]:
+        """The tool and the base that inline forms keep beside a position: F and its name without the X."""
+        form = re.compile(rf"\bFDAT\s+F{re.escape(name[1:])}\s*=\s*\{{([^}}]*)\}}", re.IGNORECASE)
+        found = form.search(self.code) if name.startswith("X") else None
+        numbers = dict(re.findall(r"\b(TOOL_NO|BASE_NO)\s+(\d+)", found[1].upper())) if found else {}
+        if len(numbers) < 2 or "#TCP" in (found[1].upper() if found else ""):
+            return set()
+        tool, base = (f"{key}_DATA[{numbers[f'{key}_NO']}]" for key in ("TOOL", "BASE"))
+        return {(_named(self.outside.alias(tool)), _named(self.outside.alias(base)))}
+
+    def _targets(self) -> ProgramText:
+        targets, moves = list[TargetText](), list[Move]()
+        for key, each in sorted(self.positions.items(), key=lambda item: item[1].line):
+            if key in self.assigned:
+                self.uncorrected.append(Uncorrected(each.line, f"{each.name} is computed"))
+                continue
+            if each.is_axes:
+                numbers = tuple(each.parts[axis] for axis in _AXES)
+                moves += [Move(line, len(targets), "joints") for line, _ in each.moves]
+                targets.append(TargetText(each.name, each.line, numbers))
+                continue
+            of_data = self._of_data(key)
+            frames = of_data or each.frames
+            if not frames and "S" in each.parts:
+                frames = {("$TOOL", "$BASE")}  # of a data list without inline forms
+            if len(frames) != 1:
+                said = [" and ".join(pair) for pair in sorted(frames)]
+                if said:
+                    words = f"{each.name} is moved to with {' as well as '.join(said)}"
+                    self.uncorrected.append(Uncorrected(each.line, words))
+                continue
+            ((tool, base),) = frames
+            numbers = tuple(each.parts[key] for key in _PLACE)
+            moves += [Move(line, len(targets), how) for line, how in each.moves]
+            targets.append(TargetText(each.name, each.line, numbers, MOVING_ZYX, tool, base, allowed=_allowed(each)))
+        moves.sort(key=lambda move: move.line)
+        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected))
+
+
+def read_krl(text: str, outside: Outside) -> ProgramText:
+    """Read a module (.src) or a data list (.dat).
+
+    Raises:
+        LabError: frames that are given have not the numbers of KRL's.
+    """
+    return _Reader(text, masked(text, r"[;&][^\r\n]*"), outside).read()
+
+
+def _named(name: str) -> str:
+    """Tool 0 and base 0 are the flange and the world."""
+    return "$NULLFRAME" if name in ("TOOL_DATA[0]", "BASE_DATA[0]") else name
+
+
+def _allowed(position: _Position) -> Allowed | None:
+    """The signs of the axes, and the side of axis 1."""
+    if "T" not in position.parts and "S" not in position.parts:
+        return None
+    status = int(position.parts["S"].value) if "S" in position.parts else None
+    turn = int(position.parts["T"].value) if "T" in position.parts else None
+
+    def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
+        fits = np.ones(len(joints), dtype=np.bool_)
+        if status is not None:
+            fits &= shape.in_front(joints) == (status & 1 == 0)
+        if turn is not None:
+            for axis in range(6):
+                negative = bool(turn >> axis & 1)
+                fits &= joints[:, axis] <= _SLACK_RAD if negative else joints[:, axis] >= -_SLACK_RAD
+        return np.asarray(fits)
+
+    return allowed

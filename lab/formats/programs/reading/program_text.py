@@ -1,0 +1,145 @@
+"""A program as it is read: the targets that it holds as numbers, the moves to them, and what could not be read."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.programs.postures import ArmShape
+from lab.formats.programs.reading.numbers import Number, values_of
+from lab.formats.programs.reading.spelling import PoseSpelling
+
+__all__ = ["Allowed", "Motion", "Move", "Outside", "ProgramText", "TargetText", "Uncorrected", "refuse_unknown_frames"]
+
+Allowed = Callable[[ArmShape, Array], NDArray[np.bool_]]  # joint positions (k, 6) rad: which are of a configuration
+Motion = Literal["joints", "line"]
+
+
+@dataclass(frozen=True)
+class TargetText:
+    """A target that a text holds as numbers.
+
+    Attributes:
+        name: of the constant, or by its line.
+        line: where it is written, as an editor counts.
+        numbers: a pose's as ``spelling`` says; six joint positions where that is None.
+        spelling: of a pose.
+        tool, base: its frames' names; of joint positions they are empty.
+        per_rad: of joint positions, ``(6,)``: of the unit in which each is written.
+        allowed: which joint positions have the configuration that the text asks for; None where it asks for none.
+    """
+
+    name: str
+    line: int
+    numbers: tuple[Number, ...]
+    spelling: PoseSpelling | None = None
+    tool: str = ""
+    base: str = ""
+    per_rad: tuple[float, ...] = (180 / np.pi,) * 6
+    allowed: Allowed | None = field(default=None, repr=False)
+
+    @property
+    def values(self) -> Array:
+        """What its numbers say."""
+        return values_of(self.numbers)
+
+    @property
+    def joints(self) -> Array:
+        """Joint positions ``(6,)`` rad; NaN where it is a pose."""
+        return np.full(6, np.nan) if self.spelling is not None else self.values / np.array(self.per_rad)
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move to a target.
+
+    Attributes:
+        target: which one.
+        motion: whether all joints move in a straight line, or the tool.
+    """
+
+    line: int
+    target: int
+    motion: Motion
+
+
+@dataclass(frozen=True)
+class Uncorrected:
+    """A line of a program that stays as it is, and why."""
+
+    line: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class ProgramText:
+    """What was read of a program.
+
+    Attributes:
+        targets: in the order of the text.
+        moves: in the order of the text, whatever the program's loops and branches do.
+        frames: poses ``(4, 4)`` (m) by name, of tools in the flange and of bases in the controller's base frame.
+        uncorrected: lines that move the arm, or say where it is to be, and stay as they are.
+    """
+
+    targets: tuple[TargetText, ...]
+    moves: tuple[Move, ...]
+    frames: Mapping[str, Array]
+    uncorrected: tuple[Uncorrected, ...]
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What a text does not hold: from the controller's memory, as somebody gave it.
+
+    Attributes:
+        frames: numbers by name, as the controller shows them; or another frame's name.
+        pulses_per_deg: of the six joints' motors; empty where they are not known.
+    """
+
+    frames: Mapping[str, tuple[float, ...] | str] = field(default_factory=dict)
+    pulses_per_deg: tuple[float, ...] = ()
+
+    def posed(self, spelling: PoseSpelling) -> dict[str, Array]:
+        """Poses ``(4, 4)`` (m) of those that are numbers.
+
+        Raises:
+            LabError: one has not as many numbers as the controller writes.
+        """
+        found = {}
+        for name, values in self.frames.items():
+            if isinstance(values, str):
+                continue
+            if len(values) != 3 + spelling.parts:
+                raise LabError(
+                    f"--frames: {name} has {len(values)} numbers; this controller writes {3 + spelling.parts}: "
+                    f"{spelling.words}"
+                )
+            if spelling.parts == 4 and not 0.99 < np.linalg.norm(values[3:]) < 1.01:
+                raise LabError(f"--frames: the quaternion of {name} has the length {np.linalg.norm(values[3:]):.3g}")
+            found[name] = spelling.pose(np.array(values))
+        return found
+
+    def alias(self, name: str) -> str:
+        """The frame that is meant by a name: another one where that is given, else itself."""
+        meant = self.frames.get(name)
+        return meant if isinstance(meant, str) else name
+
+
+def refuse_unknown_frames(targets: Sequence[TargetText], known: Mapping[str, Array], spelling: PoseSpelling) -> None:
+    """Refuse targets whose frames are neither in the text nor given.
+
+    Raises:
+        LabError: with the names of all of them, and how to give them.
+    """
+    names = dict.fromkeys(name for each in targets for name in (each.tool, each.base) if name and name not in known)
+    if names:
+        example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
+        raise LabError(
+            f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not in the text; give "
+            f"--frames '{'; '.join(f'{name}={example}' for name in names)}' ({spelling.words})"
+        )

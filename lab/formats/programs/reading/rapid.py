@@ -1,0 +1,277 @@
+"""RAPID modules, read for their robtargets and jointtargets, tools and work objects.
+
+Of a robtarget the trans is in mm, the rot a quaternion q1..q4 (wxyz), and robconf has the quarter turns of axes 1, 4
+and 6 and cfx, whose lowest digit in base two is one where axis 5 is negative, and which is 4 or more where the wrist
+is behind axis 1 (ABB, Technical reference manual RAPID Instructions, Functions and Data types, "robtarget",
+"confdata", "tooldata", "wobjdata").
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.formats.programs.postures import ArmShape
+from lab.formats.programs.reading.aggregate import Value, arguments, numbers_in, read_value
+from lab.formats.programs.reading.numbers import Number, line_of, masked, values_of
+from lab.formats.programs.reading.program_text import (
+    Allowed,
+    Motion,
+    Move,
+    Outside,
+    ProgramText,
+    TargetText,
+    Uncorrected,
+)
+from lab.formats.programs.reading.spelling import QUATERNION
+
+__all__ = ["read_rapid"]
+
+_DECLARED = re.compile(
+    r"\b(?:CONST|VAR|PERS)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*(:=)?", re.IGNORECASE
+)
+_MOVE = re.compile(
+    r"\b(Move(?:AbsJ|[JLC])\w*|(?:Trigg|Arc|Spot|Search|Paint)[JLC]\w*)\b(?!\s*:=)([^;]*);", re.IGNORECASE
+)
+_LINEAR = re.compile(r"(?:move|trigg|arc|spot|search|paint)[lc]")
+_DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.IGNORECASE)
+_ASSIGNED = re.compile(
+    r"(?:^|;|\bTHEN|\bDO|\bELSE)\s*(\w+)\s*(?:\{[^}]*\})?(?:\.\w+)*\s*:=", re.IGNORECASE | re.MULTILINE
+)
+_WORK_OBJECT = re.compile(r"\\\s*WObj\s*:=\s*([\w{}]+)", re.IGNORECASE)
+_CALL = re.compile(r"(\w+)\s*\(")
+_SLACK_RAD = np.deg2rad(0.5)  # of a quarter turn: taught poses are rounded
+_NO_AXIS = 9e8
+
+
+@dataclass
+class _Declared:
+    """A robtarget, a jointtarget or an array of them, and the tools and objects with which it is moved to."""
+
+    name: str
+    kind: str
+    line: int
+    entries: list[Value]
+    frames: set[tuple[str, str]] = field(default_factory=set)
+    moves: list[tuple[int, Motion]] = field(default_factory=list)
+
+
+@dataclass
+class _Reader:
+    """A module being read: its text without comments, and without strings too."""
+
+    text: str
+    data: str
+    code: str
+    outside: Outside
+    declared: dict[str, _Declared] = field(default_factory=dict)
+    frames: dict[str, Array] = field(default_factory=dict)
+    uncorrected: list[Uncorrected] = field(default_factory=list)
+
+    def read(self) -> ProgramText:
+        self.frames = {"tool0": np.eye(4), "wobj0": np.eye(4), **_lower(self.outside.posed(QUATERNION))}
+        names = {found.start(2): found for found in _DECLARED.finditer(self.code)}
+        assigned = {found[1].lower() for found in _ASSIGNED.finditer(self.code) if found.start(1) not in names}
+        for found in names.values():
+            self._declare(found, found[2].lower() in assigned)
+        for found in _DISPLACED.finditer(self.code):
+            self._leave(found.start(), f"{found[1]} displaces what follows, which is corrected where it is written")
+        for found in _MOVE.finditer(self.code):
+            self._move(found)
+        return self._targets()
+
+    def _line(self, offset: int) -> int:
+        return line_of(self.text, offset)
+
+    def _leave(self, offset: int, reason: str) -> None:
+        self.uncorrected.append(Uncorrected(self._line(offset), reason))
+
+    def _declare(self, found: "re.Match[str]", assigned: bool) -> None:
+        kind, name = found[1].lower(), found[2]
+        if not found[4]:
+            if kind in ("robtarget", "jointtarget"):
+                self._leave(found.start(2), f"{name} has no value here: it is computed")
+            return
+        read = read_value(self.data, found.end())
+        if assigned or read is None:
+            self._leave(found.start(2), f"{name} is computed{'' if read is None else ' by an assignment'}")
+            return
+        if kind in ("robtarget", "jointtarget"):
+            entries = _flat(read[0], (found[3] or "").count(",") + 1) if found[3] else [read[0]]
+            self.declared[name.lower()] = _Declared(name, kind, self._line(found.start(2)), entries)
+        elif name.lower() not in self.frames:
+            posed = _tool(read[0]) if kind == "tooldata" else _work_object(read[0])
+            if posed is None:
+                what = "is not held by the robot" if kind == "tooldata" else "is moved by another unit"
+                self._leave(found.start(2), f"{name} {what}, or cannot be read: give it by --frames")
+            else:
+                self.frames[name.lower()] = posed
+
+    def _move(self, found: "re.Match[str]") -> None:
+        kind, parts = found[1].lower(), arguments(self.code, found.start(2), found.end(2))
+        placed = [(at, part) for at, part in parts if not part.startswith("\\")]
+        heads = [re.split(r"\s*\\", part)[0] for _, part in placed]
+        usual = kind.startswith("move")
+        wanted = 2 if re.search(r"(?:move|trigg|arc|paint|search)c", kind) else 1
+        at_targets = [i for i, head in enumerate(heads) if self._is_target(head)][:wanted]
+        if usual:
+            at_targets = list(range(min(wanted, len(heads))))
+        elif len(at_targets) < wanted:
+            self._leave(found.start(), f"{found[1]}: its target is not in this module")
+            return
+        if len(heads) < wanted + 2:
+            self._leave(found.start(), f"{found[1]} cannot be read")
+            return
+        tool = self.outside.alias(heads[-1]).lower()
+        base = _WORK_OBJECT.search(self.code, found.start(2), found.end(2))
+        frames = (tool, self.outside.alias(base[1]).lower() if base else "wobj0")
+        motion: Motion = "line" if _LINEAR.match(kind) else "joints"
+        for i in at_targets:
+            self._reach(placed[i][0], heads[i], frames, motion, found.start())
+
+    def _is_target(self, head: str) -> bool:
+        return head.startswith("[") or bool(_CALL.match(head)) or re.split(r"[{\s]", head)[0].lower() in self.declared
+
+    def _reach(self, at: int, head: str, frames: tuple[str, str], motion: Motion, begins: int) -> None:
+        """A move to what an argument says."""
+        line = self._line(begins)
+        if call := _CALL.match(head):
+            inner = re.findall(r"\w+", head)[1:2]
+            known = self.declared.get(inner[0].lower()) if inner else None
+            follows = f"; it follows the correction of {known.name}" if known else ""
+            self._leave(begins, f"{call[1]}(...) is computed{follows}")
+            if known:
+                known.frames.add(frames)
+            return
+        if head.startswith("["):
+            read = read_value(self.data, at)
+            if read is None:
+                self._leave(begins, "a target with computed numbers")
+                return
+            joint = isinstance(read[0], list) and len(read[0]) == 2
+            inline = _Declared(f"line {line}", "jointtarget" if joint else "robtarget", line, [read[0]], {frames})
+            inline.moves.append((line, motion))
+            self.declared[f"line {line} {at}"] = inline
+            return
+        known = self.declared.get(re.split(r"[{\s]", head)[0].lower())
+        if known is None:
+            self._leave(begins, f"{head}: its value is not in this module")
+            return
+        known.frames.add(frames)
+        known.moves.append((line, motion))
+
+    def _targets(self) -> ProgramText:
+        targets, moves = list[TargetText](), list[Move]()
+        for each in sorted(self.declared.values(), key=lambda each: each.line):
+            if each.kind == "robtarget" and len(each.frames) != 1:
+                said = [" and ".join(frames) for frames in sorted(each.frames)]
+                why = f"is moved to with {' as well as '.join(said)}" if said else "is not moved to in this module"
+                self.uncorrected.append(Uncorrected(each.line, f"{each.name} {why}"))
+                continue
+            for i, entry in enumerate(each.entries):
+                name = each.name if len(each.entries) == 1 else f"{each.name}{{{i + 1}}}"
+                found = self._target(each, name, entry)
+                if found is None:
+                    self.uncorrected.append(Uncorrected(each.line, f"{name} cannot be read as a {each.kind}"))
+                    continue
+                if len(each.entries) == 1:
+                    moves += [Move(line, len(targets), how) for line, how in each.moves]
+                targets.append(found)
+        moves.sort(key=lambda move: move.line)
+        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected))
+
+    def _target(self, each: _Declared, name: str, entry: Value) -> TargetText | None:
+        if not isinstance(entry, list):
+            return None
+        line = each.line if not (first := _first(entry)) else self._line(first.start)
+        if each.kind == "jointtarget":
+            joints = numbers_in(entry[0], 6) if len(entry) == 2 else None
+            return None if joints is None else TargetText(name, line, joints)
+        if len(entry) != 4:
+            return None
+        parts = [numbers_in(part, count) for part, count in zip(entry, (3, 4, 4, 6), strict=True)]
+        place, turn, configuration, others = parts
+        if place is None or turn is None or configuration is None or others is None:
+            return None
+        if not 0.99 < np.linalg.norm(values_of(turn)) < 1.01:
+            return None
+        if (values_of(others) < _NO_AXIS).any():
+            self.uncorrected.append(
+                Uncorrected(line, f"{name} has external axes: they stay, and are taken not to move the robot")
+            )
+        ((tool, base),) = each.frames
+        return TargetText(name, line, (*place, *turn), QUATERNION, tool, base, allowed=_allowed(configuration))
+
+
+def read_rapid(text: str, outside: Outside) -> ProgramText:
+    """Read a module.
+
+    Raises:
+        LabError: frames that are given have not the numbers of RAPID's.
+    """
+    data = masked(text, r"![^\r\n]*")
+    return _Reader(text, data, masked(data, '"[^"\r\n]*"', kept="$^"), outside).read()
+
+
+def _lower(frames: dict[str, Array]) -> dict[str, Array]:
+    """Frames by names in small letters: RAPID takes no notice of them."""
+    return {name.lower(): T for name, T in frames.items()}
+
+
+def _flat(value: Value, depth: int) -> list[Value]:
+    """The entries of an array of so many dimensions."""
+    if depth == 0 or not isinstance(value, list):
+        return [value]
+    return [entry for part in value for entry in _flat(part, depth - 1)]
+
+
+def _first(value: Value) -> Number | None:
+    """The first number."""
+    while isinstance(value, list) and value:
+        value = value[0]
+    return value if isinstance(value, Number) else None
+
+
+def _pose(value: Value) -> Array | None:
+    """A pose ``(4, 4)`` (m) from ``[[x,y,z],[q1,q2,q3,q4]]``."""
+    if not isinstance(value, list) or len(value) != 2:
+        return None
+    place, turn = numbers_in(value[0], 3), numbers_in(value[1], 4)
+    if place is None or turn is None or not np.linalg.norm(values_of(turn)) > 0:
+        return None
+    return QUATERNION.pose(values_of((*place, *turn)))
+
+
+def _tool(value: Value) -> Array | None:
+    """The frame of ``[robhold, tframe, tload]``; None unless the robot holds it."""
+    if not isinstance(value, list) or len(value) != 3 or str(value[0]).upper() != "TRUE":
+        return None
+    return _pose(value[1])
+
+
+def _work_object(value: Value) -> Array | None:
+    """The object's frame of ``[robhold, ufprog, ufmec, uframe, oframe]``; None unless it stands still."""
+    if not isinstance(value, list) or len(value) != 5:
+        return None
+    if (str(value[0]).upper(), str(value[1]).upper(), value[2]) != ("FALSE", "TRUE", '""'):
+        return None
+    user, of_user = _pose(value[3]), _pose(value[4])
+    return None if user is None or of_user is None else np.asarray(user @ of_user)
+
+
+def _allowed(configuration: Sequence[Number]) -> Allowed:
+    """The quarter turns of axes 1, 4 and 6, the sign of axis 5, and the side of axis 1."""
+    quarters, cfx = values_of(configuration[:3]), int(configuration[3].value)
+
+    def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
+        fits = np.ones(len(joints), dtype=np.bool_)
+        for axis, quarter in zip((0, 3, 5), quarters, strict=True):
+            low = quarter * np.pi / 2
+            fits &= (joints[:, axis] >= low - _SLACK_RAD) & (joints[:, axis] <= low + np.pi / 2 + _SLACK_RAD)
+        fits &= np.where(cfx % 2, joints[:, 4] <= _SLACK_RAD, joints[:, 4] >= -_SLACK_RAD)
+        return np.asarray(fits & (shape.in_front(joints) == (cfx < 4)))
+
+    return allowed

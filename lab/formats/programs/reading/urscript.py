@@ -1,0 +1,172 @@
+"""URScript, read for its poses, joint positions and tool.
+
+A pose ``p[x, y, z, rx, ry, rz]`` is in m and a rotation vector (rad) in the controller's base, a list ``[...]`` of six
+numbers joint positions in rad (Universal Robots, The URScript Programming Language, "movej", "movel", "set_tcp",
+"pose_trans", "get_inverse_kin"). No configuration is written: the controller takes the solution that is nearest to
+where the arm is.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lab.core.se3 import Array
+from lab.formats.programs.reading.aggregate import arguments, numbers_in, read_value
+from lab.formats.programs.reading.numbers import Number, line_of, masked, values_of
+from lab.formats.programs.reading.program_text import Motion, Move, Outside, ProgramText, TargetText, Uncorrected
+from lab.formats.programs.reading.spelling import ROTATION_VECTOR
+
+__all__ = ["read_urscript"]
+
+_ASSIGNED = re.compile(r"^[ \t]*(?:(?:global|local)\s+)?(\w+)(\[[^\]\n]*\])?[ \t]*=(?!=)[ \t]*", re.MULTILINE)
+_CALL = re.compile(r"(?<![\w.])(move[jlpc]|servoj|set_tcp)[ \t]*\(")
+_NESTED = re.compile(r"(get_inverse_kin|pose_trans)\s*\(")
+_BASE = "base of the robot"
+
+
+@dataclass
+class _Literal:
+    """A pose or a list of joint positions that the text holds."""
+
+    name: str
+    line: int
+    numbers: tuple[Number, ...]
+    is_pose: bool
+    frames: set[tuple[str, str]] = field(default_factory=set)
+    moves: list[tuple[int, Motion]] = field(default_factory=list)
+
+
+@dataclass
+class _Reader:
+    """A script being read."""
+
+    text: str
+    code: str
+    outside: Outside
+    tool: str = "tcp"
+    frames: dict[str, Array] = field(default_factory=dict)
+    named: dict[str, list[_Literal]] = field(default_factory=dict)
+    inline: list[_Literal] = field(default_factory=list)
+    computed: set[str] = field(default_factory=set)
+    uncorrected: list[Uncorrected] = field(default_factory=list)
+
+    def read(self) -> ProgramText:
+        self.frames = {_BASE: np.eye(4), **self.outside.posed(ROTATION_VECTOR)}
+        for found in _ASSIGNED.finditer(self.code):
+            literal = None if found[2] else self._literal(found.end(), found[1])
+            if literal is None:
+                self.computed.add(found[1])
+            else:
+                self.named.setdefault(found[1], []).append(literal)
+        for found in _CALL.finditer(self.code):
+            end = _closing(self.code, found.end())
+            if not re.search(r"\bdef[ \t]+$", self.code[: found.start()]):
+                self._call(found[1], arguments(self.code, found.end(), end), found.start())
+        return self._targets()
+
+    def _leave(self, offset: int, reason: str) -> None:
+        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
+
+    def _literal(self, at: int, name: str) -> _Literal | None:
+        """The six numbers of a pose or a list that begins at a character."""
+        is_pose = self.code[at : at + 1] == "p"
+        read = read_value(self.code, at + is_pose) if self.code[at + is_pose : at + is_pose + 1] == "[" else None
+        numbers = None if read is None else numbers_in(read[0], 6)
+        if read is None or numbers is None or re.match(r"[ \t]*[-+*/\[]", self.code[read[1] :]):
+            return None
+        return _Literal(name, line_of(self.text, numbers[0].start), numbers, is_pose)
+
+    def _call(self, kind: str, parts: list[tuple[int, str]], begins: int) -> None:
+        if kind == "set_tcp":
+            self._take_tool(parts[0], begins)
+            return
+        motion: Motion = "joints" if kind in ("movej", "servoj") else "line"
+        for at, part in parts[: 2 if kind == "movec" else 1]:
+            self._reach(at, part, _BASE, motion, begins)
+
+    def _take_tool(self, argument: tuple[int, str], begins: int) -> None:
+        pose = self._frame(*argument)
+        self.tool = self.outside.alias(argument[1] if re.fullmatch(r"\w+", argument[1]) else "tcp")
+        if pose is not None:
+            self.tool = f"tcp of line {line_of(self.text, begins)}"
+            self.frames[self.tool] = pose
+
+    def _frame(self, at: int, part: str) -> Array | None:
+        """The pose ``(4, 4)`` (m) of an argument, where the text holds it once."""
+        literal = self._literal(at, part)
+        if literal is None and part not in self.computed and len(self.named.get(part, [])) == 1:
+            literal = self.named[part][0]
+        if literal is None or not literal.is_pose:
+            return None
+        return ROTATION_VECTOR.pose(values_of(literal.numbers))
+
+    def _reach(self, at: int, part: str, base: str, motion: Motion, begins: int) -> None:
+        """A move to what an argument says."""
+        line = line_of(self.text, begins)
+        if nested := _NESTED.match(part):
+            inner = arguments(self.code, at + nested.end(), _closing(self.code, at + nested.end()))
+            if nested[1] == "get_inverse_kin":
+                self._reach(*inner[0], base, motion, begins)
+                return
+            frame, name = self._frame(*inner[0]), f"frame of line {line}"
+            if len(inner) == 2 and frame is not None and base == _BASE:
+                known = inner[0][1] if re.fullmatch(r"\w+", inner[0][1]) else name
+                self.frames[known] = frame
+                self._reach(*inner[1], known, motion, begins)
+                return
+        literal = self._literal(at, f"line {line}")
+        if literal is not None:
+            self.inline.append(literal)
+            found = [literal]
+        elif part in self.computed or part not in self.named:
+            self._leave(begins, f"{_shortened(part)} is computed")
+            return
+        else:
+            found = self.named[part]
+        for each in found:
+            each.frames.add((self.tool, base))
+            each.moves.append((line, motion))
+
+    def _targets(self) -> ProgramText:
+        targets, moves = list[TargetText](), list[Move]()
+        known = [each for name, some in self.named.items() if name not in self.computed for each in some]
+        for each in sorted([*known, *self.inline], key=lambda each: each.numbers[0].start):
+            if not each.moves:
+                continue
+            if each.is_pose and len(each.frames) > 1:
+                said = " as well as ".join(" and ".join(frames) for frames in sorted(each.frames))
+                self.uncorrected.append(Uncorrected(each.line, f"{each.name} is moved to with {said}"))
+                continue
+            moves += [Move(line, len(targets), how) for line, how in each.moves]
+            if each.is_pose:
+                ((tool, base),) = each.frames
+                targets.append(TargetText(each.name, each.line, each.numbers, ROTATION_VECTOR, tool, base))
+            else:
+                targets.append(TargetText(each.name, each.line, each.numbers, per_rad=(1.0,) * 6))
+        moves.sort(key=lambda move: move.line)
+        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected))
+
+
+def read_urscript(text: str, outside: Outside) -> ProgramText:
+    """Read a script.
+
+    Raises:
+        LabError: frames that are given have not the numbers of URScript's.
+    """
+    code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', kept="$^")
+    return _Reader(text, code, outside).read()
+
+
+def _closing(code: str, start: int) -> int:
+    """Where the bracket closes that is open at a character."""
+    depth = 1
+    for at in range(start, len(code)):
+        depth += (code[at] in "[({") - (code[at] in "])}")
+        if not depth:
+            return at
+    return len(code)
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) < 40 else text[:37] + "..."
