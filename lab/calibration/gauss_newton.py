@@ -154,6 +154,7 @@ def fit(
     *,
     tolerance_m: float = 1e-9,
     extra_residuals: ExtraResiduals | None = None,
+    most_steps: int = MAX_ITERATIONS,
 ) -> Fit:
     """Least squares over the free parameters from ``start``, the others held.
 
@@ -169,6 +170,7 @@ def fit(
         start: ``(p,)`` all parameters.
         tolerance_m: m.
         extra_residuals: what else is known of the parameters, e.g. a prior.
+        most_steps: after which it ends in any case.
     """
     index = list(free)
     metre = typical_weight(observed) * np.sqrt(max(len(observed.inputs), 1))
@@ -190,7 +192,7 @@ def fit(
             values[index] += step / scale
             status = "converged"
             break
-        if len(trace) > MAX_ITERATIONS:
+        if len(trace) > most_steps:
             break
         values[index] += step / scale
         there = at(values)

@@ -13,10 +13,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification
-from lab.calibration.initial_guess import columns_of, initial_guess
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.refit import placed_anew
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -243,7 +242,8 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     """Validate on another file, where each session may place its base or its targets anew.
 
     The rows with use ``reference`` (every third one where the file does not mark them) place ``refit``, the same rows
-    for before and after; errors come from the other rows.
+    for before and after; errors come from the other rows. What these rows do not determine stays as it was, and is
+    named in a warning.
 
     Args:
         identification: of the arm.
@@ -258,6 +258,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     unused = () if refit or not (data.marked and "reference" in data.use) else (UNUSED_REFERENCES,)
     before: list[Array] = []
     after: list[Array] = []
+    held: dict[str, tuple[str, ...]] = {}
     for session in dict.fromkeys(data.sessions):
         part = data.take([i for i, s in enumerate(data.sessions) if s == session])
         reference, test = _reference_and_test(part, refit)
@@ -265,9 +266,18 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         for values, errors in ((identification.nominal_aligned, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
             if refit:
-                moved = _placed(model, part.take(reference), moved, refit, session)
+                where = f"session '{session}'" if session else "the validation file"
+                found = placed_anew(model, part.take(reference), part.take(test), moved, refit, where)
+                moved = found.values
+                if found.held:
+                    held[where] = found.held
             errors.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
-    return Validation("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused))
+    said = [
+        f"{where}: the reference rows do not determine {', '.join(names)}, which stay as they were; the errors that "
+        "are validated do not depend on them"
+        for where, names in held.items()
+    ]
+    return Validation("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused, *said))
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
@@ -333,21 +343,3 @@ def _transfer(source: Model, target: Model, values: Array) -> Array:
     """Values by name from one model to another; targets that are new start at zero."""
     known = dict(zip(source.names, values, strict=True))
     return np.array([known.get(name, 0.0) for name in target.names])
-
-
-def _placed(model: Model, reference: Measurements, values: Array, refit: Sequence[str], session: str) -> Array:
-    ones = np.ones(reference.points.shape[:2])
-    observed = Observations(reference.inputs(model.conditions), reference.points, ones)
-    free = columns_of(model, refit)
-    moved = initial_guess(model, observed, values, refit)
-    solution = fit(model, observed, free, moved)
-    equations = 3 * int(reference.seen.sum())
-    linear = "base" not in refit  # a tool alone is found by as many equations as it has coordinates
-    enough = equations >= len(free) if linear else equations > len(free)
-    if solution.rank < len(free) or solution.status != "converged" or not enough:
-        where = f"session '{session}'" if session else "the validation file"
-        raise LabError(
-            f"{where}: {len(reference)} reference rows cannot place {', '.join(refit)} "
-            f"({solution.rank} of {len(free)} parameters); mark more rows as reference"
-        )
-    return solution.values

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
+from lab.calibration.refit import dependent_columns
 from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
 from lab.core.random import rng_for
@@ -75,6 +76,7 @@ class Verified:
         hypotheses: the best first; none where the arm is good.
         moved: the kinds among which the measurements cannot choose; none where the arm is good, or nothing explains.
         refit: how far went what was fitted anew, by its name.
+        undetermined: parameters of it that these poses do not determine, and that stay as the run has them.
         would_notice: what the test finds in 95 of 100 such files, in the worst direction (m, rad); infinite if nothing.
     """
 
@@ -88,6 +90,7 @@ class Verified:
     hypotheses: tuple[Hypothesis, ...]
     moved: tuple[Kind, ...]
     refit: tuple[tuple[str, Displacement], ...]
+    undetermined: tuple[str, ...]
     would_notice: tuple[tuple[str, float], ...]
     words: str
 
@@ -108,7 +111,11 @@ def verify(
     arm, problem = prediction.arm, VerificationProblem(prediction, observed)
     anew = refitted(arm, refit)
     fit = problem.placed(prediction.values, anew, refit)
-    if refit and (fit.dof < 1 or fit.rank < _structural_rank(prediction, anew)):
+    asked = _structural_rank(prediction, anew) if refit else 0
+    held = dependent_columns(fit.there.jacobian @ anew, FULL_RANK) if refit and fit.rank < asked else ()
+    if held:  # what these poses do not determine stays as the run has it, and nothing here depends on it
+        fit = problem.placed(prediction.values, np.delete(anew, held, axis=1), refit)
+    if refit and (fit.dof < 1 or len(fit.there.residual) <= asked):
         count = f"{len(observed.points)} pose{'' if len(observed.points) == 1 else 's'}"
         raise LabError(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
@@ -132,6 +139,7 @@ def verify(
         hypotheses=tuple(found),
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
         refit=_placed_anew(prediction, fit, refit),
+        undetermined=tuple(arm.names[int(np.argmax(anew[:, j]))] for j in held),
         would_notice=_would_notice(prediction, fit, refit),
         words=f"still good: {words}" if p >= VERIFICATION else f"changed: {words}: {_diagnosis(alike)}",
     )

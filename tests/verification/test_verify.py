@@ -397,3 +397,17 @@ def test_a_run_that_was_not_judged_can_be_forced_and_says_so(runs: Path, capsys)
     unjudged(runs)
     code, found = checked(capsys, runs, "bad", "good.csv", "--force")
     assert code == 0 and "'not judged': its predicted error is not to be believed" in "\n".join(found["warnings"])
+
+
+def test_poses_about_one_axis_are_judged_though_base_and_target_are_not_told_apart() -> None:
+    prediction, truth = an_arm()
+    joints = np.tile([0.0, 0.2, -0.3, 0.4, 0.9, 0.1], (12, 1))
+    joints[:, 0] = np.linspace(-2, 2, 12)
+    rng = np.random.default_rng(4)
+    anew = moved(prediction, truth, base_x=0.4, base_rz=0.3, tool_p1_x=0.02)
+    points = prediction.arm.points(joints, anew) + SIGMA * rng.standard_normal((12, 1, 3))
+    found = verify(prediction, seen_at(prediction.arm, joints, points), ("base", "tool"))
+    assert found.good and found.undetermined and found.numbers == 36 - (9 - len(found.undetermined))
+    off = points + 20 * SIGMA * rng.standard_normal((12, 1, 3))
+    assert not verify(prediction, seen_at(prediction.arm, joints, off), ("base", "tool")).good
+    assert verify(prediction, new_points(prediction, anew, 12), ("base", "tool")).undetermined == ()

@@ -203,6 +203,11 @@ def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, ve
         said.append(f"sessions {', '.join(sessions)} are taken for one setup; verify each alone if one was set up anew")
     if "payload_kg" in calibrated.arm.conditions and "payload_kg" not in rows.conditions:
         said.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
+    if verified.undetermined:
+        names = ", ".join(verified.undetermined)
+        said.append(
+            f"these poses do not determine {names}, which stay as the run has them; the test does not depend on it"
+        )
     if verified.p > TOO_GOOD:
         said.append(f"errors are much smaller than predicted (p = {verified.p:.6f}): the noise is given too large")
     return said

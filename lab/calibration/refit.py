@@ -1,0 +1,122 @@
+"""Base and tool placed anew by some poses, also where these poses determine only a part of them.
+
+Poses along a line or on a plane, with one orientation, cannot tell where on the flange a target is from where the
+base stands. What they do not determine is fixed: columns of the Jacobian are taken one after the other, the base's
+first, and one that the columns before it explain belongs to a parameter that stays. Predictions at poses of the same
+kind are right all the same, whatever that parameter is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Fit, Observations, fit
+from lab.calibration.identifiability import scaled_condition
+from lab.calibration.initial_guess import columns_of, initial_guess
+from lab.core.errors import LabError
+from lab.core.linear_model import unit_columns
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+__all__ = ["DETERMINED", "Placed", "dependent_columns", "placed_anew"]
+
+DETERMINED = 1e-6  # of a column's length that those before it leave unexplained: less, and it is not determined
+_SHARES = ((1e-3, 0.03), (DETERMINED, 1e-4))  # undetermined by less, and what validated poses may feel of that
+_CLEAR = 1e3  # condition number from which on a guess of all at once may lead astray
+_STEPS = 40  # of a fit that may have a valley of a floor
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Base and tool as some poses place them.
+
+    Attributes:
+        values: ``(p,)`` of the arm.
+        held: names of the parameters that those poses do not determine, and that stay as they were.
+    """
+
+    values: Array
+    held: tuple[str, ...]
+
+
+def placed_anew(
+    model: Model, reference: Measurements, test: Measurements, values: Array, refit: Sequence[str], where: str
+) -> Placed:
+    """Place base, tool or both by the reference rows.
+
+    Args:
+        model: the arm, measured by points.
+        reference: the rows that place them.
+        test: rows of the same session on which is validated.
+        values: ``(p,)`` of the arm, whose links stay.
+        refit: base, tool, or both.
+        where: what an error calls the session.
+
+    Raises:
+        LabError: the rows determine too little: predictions at ``test`` depend on what stays undetermined.
+    """
+    ones = np.ones(reference.points.shape[:2])
+    observed = Observations(reference.inputs(model.conditions), reference.points, ones)
+    free, linear = columns_of(model, refit), "base" not in refit
+    start = values if linear else initial_guess(model, observed, values, ("base",))
+    slopes = observed.apply(model.observe(observed.inputs, start)[1])
+    if scaled_condition(slopes[:, free]) < _CLEAR or linear:
+        found = fit(model, observed, free, initial_guess(model, observed, values, refit))
+        if _is_determined(found, len(free), reference, linear=linear):
+            return Placed(found.values, ())
+    best: tuple[float, Placed] | None = None
+    for share, felt in _SHARES:  # the fewest parameters first: from there the others are near
+        held = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
+        kept = tuple(column for column in free if column not in held)
+        found = fit(model, observed, kept, start if best is None else best[1].values, most_steps=_STEPS)
+        slopes = observed.apply(model.observe(observed.inputs, found.values)[1])
+        there = model.observe(test.inputs(model.conditions), found.values)[1].reshape(-1, len(values))
+        sure = _is_determined(found, len(kept), reference, linear=False) and _unfelt(slopes, there, kept, held, felt)
+        if sure and (best is None or found.cost_trace[-1] < best[0]):
+            best = found.cost_trace[-1], Placed(found.values, tuple(model.names[i] for i in held))
+    if best is None:
+        raise _too_few(where, reference, refit, found.rank, len(free))
+    return best[1]
+
+
+def _too_few(where: str, reference: Measurements, refit: Sequence[str], rank: int, count: int) -> LabError:
+    return LabError(
+        f"{where}: {len(reference)} reference rows cannot place {', '.join(refit)} ({rank} of {count} parameters); "
+        "mark more rows as reference"
+    )
+
+
+def _is_determined(found: Fit, count: int, reference: Measurements, *, linear: bool) -> bool:
+    """Whether a fit found all of so many parameters; a tool alone needs no equation more than it has coordinates."""
+    equations = 3 * int(reference.seen.sum())
+    enough = equations >= count if linear else equations > count
+    return found.rank == count and found.status == "converged" and enough
+
+
+def dependent_columns(columns: Array, tolerance: float) -> tuple[int, ...]:
+    """Which columns ``(N, h)`` those before them explain, but for a share of their length."""
+    unit, scale = unit_columns(columns)
+    basis = np.zeros((len(columns), 0))
+    found = []
+    for j in range(columns.shape[1]):
+        rest = unit[:, j] - basis @ (basis.T @ unit[:, j])
+        rest -= basis @ (basis.T @ rest)  # twice, for rounding
+        size = float(np.linalg.norm(rest))
+        if size <= tolerance or scale[j] == 0.0 or basis.shape[1] == len(columns):
+            found.append(j)
+        else:
+            basis = np.column_stack([basis, rest / size])
+    return tuple(found)
+
+
+def _unfelt(slopes: Array, there: Array, kept: Sequence[int], held: Sequence[int], felt: float) -> bool:
+    """Whether predictions hardly change where a held parameter is another and the others make up for it."""
+    if not held:
+        return True
+    known = ~np.isnan(there).any(axis=1)
+    make_up = np.linalg.lstsq(slopes[:, list(kept)], slopes[:, list(held)], rcond=1e-12)[0]
+    alone = there[known][:, list(held)]
+    left = alone - there[known][:, list(kept)] @ make_up
+    return bool((np.linalg.norm(left, axis=0) <= felt * np.linalg.norm(alone, axis=0)).all())
