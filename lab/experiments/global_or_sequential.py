@@ -9,6 +9,7 @@ without noise. Beside what is simulated stands what linear propagation of the no
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,8 @@ from scipy.special import elliprg
 
 from lab.calibration.batch import MAX_STEPS
 from lab.calibration.batch_poses import MeasuredPoses, StackedPoseArm, fit_poses
-from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
 from lab.campaign.option_groups import Flag
-from lab.campaign.robot import load_robot
+from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
@@ -26,6 +26,9 @@ from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.simulation.collisions import random_poses
+from lab.simulation.observations.full_pose import target_rotations
+from lab.simulation.true_robot import true_robot_from_table
 from lab.studies.bootstrap import resampled
 from lab.studies.table import RESAMPLES
 
@@ -78,6 +81,8 @@ class Options:
     """By which each is judged."""
     seed: int = 0
     """Of everything random."""
+    free: Flag = False
+    """Take no poses in which the arm touches itself or the floor, in the place of any within the limits."""
     out: Path = Path("runs/global-or-sequential")
     """Folder of the table and the picture."""
     json: Flag = False
@@ -121,25 +126,40 @@ class Campaigns:
 
 
 def campaigns(options: Options) -> Campaigns:
-    """Every parameter of the arms off, base and tool too; random poses within the limits.
+    """Arms in MuJoCo with every parameter off, base and tool too; random poses within the limits.
 
     Raises:
         LabError: too few poses or robots.
     """
     if options.poses < FEWEST or options.robots < 2:
         raise LabError(f"give --poses {FEWEST} or more, for 27 unknowns from positions alone, and two --robots or more")
-    arm = load_robot("rx130").serial_arm(("p1",))
-    real, nominal = StackedPoseArm(arm), StackedPoseArm(SerialArm(with_y3(arm.chain)))
-    size, seed = options.robots, options.seed
-    off = np.where([each.is_angle for each in (*arm.parameters, *ROTATION_PARAMETERS)], OFF_RAD, OFF_M)
-    truth = real.nominal() + off * rng_for(seed, "arm").standard_normal((size, len(off)))
+    robot = load_robot("rx130")
+    nominal = StackedPoseArm(SerialArm(with_y3(robot.serial_arm(("p1",)).chain)))
+    arms = [_measured_arm(robot, options, number) for number in range(options.robots)]
+    joints, points, rotations, validation, there = (np.stack(parts) for parts in zip(*arms, strict=True))
+    noise = rng_for(options.seed, "noise").standard_normal((options.robots, options.poses, 6))
+    return Campaigns(nominal, MeasuredPoses(still(joints), points, rotations), noise, still(validation), there)
+
+
+def _measured_arm(robot: Robot, options: Options, number: int) -> tuple[Array, Array, Array, Array, Array]:
+    """One arm in MuJoCo before an instrument that stands about where its base is: exact poses, and validation poses.
+
+    Returns:
+        Joint positions ``(n, 6)``, positions ``(n, 3)`` m and rotations ``(n, 3, 3)`` that are measured there; joint
+        positions ``(m, 6)`` and positions ``(m, 3)`` of the validation.
+    """
+    arm = robot.serial_arm(("p1",))
+    off = np.where([each.is_angle for each in arm.parameters], OFF_RAD, OFF_M)
+    values = arm.nominal(robot.tool) + off * rng_for(options.seed, "arm", number).standard_normal(len(off))
+    T_world_instrument = robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values))
+    real = true_robot_from_table(robot.serial_model, arm, values, T_world_instrument)
+    draw = partial(random_poses, robot.model) if options.free else robot.chain.random_joints
     joints, validation = (
-        arm.chain.random_joints(size * count, rng).reshape(size, count, -1)
-        for rng, count in ((rng_for(seed, "poses"), options.poses), (rng_for(seed, "fresh"), options.fresh))
+        draw(count, rng_for(options.seed, purpose, number))
+        for purpose, count in (("poses", options.poses), ("fresh", options.fresh))
     )
-    noise = rng_for(seed, "noise").standard_normal((size, options.poses, 6))
-    exact = MeasuredPoses(still(joints), *real.poses(joints, truth))
-    return Campaigns(nominal, exact, noise, still(validation), real.poses(validation, truth)[0])
+    points, there = (real.points(poses, ("p1",))[:, 0] for poses in (joints, validation))
+    return joints, points, target_rotations(real, joints, "p1"), validation, there
 
 
 def with_y3(chain: Chain) -> Chain:
