@@ -4,7 +4,7 @@ Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. Wha
 (``theta_rad``, ``d_m``, ``beta_rad``, …, ``[base]``, ``[tool]``) reads back to the bit.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
+from lab.formats.drives_toml import Drives, drives_lines, drives_of
 from lab.formats.robot_toml import (
     ANGLES,
     LENGTHS,
@@ -39,7 +40,7 @@ _KNOWN = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
     "(of a slide _mm or _m), speed with _per_s and acceleration with _per_s2 after that, torque_nm (force_n), mass_kg"
 )
-_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool", "corrections"}
+_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool", "corrections", "drive", "coupling"}
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,8 @@ def read_table(path: Path) -> RobotTable:
     )
     if "corrections" in document:
         chain = _corrected(path, chain, document["corrections"])
+    if drives := {key: document[key] for key in ("drive", "coupling") if key in document}:
+        chain = replace(chain, encoders=drives_of(path, drives, chain.size).encoders)
     base = read_base(path, document["base"]) if "base" in document else None
     tool = read_tool(path, document.get("tool", {}))
     return RobotTable(chain, base, tool, read_height(path, document), mass_kg, torque, tuple(warnings))
@@ -156,6 +159,8 @@ def _write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
             if column != "beta" or chain.parallel[i]:
                 lines.append(f"{column}_{next(iter(_QUANTITIES[column]))} = {float(value)!r}")
         lines += [f"lower_{unit} = {float(chain.lower[i])!r}", f"upper_{unit} = {float(chain.upper[i])!r}"]
+    if (own := chain.encoders) is not None:
+        lines += ["", *drives_lines(Drives(own.gear_ratio, own.couplings, None, own.counts_per_turn))]
     return "\n".join([*lines, *written_base_and_tool(base, tool, "the last frame")]) + "\n"
 
 

@@ -1,7 +1,12 @@
-"""How an arm's drives turn its joints: gear ratios with their signs, couplings, and drive gains, as TOML."""
+"""How an arm's drives turn its joints: gear ratios with their signs, couplings, drive gains, encoders; as TOML.
 
+The sections stand in a file of their own, or in a robot's table.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,10 +14,12 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
+from lab.kinematics.encoders import Encoders
 
-__all__ = ["Drives", "read_drives", "write_drives"]
+__all__ = ["Drives", "drives_lines", "drives_of", "read_drives", "write_drives"]
 
 _LARGEST = 1e6
+_MOST_COUNTS = 1e12
 
 
 @dataclass(frozen=True)
@@ -25,11 +32,24 @@ class Drives:
         couplings: C ``(J, J)``, what each drive turns by the joints' positions, as its own joint feels it: one on the
             diagonal (``kinematics.dynamics.arm_dynamics``).
         torque_nm_per_a: ``(J,)`` drive gains, torque at the motor for its current; None where they are not given.
+        counts_per_turn: ``(J,)`` of the encoders at the motors; None where they are not given.
     """
 
     gear_ratio: Array
     couplings: Array
     torque_nm_per_a: Array | None
+    counts_per_turn: Array | None = None
+
+    @property
+    def encoders(self) -> Encoders | None:
+        """The encoders; None where their counts are not given.
+
+        Raises:
+            LabError: the couplings do not tell the joints apart.
+        """
+        if self.counts_per_turn is None:
+            return None
+        return Encoders(self.gear_ratio, self.couplings, self.counts_per_turn)
 
     def torques(self, currents: Array) -> Array:
         """The drives' torques ``(n, J)`` (Nm; N of a slide), as the joints feel them, of motor currents ``(n, J)`` A.
@@ -49,6 +69,7 @@ class Drives:
 class _DriveSection:
     gear_ratio: float
     torque_nm_per_a: float | None = None
+    counts_per_turn: float | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +91,16 @@ def read_drives(path: Path, joints: int) -> Drives:
     Raises:
         LabError: the file is missing or malformed, or a number cannot be.
     """
-    found = structured(path, _DrivesFile, read_toml(path))
+    return drives_of(path, read_toml(path), joints)
+
+
+def drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
+    """The drives that sections ``drive`` and ``coupling`` of a file describe.
+
+    Raises:
+        LabError: one is malformed, or a number cannot be.
+    """
+    found = structured(path, _DrivesFile, sections)
     if len(found.drive) != joints:
         raise LabError(f"{path}: {len(found.drive)} [[drive]], but the robot has {joints} joints; give one for each")
     gears = np.array([each.gear_ratio for each in found.drive])
@@ -78,11 +108,21 @@ def read_drives(path: Path, joints: int) -> Drives:
         for name, value in (("gear_ratio", each.gear_ratio), ("torque_nm_per_a", each.torque_nm_per_a)):
             if value is not None and not 0 < abs(value) < _LARGEST:
                 raise LabError(f"{path}: [[drive]] {i}: {name} is {value:g}; give a number that is not zero")
-    gains = [each.torque_nm_per_a for each in found.drive]
-    given = [gain for gain in gains if gain is not None]
-    if given and len(given) < joints:
-        raise LabError(f"{path}: [[drive]] {gains.index(None) + 1} has no torque_nm_per_a; give it of all or none")
-    return Drives(gears, _couplings(path, found.coupling, gears), np.array(given) if given else None)
+        if each.counts_per_turn is not None and not 1 <= each.counts_per_turn < _MOST_COUNTS:
+            raise LabError(
+                f"{path}: [[drive]] {i}: counts_per_turn is {each.counts_per_turn:g}; give those of a turn of the motor"
+            )
+    gains, counts = ([getattr(each, name) for each in found.drive] for name in ("torque_nm_per_a", "counts_per_turn"))
+    couplings = _couplings(path, found.coupling, gears)
+    return Drives(gears, couplings, _of_all(path, "torque_nm_per_a", gains), _of_all(path, "counts_per_turn", counts))
+
+
+def _of_all(path: Path, name: str, values: list[float | None]) -> Array | None:
+    """A number of every drive; None where none has it."""
+    given = [value for value in values if value is not None]
+    if given and len(given) < len(values):
+        raise LabError(f"{path}: [[drive]] {values.index(None) + 1} has no {name}; give it of all or none")
+    return np.array(given) if given else None
 
 
 def _couplings(path: Path, sections: tuple[_CouplingSection, ...], gears: Array) -> Array:
@@ -101,13 +141,19 @@ def _couplings(path: Path, sections: tuple[_CouplingSection, ...], gears: Array)
 
 def write_drives(path: Path, drives: Drives) -> None:
     """Write the TOML that ``read_drives`` reads back, to rounding."""
+    path.write_text("\n".join(drives_lines(drives)), encoding="utf-8")
+
+
+def drives_lines(drives: Drives) -> list[str]:
+    """The lines of these sections."""
     lines = []
     for j, gear in enumerate(drives.gear_ratio.tolist()):
         lines += ["[[drive]]", f"gear_ratio = {gear!r}"]
-        if drives.torque_nm_per_a is not None:
-            lines.append(f"torque_nm_per_a = {float(drives.torque_nm_per_a[j])!r}")
+        for name in ("torque_nm_per_a", "counts_per_turn"):
+            if (values := getattr(drives, name)) is not None:
+                lines.append(f"{name} = {float(values[j])!r}")
         lines.append("")
     for drive, joint in np.argwhere(drives.couplings - np.eye(len(drives.gear_ratio))).tolist():
         ratio = float(drives.couplings[drive, joint] * drives.gear_ratio[drive])
         lines += ["[[coupling]]", f"drive = {drive + 1}", f"joint = {joint + 1}", f"ratio = {ratio!r}", ""]
-    path.write_text("\n".join(lines), encoding="utf-8")
+    return lines

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.kinematics.encoders import Encoders
 
 __all__ = ["JointSpec"]
 
@@ -20,6 +21,7 @@ class JointSpec:
         lower, upper: ``(n,)`` limits of the joint positions, rad or m.
         speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
         said_home: ``(n,)`` joint positions to start from, where somebody has said them.
+        encoders: whose whole counts the joint positions are; None for ideal ones.
     """
 
     name: str
@@ -31,6 +33,7 @@ class JointSpec:
     speed: Array
     acceleration: Array
     said_home: Array | None = None
+    encoders: Encoders | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)

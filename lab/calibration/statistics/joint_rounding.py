@@ -6,9 +6,10 @@ import numpy as np
 
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 
-__all__ = ["Rounding", "by_joint_positions", "rounding"]
+__all__ = ["Rounding", "by_joint_positions", "counting", "rounding"]
 
 _STEP = 1e-6  # rad or m, of central differences: exact to about 1e-10 of a lever
 _STEPS_DEG = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)  # that displays and files round to, coarse ones first
@@ -53,6 +54,18 @@ def _step_of(joints: Array) -> float | None:
         if np.abs(joints - step * np.round(joints / step)).max() < _WRITTEN_RAD:
             return step
     return None
+
+
+def counting(model: Model, data: Measurements, values: Array, encoders: Encoders, things: int | None = None) -> float:
+    """The root mean square (m) that whole counts of known encoders alone make of an observation.
+
+    Args:
+        things: how many of the observed things, from the first, are lengths; all where None.
+    """
+    joints = data.joints.shape[1]
+    slope = by_joint_positions(model, data.inputs(model.conditions), values, joints)[:, :things]
+    squares = np.einsum("nkdi,ij,nkdj->nk", slope, encoders.covariance, slope)
+    return float(np.sqrt(squares[seen_mask(data.points[:, :things])].mean()))
 
 
 def by_joint_positions(model: Model, inputs: Array, values: Array, joints: int) -> Array:

@@ -195,7 +195,7 @@ class Fitter:
         warnings += of_size(found)
         if only_positions(observation):
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs)
-        warnings += of_joints(found, observations, clean, self._moves(clean))
+        warnings += of_joints(found, observations, clean, self._moves(clean), self.robot.chain.encoders)
         warnings += of_twist(self.robot, found)
         warnings += of_export(self.robot, found, groups, observations.inputs)
         said = tuple(warnings)

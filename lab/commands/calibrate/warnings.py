@@ -10,7 +10,7 @@ from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.statistics.alternatives import Alternative
 from lab.calibration.statistics.joint_lag import lagging
-from lab.calibration.statistics.joint_rounding import by_joint_positions, rounding
+from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.campaign.robot import Robot
@@ -19,6 +19,7 @@ from lab.commands.calibrate.model_words import listed
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.link_loads import link_ends
+from lab.kinematics.encoders import Encoders
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
 
@@ -37,6 +38,7 @@ __all__ = [
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _STRANGE = 0.05  # m or rad from the nominal value
 _SURPRISING = 5.0  # standard deviations of the prior
+_NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
@@ -110,14 +112,24 @@ def of_size(found: Identification) -> list[str]:
     ]
 
 
-def of_joints(found: Identification, seen: Observations, rows: Measurements, moves: Array) -> list[str]:
+def of_joints(
+    found: Identification, seen: Observations, rows: Measurements, moves: Array, encoders: Encoders | None
+) -> list[str]:
     """Joint positions that are rounded, or that do not follow the arm.
 
     Args:
         moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
+        encoders: those of the robot's table; None where it names none.
     """
     model, said = found.model, []
-    if (coarse := rounding(model, rows, found.values, observation_of(model).positions or None)) is not None:
+    if encoders is not None:
+        made_m = counting(model, rows, found.values, encoders, observation_of(model).positions or None)
+        if made_m > _NOTABLE * found.sigma_m:
+            said.append(
+                f"whole counts of the encoders alone make errors of {1e3 * made_m:.3g} mm (RMS); more poses average "
+                "them, more readings do not"
+            )
+    elif (coarse := rounding(model, rows, found.values, observation_of(model).positions or None)) is not None:
         said.append(
             f"joint positions are rounded to {np.rad2deg(coarse.step_rad):g}°, which alone makes errors of "
             f"{1e3 * coarse.rms_m:.3g} mm (RMS)"

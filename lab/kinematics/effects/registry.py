@@ -28,6 +28,7 @@ from lab.kinematics.effects.effect import (
     TermFamily,
     VirtualEffect,
 )
+from lab.kinematics.effects.encoder_rounding import EncoderRounding
 from lab.kinematics.effects.gear import Gear
 from lab.kinematics.effects.growth import Growth
 from lab.kinematics.effects.harmonics import Harmonics
@@ -56,6 +57,7 @@ Kind = TypeVar("Kind", bound=VirtualEffect)
 
 @dataclass(frozen=True)
 class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
+    EncoderRounding,
     InstrumentNoise,
     FullCoupling,
     Ripple,

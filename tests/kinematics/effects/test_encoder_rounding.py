@@ -1,0 +1,70 @@
+"""A virtual arm shows whole counts where its table names encoders, and the identification knows what they make."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.robots import ROOT
+
+import lab
+from lab.core.errors import LabError
+from lab.kinematics.effects.encoder_rounding import EncoderCounts, EncoderRounding
+from lab.kinematics.effects.registry import EFFECTS
+
+DRIVES = "".join(f"\n[[drive]]\ngear_ratio = {gear}\ncounts_per_turn = 1000\n" for gear in (48, 48, 50, -46, 45, 32))
+COUPLING = "\n[[coupling]]\ndrive = 6\njoint = 5\nratio = 32\n"
+
+
+@pytest.fixture
+def tx40(tmp_path: Path) -> Path:
+    """A TX 40 whose table names coarse encoders; the drive of joint 6 turns with joint 5."""
+    table = (ROOT / "models" / "tx40" / "robot.toml").read_text()
+    path = tmp_path / "tx40.toml"
+    path.write_text(table + DRIVES + COUPLING)
+    return path
+
+
+def test_joint_positions_are_whole_counts(tx40: Path) -> None:
+    coarse, ideal = (lab.simulate(robot, poses=30, seed=1, instrument="exact") for robot in (tx40, "tx40"))
+    encoders = coarse.robot.chain.encoders
+    assert encoders is not None and ideal.robot.chain.encoders is None
+    np.testing.assert_array_equal(coarse.measurements.joints, encoders.rounded(ideal.measurements.joints))
+    np.testing.assert_array_equal(coarse.measurements.points, ideal.measurements.points)  # the arm stands as it stood
+    assert 1e-5 < np.abs(coarse.measurements.joints - ideal.measurements.joints).max() < 2e-4
+    assert isinstance(coarse.true_robot.effects.part(EncoderCounts), EncoderCounts) and EncoderRounding in EFFECTS
+
+
+def test_the_identification_says_what_counts_make(tx40: Path) -> None:
+    """Half a count, uniform, through the arm's own derivatives: what the points then miss by, and what is said."""
+    result = lab.calibrate(tx40, poses=60, seed=2, instrument="exact")
+    said = next(warning for warning in result.warnings if "whole counts of the encoders" in warning)
+    size_mm = float(said.split("errors of ")[1].split(" mm")[0])
+    lengths = np.linalg.norm(result.identification.residuals, axis=2)
+    freedom = 1 - result.identification.fit.rank / (3 * 60)
+    assert 1e3 * np.sqrt((lengths**2).mean() / freedom) == pytest.approx(size_mm, rel=0.2)
+    assert not any("whole counts" in warning for warning in lab.calibrate("tx40", poses=30, seed=2).warnings)
+
+
+def test_a_calibrated_table_keeps_its_encoders(tx40: Path, tmp_path: Path) -> None:
+    result = lab.calibrate(tx40, poses=40, seed=2)
+    arm, values = result.rigid(result.exported)
+    path = tmp_path / "calibrated.toml"
+    path.write_text(result.robot.description("calibrated.toml", arm.targets, values))
+    kept, given = lab.load_robot(path).chain.encoders, result.robot.chain.encoders
+    assert kept is not None and given is not None
+    np.testing.assert_allclose(kept.counts, given.counts, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("counts_per_turn = 1000", "counts_per_turn = 0", "counts_per_turn is 0; give those of a turn"),
+        ("counts_per_turn = 1000\n", "", r"\[\[drive\]\] 1 has no counts_per_turn; give it of all or none"),
+        ("\n[[drive]]\ngear_ratio = 32\ncounts_per_turn = 1000\n", "", r"5 \[\[drive\]\], but the robot has 6 joints"),
+        ("joint = 5", "joint = 7", "give a number from 1 to 6"),
+    ],
+)
+def test_what_cannot_be_is_refused(tx40: Path, old: str, new: str, what: str) -> None:
+    tx40.write_text(tx40.read_text().replace(old, new, 1))
+    with pytest.raises(LabError, match=what):
+        lab.load_robot(tx40)
