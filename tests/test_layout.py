@@ -32,9 +32,9 @@ def names_in(path: Path) -> frozenset[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             names |= {node.module, *(f"{node.module}.{each.name}" for each in node.names)}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            names |= set(re.findall(r"lab(?:\.\w+)+", node.value))
-            script = ROOT / "scripts" / node.value
-            if re.fullmatch(r"\w+\.py", node.value) and script.is_file():
+            if "lab." in node.value:
+                names |= set(re.findall(r"lab(?:\.\w+)+", node.value))
+            elif re.fullmatch(r"\w+\.py", node.value) and (script := ROOT / "scripts" / node.value).is_file():
                 names |= names_in(script)
     return frozenset(names)
 

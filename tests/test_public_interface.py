@@ -134,6 +134,7 @@ def test_what_is_wrong_is_said_in_one_line(call, says: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.thorough
 def test_the_calls_are_the_commands(tmp_path, capsys) -> None:
     """The same options by keywords, as an object and on the command line give the same parameters."""
     from lab.cli import main

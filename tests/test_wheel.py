@@ -5,9 +5,11 @@ import subprocess
 import sys
 import zipfile
 
+import pytest
 from helpers.robots import ROOT
 
 
+@pytest.mark.thorough
 def test_the_wheel_inspects_a_robot_from_an_empty_folder(tmp_path) -> None:
     wheels, site, empty = (tmp_path / name for name in ("wheels", "site", "empty"))
     empty.mkdir()

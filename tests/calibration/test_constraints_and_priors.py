@@ -89,6 +89,7 @@ def test_wishes_that_cannot_be_met(asked: IdentifyOptions, says: tuple[str, ...]
     assert all(part in str(error.value) for part in says)
 
 
+@pytest.mark.thorough
 def test_what_inspection_says_is_held() -> None:
     """With the tool held, the last link can be told apart: nobody asked for it to be held."""
     seen = inspect(IRB120, targets=("p1",), fix=("tool.*", "link4.d")).values

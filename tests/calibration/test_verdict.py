@@ -41,6 +41,7 @@ def test_poses_at_fixtures_are_good(kind) -> None:
     assert "21 mm from its nominal length" in verdict(replace(found, values=off), FITS, 1e-3).reason
 
 
+@pytest.mark.thorough
 def test_orientations_that_do_not_fit_are_bad() -> None:
     """A constant quaternion beside good positions, whether the noise is given or not; a poor probe is no such thing."""
     for sigma_rad, word in ((1e-4, "good"), (30e-3, "good"), (90e-3, "bad")):

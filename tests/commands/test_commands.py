@@ -131,6 +131,7 @@ def test_three_targets_have_rank_33(tmp_path, capsys) -> None:
     assert code == 0 and result["rank"] == 33 and result["targets"] == ["p1", "p2", "p3"]
 
 
+@pytest.mark.thorough
 def test_every_option_of_a_campaign_does_something(seven: Path, tmp_path, capsys) -> None:
     base = json.loads((seven / "result.json").read_text())
     plan = tmp_path / "plan.csv"
@@ -156,6 +157,7 @@ def test_every_option_of_a_campaign_does_something(seven: Path, tmp_path, capsys
     assert code == 1 and result["verdict"] == "bad" and "does not fit" in result["reason"]
 
 
+@pytest.mark.thorough
 def test_another_arms_measurements_exit_with_one(tmp_path, capsys) -> None:
     few = tmp_path / "few.csv"
     few.write_text("".join(data_file("ur10_ipa_D.csv").read_text().splitlines(keepends=True)[:81]))  # of 80 poses
@@ -197,6 +199,7 @@ def test_a_target_of_any_name_is_identified(seven: Path, tmp_path, capsys) -> No
     assert model.site("ball").id >= 0
 
 
+@pytest.mark.thorough
 def test_metres_in_a_column_of_millimetres_are_a_bad_result(seven: Path, tmp_path, capsys) -> None:
     """They fit well, an arm a thousand times smaller: the verdict says so."""
     lines = (seven / "measurements.csv").read_text().splitlines()
@@ -229,6 +232,7 @@ def test_a_wild_row_is_named(seven: Path, tmp_path, capsys) -> None:
     assert 1 < result["outliers"][0]["size_mm"] < 3
 
 
+@pytest.mark.thorough
 def test_a_robot_given_as_a_table_comes_back_as_a_table(tmp_path, capsys) -> None:
     """calibrated.toml reads back to the bit, and predicts what was identified."""
     table, out = data_file("ur10.toml"), tmp_path / "run"
@@ -318,6 +322,7 @@ def test_the_default_folder_is_never_overwritten(tmp_path, monkeypatch, capsys) 
 SOFT = ("--stiffness-nm-per-rad", "1e5", "--harmonic-mrad", "0.2", "--payload-kg", "0,3", "--poses", "80")
 
 
+@pytest.mark.thorough
 def test_effects_are_found_and_told(tmp_path, capsys) -> None:
     out = tmp_path / "run"
     code, result = run(capsys, "calibrate", *SOFT, "--model", "auto", "--out", out)
@@ -353,6 +358,7 @@ def test_effects_are_found_and_told(tmp_path, capsys) -> None:
     assert any("lack of fit" in warning for warning in rigid["warnings"])
 
 
+@pytest.mark.thorough
 def test_bad_readings_are_named_and_left_out(tmp_path, capsys) -> None:
     bad = ("--bad-share", "0.06", "--bad-mm", "0.1,20", "--poses", "60")
     code, plain = run(capsys, "calibrate", *bad, "--out", tmp_path / "plain")
@@ -368,12 +374,14 @@ def test_bad_readings_are_named_and_left_out(tmp_path, capsys) -> None:
     assert len((tmp_path / "robust" / "measurements.csv").read_text().splitlines()) == 61  # nothing is dropped
 
 
+@pytest.mark.thorough
 def test_joints_that_lag_are_told(tmp_path, capsys) -> None:
     for lag, told in ((0.002, True), (0.0, False)):
         _, result = run(capsys, "calibrate", "--lag", lag, "--poses", "60", "--out", tmp_path / str(lag))
         assert any("do not follow the arm" in warning for warning in result["warnings"]) is told
 
 
+@pytest.mark.thorough
 def test_spherical_noise_taken_for_isotropic_is_told(tmp_path, capsys) -> None:
     out = tmp_path / "run"
     run(capsys, "calibrate", "--instrument", "leica-at960", "--poses", "80", "--out", out)
@@ -387,6 +395,7 @@ def test_spherical_noise_taken_for_isotropic_is_told(tmp_path, capsys) -> None:
     assert weighed["adequate"] is True and not any("isotropic" in warning for warning in weighed["warnings"])
 
 
+@pytest.mark.thorough
 def test_a_config_runs_again(tmp_path, capsys) -> None:
     out = tmp_path / "run"
     asked = ("--seed", "4", "--poses", "30", "--harmonic-mrad", "0.1", "--model", "harmonics", "--payload-kg", "0,2")
@@ -401,6 +410,7 @@ def test_a_config_runs_again(tmp_path, capsys) -> None:
     assert once["judged_by"] == "holdout"
 
 
+@pytest.mark.thorough
 def test_inspect_names_weak_directions_and_what_would_show_them(capsys) -> None:
     code, near = run(capsys, "inspect", "irb120", "--tool-mm", "1,0,100")
     assert code == 0 and near["condition"] > 600 and len(near["weak_directions"]) == 2
@@ -414,6 +424,7 @@ def test_inspect_names_weak_directions_and_what_would_show_them(capsys) -> None:
     assert "with a second target the condition number would be" in printed
 
 
+@pytest.mark.thorough
 def test_a_bumped_tracker_is_found_by_its_sessions(tmp_path, capsys) -> None:
     bumped = ("calibrate", "--bump-mm", "0.3", "--bump-mrad", "0.1", "--poses", "60", "--out", tmp_path / "run")
     _, plain = run(capsys, *bumped)
@@ -426,6 +437,7 @@ def test_a_bumped_tracker_is_found_by_its_sessions(tmp_path, capsys) -> None:
     assert table[0].startswith("session,") and {line.split(",")[0] for line in table[1:]} == {"1", "2"}
 
 
+@pytest.mark.thorough
 def test_what_a_model_asks_for_is_written_down_on_any_arm(tmp_path, capsys) -> None:
     """A null experiment: groups that the arm does not have can be fitted, and are zero."""
     asked = ("calibrate", "--poses", "60", "--model", "backlash+drift", "--out", tmp_path / "run")
@@ -438,6 +450,7 @@ def test_what_a_model_asks_for_is_written_down_on_any_arm(tmp_path, capsys) -> N
     assert "payload_kg" in header and "time_s" in header
 
 
+@pytest.mark.thorough
 def test_a_bump_is_of_its_campaign_alone(tmp_path, capsys) -> None:
     """Another file's session that happens to have the same name was not bumped."""
     run(capsys, "calibrate", "--bump-mm", "1", "--poses", "60", "--out", tmp_path / "run")
@@ -459,6 +472,7 @@ def marked(path, extra: str, rows: dict) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_rows_that_are_not_fitted_decide_nothing(tmp_path, capsys) -> None:
     """A skipped first row without a time, or of a session of its own, is neither the clock's start nor a session."""
     run(capsys, "calibrate", "--poses", "60", "--drift-mm-per-h", "1", "--out", tmp_path / "run")
@@ -476,6 +490,7 @@ def test_rows_that_are_not_fitted_decide_nothing(tmp_path, capsys) -> None:
         assert code == 0 and result["status"] == "converged", model
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_judged_by_is_not_chosen(tmp_path, capsys) -> None:
     """auto leaves out a group whose condition the rows to judge by lack, and says so."""
     run(capsys, "calibrate", "--poses", "60", "--backlash-mrad", "0.3", "--out", tmp_path / "run")
@@ -488,6 +503,7 @@ def test_what_cannot_be_judged_by_is_not_chosen(tmp_path, capsys) -> None:
     assert code == 0 and result["model"] == "geometric+backlash"
 
 
+@pytest.mark.thorough
 def test_a_plan_starts_the_virtual_arms_clock(tmp_path, capsys) -> None:
     run(capsys, "calibrate", "--poses", "60", "--hours", "1", "--out", tmp_path / "run")
     lines = (tmp_path / "run" / "measurements.csv").read_text().splitlines()

@@ -54,6 +54,7 @@ def pages(drawn_run: Path, drawn_plan: Path, drawn_study: Path) -> dict[str, Pat
     return {folder.name: folder / "report.html" for folder in (drawn_run, drawn_plan, drawn_study)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "width"), [("run", 1100), ("run", 500), ("plan", 500), ("study", 1100)])
 def test_a_browser_shows_every_figure(name: str, width: int, pages: dict[str, Path], browser, tmp_path: Path) -> None:
     """On a desk and on a phone: no complaint, every picture has its size, no text is cut off, nothing scrolls aside."""
@@ -68,6 +69,7 @@ def test_a_browser_shows_every_figure(name: str, width: int, pages: dict[str, Pa
         assert wide > 0.6 * min(width, 480) and high > 25 and paths > 5 and texts > 3 and cut == 0
 
 
+@pytest.mark.thorough
 def test_it_prints(pages: dict[str, Path], browser, tmp_path: Path) -> None:
     for name, most in (("run", 6), ("plan", 4)):
         pdf = tmp_path / f"{name}.pdf"

@@ -28,6 +28,7 @@ def runs(tmp_path_factory) -> list[Path]:
     return [folder / "virtual", folder / "measured"]
 
 
+@pytest.mark.thorough
 def test_runs_hold_what_the_schemas_say(runs: list[Path]) -> None:
     for run in runs:
         for name in FILES:

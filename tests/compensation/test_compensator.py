@@ -55,6 +55,7 @@ def corrected(of: Compensator, wanted: PoseTarget, reference: Array | None = Non
     return of(wanted, conditions, anywhere if reference is None else reference)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("groups", GROUPS, ids=["rigid", "affected"])
 def test_targets_from_random_joints_are_hit(groups: tuple[str, ...]) -> None:
     """>= 99.5 % to 1e-9 m within 8 iterations; the others say why."""
@@ -73,6 +74,7 @@ def test_targets_from_random_joints_are_hit(groups: tuple[str, ...]) -> None:
         assert within[found.converged].all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("turned", [True, False], ids=["poses", "positions"])
 @pytest.mark.parametrize("groups", GROUPS, ids=["rigid", "affected"])
 def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned: bool) -> None:
@@ -107,6 +109,7 @@ def test_without_an_error_nothing_is_corrected() -> None:
     np.testing.assert_allclose(found.positions, wanted.positions, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_branch_that_is_given_is_kept_and_otherwise_the_nearest_is_taken() -> None:
     of = compensator((), 7)
     chain = of.nominal.arm.chain
@@ -173,6 +176,7 @@ def other_compensator(name: str, seed: int) -> tuple[Compensator, Array]:
     ), chain.random_joints(1000, rng)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["scara", "versatran"])
 @pytest.mark.parametrize("drawn", [False, True], ids=["its own poses", "the drawing's poses"])
 def test_a_thousand_targets_of_arms_with_slides_converge(name: str, drawn: bool) -> None:
@@ -261,6 +265,7 @@ def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:
     assert np.quantile(found.singular_rad, 0.05) > np.deg2rad(4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["ur10.toml", "panda.toml"])
 def test_arms_without_a_closed_form_are_compensated_too(name: str) -> None:
     robot = table_robot(name)

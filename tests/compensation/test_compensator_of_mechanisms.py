@@ -16,6 +16,7 @@ from lab.simulation.collisions import random_poses
 EXACT = VirtualCampaign(robot="delta/small", seed=3, poses=20, instrument="exact")
 
 
+@pytest.mark.thorough
 def test_a_delta_goes_where_it_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its errors of a millimetre are gone, at targets that were never measured; MuJoCo says where it is."""
     monkeypatch.setattr("lab.campaign.virtual_robot.FRESH_POSES", 20)

@@ -66,6 +66,7 @@ def write_files(page: Page, folder: Path) -> None:
             write_load(folder / "load.csv", read_mounting(folder / "sensor.toml"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("page", [page for page in PAGES if page.commands], ids=lambda page: page.name)
 def test_every_command_of_a_page_runs(page: Page, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
@@ -100,6 +101,7 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("script", sorted({script for script, _ in PROGRAMS}))
 def test_a_program_is_a_script_and_prints_what_is_shown_below_it(script: str, tmp_path) -> None:
     command = [sys.executable, str(ROOT / "scripts" / f"{script}.py")]

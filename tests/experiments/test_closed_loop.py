@@ -46,6 +46,7 @@ def test_accuracy_and_repeatability_of_a_known_scatter() -> None:
     np.testing.assert_allclose(gaussian, 1e-5 * (1.5958 + 3 * 0.6734), rtol=0.01)  # Maxwell's mean and deviation
 
 
+@pytest.mark.thorough
 def test_the_cube_is_within_reach_and_touches_nothing() -> None:
     cube = reachable_cube(IRB120, "p1")
     assert cube.side_m >= 0.25
@@ -65,6 +66,7 @@ def test_the_cube_is_within_reach_and_touches_nothing() -> None:
     assert jumps < 0.2  # one branch all the way round
 
 
+@pytest.mark.thorough
 def test_a_compensated_arm_that_bends_hits(monkeypatch: pytest.MonkeyPatch) -> None:
     poses = SimpleNamespace(joints=random_poses(IRB120.model, 40, np.random.default_rng(0)))  # without any choice
     monkeypatch.setattr("lab.experiments.closed_loop_study.pose_problem", lambda asked: None)

@@ -52,6 +52,7 @@ def magnified(outcome, course, when, factor):
     return in_world(outcome, course.wanted + factor * (mean - course.wanted))
 
 
+@pytest.mark.thorough
 def test_rerun_verifies_it(recording, home):
     done = rrd(home, "verify", recording)
     assert done.returncode == 0, done.stderr

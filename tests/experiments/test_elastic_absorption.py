@@ -8,6 +8,7 @@ from lab.campaign.robot import load_robot
 from lab.experiments import elastic_absorption
 
 
+@pytest.mark.thorough
 def test_geometry_absorbs_little_of_the_elastic_error() -> None:
     rows = answer_of("elastic_error_absorbed.py", "--poses", 60, "--pool", 30000)["rows"]
     share = {(row["cause"], row["edge_m"], row["payload"]): row["share"] for row in rows}

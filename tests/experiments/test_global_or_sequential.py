@@ -112,6 +112,7 @@ def test_the_fits_are_those_of_the_library(few) -> None:
         assert off < tolerance
 
 
+@pytest.mark.thorough
 def test_the_table_of_the_facts(table) -> None:
     """Both means and the mean of the arms' own ratios, three standard errors wide: theirs are of 40 arms."""
     assert [row["noise_mrad"] for row in table] == pytest.approx(list(FACTS))
@@ -138,6 +139,7 @@ def test_expected_lengths_in_closed_form() -> None:
         assert script.expected_mm(rates, np.diag(variances)[None]) == pytest.approx([1e3 * length], rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_positions_alone_and_three_points(few) -> None:
     """facts-robots.md: 0.064; 0.421, after ten rounds 0.155 (0.142 without noise); 0.036 against 0.213; of 24 arms."""
     found = {name: mean for name, (mean, _, _) in script.beside(few, seed=0).items()}
@@ -149,6 +151,7 @@ def test_positions_alone_and_three_points(few) -> None:
     assert found[f"{circle}, sequential"] == pytest.approx(0.213, rel=0.25)
 
 
+@pytest.mark.thorough
 def test_the_script_answers(tmp_path: Path) -> None:
     found = answer_of("global_or_sequential.py", "--robots", 6, "--fresh", 20, "--out", tmp_path)
     assert "One global step after it repairs it" in found["words"] and found["ranks"]["all 30 from both"] == 30

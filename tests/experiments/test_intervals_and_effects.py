@@ -4,6 +4,7 @@ import pytest
 from helpers.run_script import answer_in_processes, answer_of
 
 
+@pytest.mark.thorough
 def test_intervals_hold_a_little() -> None:
     """4 robots x 15 draws of 27 intervals: the mean's sigma is 0.5 %, more as a campaign's hang together."""
     cases = ("Gaussian, known", "Gaussian, estimated", "spherical taken for isotropic", "compliance missing")
@@ -36,6 +37,7 @@ def test_intervals_hold() -> None:
     assert found["spherical taken for isotropic"]["anisotropy_said"] > 0.85
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arms", [4, pytest.param(30, marks=pytest.mark.slow)])
 def test_effects_are_found(arms: int) -> None:
     flags = ("--arms", arms, "--rigid", arms)
@@ -46,6 +48,7 @@ def test_effects_are_found(arms: int) -> None:
     assert max(found["to_predicted"]) <= most
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arms", [1, pytest.param(100, marks=pytest.mark.slow)])
 def test_bending_links_are_found_and_never_taken_for_joint_springs(arms: int) -> None:
     flags = ("--arms", arms, "--rigid", 3 * arms, "--curve", arms // 5, "--intervals", 10 * arms if arms > 1 else 0)
@@ -63,6 +66,7 @@ def test_bad_readings_are_named_whole() -> None:
     assert 0.005 <= found["named_there"] <= 0.015
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("campaigns", [15, pytest.param(2000, marks=pytest.mark.slow)])
 def test_the_verdict_is_seldom_wrong(campaigns: int) -> None:
     """Campaigns of known quality, a fifth of them of another robot, in other units or with other signs."""

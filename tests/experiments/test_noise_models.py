@@ -18,6 +18,7 @@ def test_the_errors_are_those_that_the_case_names() -> None:
     assert np.mean(made[1:] * made[:-1]) / made.var() == pytest.approx(0.9, abs=0.03)
 
 
+@pytest.mark.thorough
 def test_scatter_is_taken_and_its_intervals_hold() -> None:
     found = summary("joint scatter, 3 targets, 40 poses", 8)
     assert found["taken"].all() and not found["named"].any()

@@ -36,6 +36,7 @@ ROUNDING_M = 1e-12
 longer_rod = cache(script.longer_rod)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", OTHERS)
 def test_the_ranks_of_the_other_robots(name: str):
     robot = load_robot(script.CASES[name].robot)
@@ -52,6 +53,7 @@ def test_the_other_robots_come_out_at_their_floor(name: str):
     assert all(row["fresh_um"] < 1.6 * row["predicted_um"] for row in rows)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", script.NOISELESS)
 def test_nothing_is_left_without_noise(name: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(script, "FRESH", 100)
@@ -68,6 +70,7 @@ def test_a_closed_form_answers_wherever_the_drawing_does():
             assert row["the first mode"] == 2000  # the lower
 
 
+@pytest.mark.thorough
 def test_a_longer_rod_tilts_the_platform_and_shows():
     """Facts: 0.87 mrad and 2.0 µm, in a smaller space. Twins 130 mm apart turn by 0.1 / 130 about one another."""
     row = longer_rod()
@@ -78,6 +81,7 @@ def test_a_longer_rod_tilts_the_platform_and_shows():
 FEW = ("2-RPR at P", "3-RPR pose", "Delta")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("names", [FEW, pytest.param(tuple(RANKS), marks=pytest.mark.slow)], ids=["few", "all"])
 def test_the_script_answers(names: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     cases = {name: case for name, case in script.CASES.items() if name in names}

@@ -30,6 +30,7 @@ def biases() -> dict:
     return {(row["what"], row["method"]): row for row in script.biased(PLAN, QUIET, runs=1, seed=0)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", script.METHODS)
 def test_scatter_and_intervals_are_as_predicted(method: str) -> None:
     """The sum of whitened squares over runs is chi squared: two-sided 1e-4 for each method."""
@@ -54,6 +55,7 @@ def test_propagation_is_the_spread_of_draws() -> None:
     np.testing.assert_allclose(spread, script.propagated(covariance), rtol=0.05)  # 1.1 % each
 
 
+@pytest.mark.thorough
 def test_every_bias_is_seen_and_cured(biases: dict) -> None:
     for row in biases.values():
         assert row["fired"] == 1.0, row["what"]
@@ -76,6 +78,7 @@ def test_a_cost_is_that_of_its_weight() -> None:
     assert soft == pytest.approx(2 * one, rel=1e-9) and 3.2 / 2 < one < 3.2 * 2
 
 
+@pytest.mark.thorough
 def test_the_script_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(payload_methods_answer, "planned", lambda options: replace(PLAN, poses=POSES[:12]))
     monkeypatch.setattr(script, "SECONDS", 2.5)

@@ -91,6 +91,7 @@ def test_criteria_with_the_same_poses_share_the_first_place() -> None:
     assert "O2 or cond. (the same poses) 100 %" in " ".join(said(found))
 
 
+@pytest.mark.thorough
 def test_what_a_search_promises_comes_true() -> None:
     """A mean of three equal normal coordinates is sqrt(8 / 3 pi) of their RMS."""
     study = Study(robots=6, draws=50, factors={"criterion": ("random",), "poses": (12, 40)})
@@ -132,6 +133,7 @@ def test_thesis_tables_a_little(tmp_path: Path) -> None:
         assert (tmp_path / f"which_criterion.{kind}").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("quick_designs")
 def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
     flags = ("--robots", 6, "--draws", 10, "--poses", 24, "--instruments", "uniform-8um", "optical-cmm")
@@ -149,6 +151,7 @@ def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
     assert (tmp_path / "instruments.png").is_file() and (tmp_path / "instruments.svg").is_file()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("quick_designs")
 def test_what_matters_a_little(tmp_path: Path) -> None:
     cases = ("runout 0.2 mrad once a turn", "1 % bad readings, 1 to 50 mm")
@@ -208,6 +211,7 @@ def test_what_matters(tmp_path: Path) -> None:
     assert ratio["an arm twice as far off"] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_the_number_of_poses_shows_that_o1_is_the_wrong_rule(tmp_path: Path) -> None:
     asked = ("--poses", 30, "--candidates", 150, "--out")
     seen = answer_of("how_many_poses.py", *asked, tmp_path)
@@ -216,6 +220,7 @@ def test_the_number_of_poses_shows_that_o1_is_the_wrong_rule(tmp_path: Path) -> 
     assert {path.name for path in tmp_path.iterdir()} == {"how_many_poses.png", "how_many_poses.svg"}
 
 
+@pytest.mark.thorough
 def test_verifications_notice_what_moved_a_little() -> None:
     found = answer_of("verify_study.py", "--arms", 8, "--files", 0)
     assert found["unchanged"]["good"] >= 0.95
@@ -236,6 +241,7 @@ def test_verifications_notice_what_moved() -> None:
     assert found["level"]["uniform"] <= 0.01
 
 
+@pytest.mark.thorough
 def test_the_best_o1_of_the_thesis_case_from_two_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lab.experiments.best_o1.STARTS", 2)  # of twelve: fewer chances to find it
     assert answer_of("best_o1.py", "--ignore-limits")["o1"] >= 12.25

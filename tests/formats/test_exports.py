@@ -115,6 +115,7 @@ def test_mujoco_reads_the_urdf(exported) -> None:
     assert_the_arm(poses, arm, joints, values)
 
 
+@pytest.mark.thorough
 def test_another_reader_reads_the_urdf(exported) -> None:
     folder, _, arm, values = exported
     joints, tree = poses_of(arm.chain), link_tree(arm, values)

@@ -135,6 +135,7 @@ def random_chain(rng: np.random.Generator, *, special: bool = True):
             return chain_of("random", convention, kinds, alpha, a, rng.uniform(-90, 90, n), d)
 
 
+@pytest.mark.thorough
 def test_any_arm_has_one_vector_near_its_drawing() -> None:
     """160 random chains: the gauge has the full rank, and a perturbed arm's axes give its parameters back.
 

@@ -108,6 +108,7 @@ def test_the_gravity_torque_of_the_published_links() -> None:
     assert 26 < gravity_torque(0.0, links_only=False) < 35  # scaled up alike, the 25 kg would make 31.3
 
 
+@pytest.mark.thorough
 def test_the_shells_are_what_the_script_builds(tmp_path) -> None:
     """Rebuilt, every shell has the same size and volume: the script is their source."""
     script = ROOT / "scripts" / "build_irb120_shells.py"

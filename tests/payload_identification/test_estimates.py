@@ -344,6 +344,7 @@ def settled(soft: CompliantArm, joints: Array, phi: Array) -> Array:
 # --- biases and their cures ---
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", BIASES)
 def test_each_bias_shows_and_its_cure_takes_it_away(name):
     bench = BIASES[name](4)
@@ -406,6 +407,7 @@ def test_a_sigma_that_is_given_is_believed_and_too_small_a_one_is_told():
 # --- physical ---
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [0.2, pytest.param(0.03, marks=pytest.mark.slow)])
 def test_the_nearest_physical_load_is_no_farther_from_the_truth(speed):
     rng, unphysical, errors = np.random.default_rng(12), 0, []

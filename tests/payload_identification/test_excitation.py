@@ -228,6 +228,7 @@ def test_a_path_goes_around_what_is_forbidden() -> None:
     assert best < around.prediction.score <= free.prediction.score + 0.2
 
 
+@pytest.mark.thorough
 def test_torques_are_kept() -> None:
     """A made-up torque that speed and acceleration of both joints raise, below a limit that the free path passes."""
 

@@ -77,6 +77,7 @@ def test_the_ascent_never_falls_and_stays_feasible(name: str) -> None:
     np.testing.assert_array_equal(end.joints[still], start.joints[still])
 
 
+@pytest.mark.thorough
 def test_designs_reach_the_figures_of_the_prototype() -> None:
     """facts, section 3: certified efficiencies from a pool of 2,000, before the ascent, and a better one after it."""
     joints, jacobian = pool(2000)
@@ -90,6 +91,7 @@ def test_designs_reach_the_figures_of_the_prototype() -> None:
     assert moved.score > design.score
 
 
+@pytest.mark.thorough
 def test_the_bound_is_never_below_a_design_from_its_pool() -> None:
     """Random, exchanged and weighted designs; and it is tight: its own weights reach it but for the gap."""
     joints, jacobian = pool(700, 3)
@@ -162,6 +164,7 @@ def test_a_small_measured_set_is_extended(tmp_path) -> None:
         design(DesignOptions(poses=5, candidates=100, starts=1, extend=path))
 
 
+@pytest.mark.thorough
 def test_the_continuous_design_bounds_the_curve_and_many_poses_come_near_it() -> None:
     options = DesignOptions("course2r", poses=12, candidates=300, starts=1)
     continuous, designed = design(options).curve, design(replace(options, curve=True)).curve
@@ -249,6 +252,7 @@ def twenty() -> DesignResult:
     return design(DesignOptions(poses=20, starts=1, candidates=150))
 
 
+@pytest.mark.thorough
 def test_the_prediction_is_true_in_a_few_campaigns(twenty: DesignResult) -> None:
     """16 campaigns: their RMS varies by about 4 %, so 12 % is three standard deviations.
 
@@ -271,6 +275,7 @@ def test_an_accuracy_is_promised_with_as_few_poses_as_it_takes() -> None:
     assert next(step.poses for step in plan.curve if step.prediction.coverage_radius <= 10e-6) >= len(plan.joints)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "options",
     [
@@ -316,6 +321,7 @@ def test_a_plan_is_feasible_path_and_all(twenty: DesignResult) -> None:
     assert 0.5 < plan.d_efficiency <= 1 and plan.certificate.gap <= 1e-3
 
 
+@pytest.mark.thorough
 def test_the_same_seed_plans_the_same() -> None:
     options = DesignOptions("course2r", poses=8, candidates=60, starts=1, seed=4)
     first, second = design(options), design(options)

@@ -115,6 +115,7 @@ def test_the_day_moves_the_joints_through_all_stops() -> None:
         np.testing.assert_allclose(at, start + share * (end - start), atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(3))
 def test_twelve_poses_are_ordered_exactly(seed: int) -> None:
     joints = random_poses(MODEL, 12, np.random.default_rng(seed))
@@ -137,6 +138,7 @@ def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
     assert tour.seconds == pytest.approx(held_karp(cost), abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_thirty_poses_are_near_the_best_and_far_from_random() -> None:
     """Candidates that a tracker sees: within 3 % of the best of 200 restarts, 33 % below random orders."""
     joints = draw_candidates(MODEL, ("p1",), INSTRUMENTS["leica-at960"], 30, rng_for(0, "candidates")).joints
@@ -155,6 +157,7 @@ def _from_home(tour: np.ndarray) -> np.ndarray:
     return np.roll(tour, -int(np.flatnonzero(tour == 0)[0]))[1:] - 1
 
 
+@pytest.mark.thorough
 def test_a_plan_holds_when_looked_at_again_in_mujoco(tmp_path: Path) -> None:
     """The IRB 120 among two posts: stops, and 1,000 points of each path, touch nothing."""
     robot = among_posts(tmp_path)

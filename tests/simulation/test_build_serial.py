@@ -160,6 +160,7 @@ def test_a_model_with_shapes_keeps_them() -> None:
     assert not IRB120.model.shapes_assumed and not IRB120.model.masses_assumed and IRB120.model.assumed == ""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["scara", pytest.param("rx130.urdf", marks=pytest.mark.slow)])
 def test_design_calibrate_and_compensate_take_it(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)

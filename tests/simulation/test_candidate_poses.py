@@ -142,6 +142,7 @@ def crosses_a_shell(model: mujoco.MjModel, data: mujoco.MjData, geom: int, start
         return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)).any())
 
 
+@pytest.mark.thorough
 def test_line_of_sight_against_geometry_without_mujocos_rays() -> None:
     """150 poses: points along the line against every primitive, and triangle by triangle against every shell."""
     joints = IRB120.chain.random_joints(150, np.random.default_rng(3))

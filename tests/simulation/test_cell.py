@@ -155,6 +155,7 @@ def looks(stops: Array, count: int) -> Array:
     return np.concatenate([a + share * (b - a) for a, b in pairwise(stops)])
 
 
+@pytest.mark.thorough
 def test_a_plan_and_corrected_targets_keep_to_the_cell(tmp_path) -> None:
     """From the plan to the corrected targets: by distances at many points of each way, not by the lab's contacts."""
     robot = placed(tmp_path, CELL)

@@ -460,6 +460,7 @@ def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, k
     assert np.abs(drawing.points(JOINTS, geometry) - seen).max() > 1e-5
 
 
+@pytest.mark.thorough
 def test_sizes_are_what_the_effects_have() -> None:
     effects = random_effects(FACTS, ALL, np.random.default_rng(5))
     np.testing.assert_allclose(effects.part(JointSprings).compliance_rad_per_nm, [0, 1e-5, 1e-5, 0, 0, 0])

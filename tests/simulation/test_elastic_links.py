@@ -64,6 +64,7 @@ def test_a_single_link_sags_as_the_textbook_says(tmp_path) -> None:
     assert settled.torsors[0, 0, 3] == pytest.approx(-9.81 * 5 * 0.1 * length / GJ, rel=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_chain_of_pieces_converges_to_the_beam() -> None:
     """The IRB 120 with both long links elastic, and with four: N^-2, and at 64 within 0.1 %; loaded, and in motion."""
     rng = np.random.default_rng(2)

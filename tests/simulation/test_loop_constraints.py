@@ -105,6 +105,7 @@ def mechanism_of(name: str, limits: dict[str, tuple[float, float]], slides: bool
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", (*FILES, "rrr3/mechanism", "prr3/mechanism", "hexapod/mechanism"))
 def test_mujoco_and_our_closures_agree_whatever_is_off(name: str):
     case = described(name)

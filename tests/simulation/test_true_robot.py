@@ -119,6 +119,7 @@ def test_more_poses_keep_the_first_ones_and_none_collides() -> None:
     assert collides(MODEL, np.deg2rad([[0, 60, 70, 0, 110, 0]])).all()  # folded into its own base
 
 
+@pytest.mark.thorough
 def test_a_model_that_always_touches_itself_is_refused(tmp_path) -> None:
     """By a ball of the room around it: a pair of its own bodies that always touches is excluded, and said."""
     path = tmp_path / "stuck.xml"

@@ -344,6 +344,7 @@ def test_the_terminal_fits_80_columns() -> None:
     assert "best is O1" in shown
 
 
+@pytest.mark.thorough
 def test_pictures_have_their_labels_and_the_same_bytes(tmp_path: Path) -> None:
     found = analysis(robots=3, draws=1, factors=("poses",))  # too few robots for a certain order
     folders = [tmp_path / name for name in ("one", "two")]

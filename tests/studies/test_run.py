@@ -104,12 +104,14 @@ def test_threads_and_order_do_not_matter(executor: Executor, tmp_path: Path, exp
     assert contents(tmp_path / "study") == expected
 
 
+@pytest.mark.thorough
 def test_processes_do_not_matter(tmp_path: Path, expected: dict[str, bytes]) -> None:
     with local_executor(2) as executor:
         toy(tmp_path / "study", executor)
     assert contents(tmp_path / "study") == expected
 
 
+@pytest.mark.thorough
 def test_a_cluster_does_not_matter_nor_a_worker_that_is_killed(
     cluster: Any, tmp_path: Path, expected: dict[str, bytes]
 ) -> None:
@@ -136,6 +138,7 @@ def test_the_cut_into_tasks_does_not_matter(
 # What stops, and goes on
 
 
+@pytest.mark.thorough
 def test_a_client_that_is_killed(tmp_path: Path, expected: dict[str, bytes]) -> None:
     """SIGKILL: its workers end too, and --resume does what is missing, and no more."""
     folder = tmp_path / "study"
@@ -165,6 +168,7 @@ def children(pid: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
+@pytest.mark.thorough
 def test_a_local_worker_that_is_killed(tmp_path: Path, expected: dict[str, bytes]) -> None:
     died, folder = tmp_path / "died", tmp_path / "study"
     with local_executor(2) as executor, pytest.raises(StoppedError, match="--resume goes on"):
@@ -296,6 +300,7 @@ def test_a_task_that_no_worker_survives(cluster: Any, tmp_path: Path, monkeypatc
         toy(tmp_path / "study", executor, dataclasses.replace(TOY, robots=1), solving=toy_study.fatal)
 
 
+@pytest.mark.thorough
 def test_a_cluster_without_workers_or_without_the_lab(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import LocalCluster
 
@@ -318,6 +323,7 @@ def one_line(capfd: pytest.CaptureFixture[str]) -> str:
     return err
 
 
+@pytest.mark.thorough
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     """Real campaigns: the same bytes by a process and a thread, and numbers that make sense."""
     monkeypatch.chdir(tmp_path)
@@ -377,6 +383,7 @@ def test_bad_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: py
     assert {path.name for path in tmp_path.iterdir()} <= {"small.toml", "few.toml", "runs"}
 
 
+@pytest.mark.thorough
 def test_an_interruption_is_told(tmp_path: Path) -> None:
     """Ctrl-C reaches the workers too, which leave it to the client."""
     (tmp_path / "long.toml").write_text(LONG)

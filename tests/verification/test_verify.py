@@ -112,6 +112,7 @@ def test_the_worst_reading_is_the_one_without_which_least_is_left() -> None:
     assert reading.extent.shift_m == pytest.approx(np.sqrt(20) * 1e-4, abs=4e-5) and reading.parameters == 6
 
 
+@pytest.mark.thorough
 def test_p_values_are_uniform_where_nothing_has_changed() -> None:
     """Residuals drawn from N(0, S): chi squared; with sigma drawn too, F."""
     prediction, _ = an_arm()
@@ -200,6 +201,7 @@ def test_one_pose_notices_and_does_not_pretend_to_know_what() -> None:
         verify(prediction, seen, ("base",))
 
 
+@pytest.mark.thorough
 def test_what_would_be_noticed_is() -> None:
     """Just so large an offset is found in 95 of 100 files; half of it in far fewer."""
     prediction, truth = an_arm()
@@ -327,6 +329,7 @@ def test_an_arm_that_bends_is_held_against_what_was_known_of_it(runs: Path, caps
     assert "taken for noise" in "\n".join(rigid["warnings"])
 
 
+@pytest.mark.thorough
 def test_a_real_arm_of_another_day(tmp_path, capsys) -> None:
     """Each session of the test keeps what 36 poses predictd; the tool point of the second was 1.2 mm elsewhere."""
     known = data_file("irb120_liaowu_calib36.csv")

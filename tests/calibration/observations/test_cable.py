@@ -19,6 +19,7 @@ ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
 
 
+@pytest.mark.thorough
 def test_a_draw_wire() -> None:
     """Three anchors: at most 0.36 mm on rows held out (0.264 is the rounding of the joints alone)."""
     arm, data = cable_file()

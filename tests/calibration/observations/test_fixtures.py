@@ -64,6 +64,7 @@ def test_structure_poses_touch() -> None:
         assert set(inputs[:, -1]) == {0, 1, 2, 3}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "places", "rows", "distance"),
                          [(Cable, 2, 80, None), (Sockets, 4, 60, None), (Planes, 3, 120, None)])  # fmt: skip
 def test_exact_fixtures_give_the_truth(kind, places: int, rows: int, distance: float | None) -> None:
@@ -76,6 +77,7 @@ def test_exact_fixtures_give_the_truth(kind, places: int, rows: int, distance: f
         assert np.abs(found.values - true).max() < 1e-11
 
 
+@pytest.mark.thorough
 def test_fixtures_that_were_not_fitted_are_placed_by_their_own_rows() -> None:
     for kind in (Sockets, Planes, Cable):
         rng = np.random.default_rng(0)
@@ -110,6 +112,7 @@ NONSENSE = {
 DEFAULT = ("six sockets", "a wire of one length")  # the quickest of each end
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "columns", "cell"),
     [pytest.param(*case, id=name, marks=[pytest.mark.slow] * (name not in DEFAULT)) for name, case in NONSENSE.items()],

@@ -81,6 +81,7 @@ def test_exact_poses_give_the_truth() -> None:
         assert np.abs(found.values - true).max() < 1e-11
 
 
+@pytest.mark.thorough
 def test_the_ratio_of_the_noises_is_found() -> None:
     """From 60 poses 2 (180 - 15) numbers: one part in 18 or so for each; and from either side."""
     ratios = []
@@ -145,6 +146,7 @@ def ur10_poses(meaning: str) -> Identification:
     return identify(observation, seen.take(range(0, 632, 2)), arm.nominal())
 
 
+@pytest.mark.thorough
 def test_measured_poses() -> None:
     """Angles in their meaning agree to 0.6 mrad; in another they contradict the positions."""
     found = ur10_poses("intrinsic-xyz")

@@ -13,6 +13,7 @@ STEEL, ALUMINIUM = 175_000.0, 48_400.0  # N m²: tubes of 80 x 5 and 80 x 4 mm
 DAY = DesignedCampaign("irb120", ("p1",), ("compliance", "bending"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ei", [STEEL, ALUMINIUM])
 def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
     real = perturbed_arm(DAY.robot, VirtualCampaign(seed=1, effects=ArmEffects(link_ei=(0, ei, 0, ei, 0, 0))))

@@ -169,6 +169,7 @@ def test_noise_that_is_not_isotropic_is_told() -> None:
     assert np.mean(told) > 0.93 - three_sigma(0.93, 40)
 
 
+@pytest.mark.thorough
 def test_a_sandwich_covers_parameter_by_parameter() -> None:
     """Tracker noise taken for isotropic, one robot: 95 % intervals hold for each parameter, where s^2 (J'J)^-1 errs."""
     truth, joints, rng = robot(2, 30)

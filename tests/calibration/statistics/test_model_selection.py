@@ -153,6 +153,7 @@ def by_known_noise(whole: Identification) -> float:
     return 1 / max(1.0, float(np.sqrt(2 * whole.fit.cost_trace[-1] / whole.dof)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("groups", [(), ("compliance",), ("compliance", "harmonics"), ("compliance", "gear", "drift")])
 def test_scores_are_those_of_refits(near_compliance, groups: tuple[str, ...]) -> None:
     """Sum of squares and held-out errors of nested models, larger and smaller, from one linearization."""
@@ -327,6 +328,7 @@ def test_a_group_that_does_not_converge_is_not_taken(monkeypatch: pytest.MonkeyP
     assert row(found, "compliance").infeasibility_reason == "Gauss-Newton does not converge with it"
 
 
+@pytest.mark.thorough
 def test_a_thousand_poses_with_three_targets() -> None:
     rng = np.random.default_rng(4)
     targets = ("p1", "p2", "p3")

@@ -53,6 +53,7 @@ def fresh_mean(values: Array, truth: Array, rng: np.random.Generator) -> float:
     return float(np.linalg.norm(ARM.points(joints, values) - ARM.points(joints, truth), axis=2).mean())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("known", [True, False])
 def test_bad_rows_are_named_and_do_no_harm(known: bool) -> None:
     """5 % of 60 poses off by 0.03 to 50 mm: all named, and the fresh mean as if they had not been measured."""

@@ -39,6 +39,7 @@ def written(path: Path, seven) -> Page:
     return Page(path)
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
     seen = Page(drawn_run / "report.html")
@@ -92,6 +93,7 @@ def test_the_same_seed_gives_the_same_bytes(drawn_run: Path, seven, tmp_path: Pa
     assert (tmp_path / "again.html").read_bytes() == (drawn_run / "report.html").read_bytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     """The names of files, robots, poses and targets are text, in the page as in its pictures."""
@@ -128,6 +130,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
 def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
     options, verdict, missing = CASES[case]
@@ -168,6 +171,7 @@ def test_held_out_poses_are_drawn_where_they_are(seven, tmp_path: Path) -> None:
     np.testing.assert_allclose(apart.min(axis=1), places.sizes, rtol=1e-6)  # its error, measured less predicted
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "rows", "options"),
     [

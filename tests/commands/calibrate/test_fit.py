@@ -59,6 +59,7 @@ def test_repeats_from_the_other_side_or_session_are_no_repeats() -> None:
     assert fitter(honest)(honest).adequacy.by == "repeats" and fitter(honest)(honest).adequacy.adequate
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("prior", [False, True])
 def test_what_is_named_is_what_is_left_out(prior: bool) -> None:
     """A prior weighs by a sigma that outliers inflate: they are found again with the clean one."""
@@ -108,6 +109,7 @@ def test_a_clock_that_started_long_ago_does_not_matter() -> None:
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-8)  # 1.7e9 s hold 0.2 µs
 
 
+@pytest.mark.thorough
 def test_a_wish_is_of_whichever_model_has_it() -> None:
     data = simulated(("harmonics",), {"sin1": 2e-4}, random_joints(60, 6), {}, 6)
     fit = fitter(data, Noise(sigma_m=SIGMA), model="auto", fix=("joint6.sin1", "link4.d"))(data)

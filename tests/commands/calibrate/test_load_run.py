@@ -26,6 +26,7 @@ def soft(tmp_path_factory) -> Path:
     return out
 
 
+@pytest.mark.thorough
 def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path) -> None:
     calibrated = read_calibrated(soft)
     assert calibrated.groups == ("compliance",) and calibrated.arm.conditions == ("payload_kg",)

@@ -178,6 +178,7 @@ def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home
     assert len(column(path, "/world/ellipsoid/mapping/axes", "Arrows3D:vectors")[0]) == poses
 
 
+@pytest.mark.thorough
 @needs_data
 def test_a_table_is_drawn_with_rods_and_many_poses_are_thinned_out(tmp_path, home):
     outcome = identify_file(MeasuredCampaign(DATA / "ur10_ipa_D.csv", robot=str(DATA / "ur10.toml")))
@@ -193,6 +194,7 @@ def test_a_table_is_drawn_with_rods_and_many_poses_are_thinned_out(tmp_path, hom
     assert f"{MOST_POSES} of {len(outcome.fitted)} poses" in statics(path, "/summary", "TextDocument:text")[0]
 
 
+@pytest.mark.thorough
 @needs_vulkan
 def test_no_view_complains(recording, home):
     """Opened headless, every view of the blueprint shows its content without a warning."""

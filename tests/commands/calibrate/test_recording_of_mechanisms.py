@@ -62,6 +62,7 @@ def body_places(path, body):
     return np.array(places)[:, 0] if index else np.array(statics(path, f"/world/arm/{body}", name))
 
 
+@pytest.mark.thorough
 def test_every_leg_joins_the_bodies_that_it_is_between(recorded, home):
     """The lines are of our kinematics, the bodies stand where MuJoCo has the identified mechanism."""
     path, outcome = recorded
@@ -116,6 +117,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
     assert "lines of the robot" not in summary_text(outcome, shown)
 
 
+@pytest.mark.thorough
 def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):
     plan = design(DesignOptions(robot="delta", poses=9, candidates=60, starts=1))
     path = tmp_path / "plan.rrd"

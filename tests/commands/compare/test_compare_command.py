@@ -50,6 +50,7 @@ def test_folders_are_compared_as_results_are(three: list, tmp_path: Path, capsys
     assert main(["compare", folders[0]]) == 2 and "two or more runs" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_compared_is_refused(three: list) -> None:
     other = lab.calibrate("scara", poses=12)
     with pytest.raises(LabError, match="is of another robot"):

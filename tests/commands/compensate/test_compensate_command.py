@@ -73,6 +73,7 @@ def rows_of(path: Path) -> tuple[list[str], Array]:
     )
 
 
+@pytest.mark.thorough
 def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path, capsys) -> None:
     """By the exported arm, in MuJoCo; and the corrected targets by the nominal arm alone."""
     calibrated = read_calibrated(run)
@@ -144,6 +145,7 @@ def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsy
     assert urdf.chain.joint_names == IRB120.chain.joint_names
 
 
+@pytest.mark.thorough
 def test_a_bent_arm_is_corrected_for_its_payload_and_says_what_files_cannot_hold(soft: Path, tmp_path, capsys) -> None:
     Ts = poses(read_calibrated(soft), 20)
     write_targets(tmp_path / "loaded.csv", Ts, ",payload_kg", ",3")
@@ -204,6 +206,7 @@ def test_a_doubtful_run_is_used_and_its_reasons_are_repeated(run: Path, tmp_path
     assert "The run is doubtful: lack of fit" in page and "gate: 0.25 mm" in page
 
 
+@pytest.mark.thorough
 def test_targets_that_are_moved_too_far_are_doubtful(run: Path, tmp_path, capsys) -> None:
     """With tolerances a hundred times smaller the same corrections are more than any arm needs."""
     write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
@@ -254,6 +257,7 @@ def test_a_folder_that_is_no_run_is_told(tmp_path, capsys) -> None:
     assert "config.json: cannot be read" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_what_the_model_lacks_is_in_the_error_to_expect(tmp_path, capsys) -> None:
     """An arm that bends, calibrated as if it did not: good, but with a lack of fit."""
     run = tmp_path / "bent"
@@ -268,6 +272,7 @@ def test_what_the_model_lacks_is_in_the_error_to_expect(tmp_path, capsys) -> Non
     assert any("payload_kg makes no difference" in warning for warning in result["warnings"])
 
 
+@pytest.mark.thorough
 def test_measured_orientations_turn_the_tool(tmp_path, capsys) -> None:
     """A tool that stands askew on the last frame: targets are of its axes, not of the flange's."""
     rng = np.random.default_rng(5)
@@ -297,6 +302,7 @@ def test_measured_orientations_turn_the_tool(tmp_path, capsys) -> None:
     np.testing.assert_allclose(back[:, :3, :3] @ askew, Ts[:8, :3, :3], atol=1e-7)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["scara", "course2r"])
 def test_arms_with_few_joints_say_what_they_cannot_do(name: str, tmp_path, capsys) -> None:
     """A SCARA whose axes are askew meets places, not tilts; two joints come as near as their surface does."""
@@ -341,6 +347,7 @@ def test_what_it_is_made_from_is_not_replaced(run: Path, tmp_path, capsys, insid
     assert "which this run is made from" in capsys.readouterr().err and (copy / "parameters.json").is_file()
 
 
+@pytest.mark.thorough
 def test_odd_ids_are_printed_as_they_are(run: Path, tmp_path, capsys) -> None:
     Ts = poses(read_calibrated(run), 2)
     Ts[:, :3, 3] += 4.0

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from helpers.html_page import Page
 
 from lab.cli import main
@@ -14,6 +15,7 @@ from lab.render.format import short
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 
 
+@pytest.mark.thorough
 def test_corrected_targets_are_listed_and_those_that_fail(seven_run: Path, tmp_path: Path) -> None:
     """Also where a single target is there, and where none is reached."""
     calibrated = read_calibrated(seven_run)

@@ -52,6 +52,7 @@ def drawn(plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return plan.save(tmp_path_factory.mktemp("plans") / "drawn")
 
 
+@pytest.mark.thorough
 def test_the_result_holds_what_was_asked_for(folder: Path) -> None:
     result = json.loads((folder / "result.json").read_text())
     assert (result["poses"], result["parameters"], result["criterion"]) == (POSES, 27, "O1")
@@ -73,6 +74,7 @@ def test_the_result_holds_what_was_asked_for(folder: Path) -> None:
     assert all(step["rms_mm"] < step["worst_mm"] < step["promise_mm"] for step in curve)
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_the_command_writes_the_same_bytes_and_a_person_reads_the_plan(
     drawn: Path,
@@ -182,6 +184,7 @@ def test_poses_on_the_way_are_passed_without_a_wait() -> None:
     assert text.count("via001,v200,fine") == 1 and text.count('TPWrite "Pose ') == 3
 
 
+@pytest.mark.thorough
 def test_only_six_revolute_joints_make_a_rapid_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     assert Rapid().refusal(IRB120.chain) is None
     assert "RRPR" in str(Rapid().refusal(SCARA))
@@ -195,6 +198,7 @@ def test_only_six_revolute_joints_make_a_rapid_module(tmp_path: Path, monkeypatc
     assert not (tmp_path / "runs" / "design-arm-seed0" / "plan.mod").exists()
 
 
+@pytest.mark.thorough
 def test_a_set_measured_already_is_added_to(folder: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "more"
     given = f"--poses 5 --candidates 100 --starts 1 --seed 4 --extend {folder / 'plan.csv'}"
@@ -221,6 +225,7 @@ def test_the_recording_is_the_tour(drawn: Path, plan, home) -> None:
     assert f"{POSES} poses" in text and "D-efficiency" in text and "O1" in text
 
 
+@pytest.mark.thorough
 def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, home) -> None:
     """Two stops that are only passed, one after the other, between the second and the third pose."""
     tour = plan.tour
@@ -236,6 +241,7 @@ def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, h
     assert "passed only" in (tmp_path / "poses.svg").read_text()
 
 
+@pytest.mark.thorough
 @needs_vulkan
 @pytest.mark.figures
 def test_no_view_of_the_plan_complains(drawn: Path, home) -> None:
@@ -276,6 +282,7 @@ BAD = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("argv", "words"), BAD.values(), ids=BAD)
 def test_bad_input_is_told_in_one_line(
     argv: str, words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd

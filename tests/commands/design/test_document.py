@@ -7,6 +7,7 @@ import pytest
 from helpers.html_page import Page
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_a_plan_says_its_predicted_errors(drawn_plan: Path) -> None:
     seen = Page(drawn_plan / "report.html")

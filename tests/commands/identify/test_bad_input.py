@@ -316,6 +316,7 @@ def test_what_is_not_used_is_kept_and_told(
     )
 
 
+@pytest.mark.thorough
 def test_degrees_in_a_radian_column_are_told(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     code, _, warnings = identified(folder, renamed(("q1_deg", "q1_rad")), capfd)
     assert code == 1

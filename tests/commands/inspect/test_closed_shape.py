@@ -29,6 +29,7 @@ def shapes() -> dict[str, tuple[Mechanism, ClosedShape]]:
 Shapes = dict[str, tuple[Mechanism, ClosedShape]]
 
 
+@pytest.mark.thorough
 def test_freedoms_and_modes(shapes: Shapes) -> None:
     counted = {name: (s.mobility, s.freedoms, s.modes, s.working) for name, (_, s) in shapes.items()}
     assert counted == {
@@ -135,6 +136,7 @@ RANKS = {  # facts-robots, section 5, beside what a target in space adds
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("what", RANKS)
 def test_what_can_be_identified(what: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments, rank, left, parameters = RANKS[what]

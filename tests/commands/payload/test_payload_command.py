@@ -92,6 +92,7 @@ def test_a_load_that_hangs_aside_bends_the_arm_as_mujoco_says() -> None:
     np.testing.assert_allclose(-held, loads.forces(joints, mass)[0], rtol=0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_identify_and_compensate_carry_the_load(files: Path, tmp_path: Path, capsys) -> None:
     sensor = ("--sensor", files / "sensor.toml")
     assert run(capsys, "payload", files / "static.csv", "--robot", "tx40", *sensor, "--out", tmp_path / "load")[0] == 0

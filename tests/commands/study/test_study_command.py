@@ -37,6 +37,7 @@ def done(tmp_path_factory):
     return folder
 
 
+@pytest.mark.thorough
 def test_the_analysis_is_in_the_folder(done) -> None:
     names = {path.name for path in (done / "out").iterdir()}
     assert {"means.csv", "pairs.csv", "ranks.csv", "report.html", "config.json", "manifest.json"} <= names
@@ -46,6 +47,7 @@ def test_the_analysis_is_in_the_folder(done) -> None:
     assert len(means) == 2 and means["O1"] < means["random"]
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_the_page_says_it_and_needs_nothing_else(done, tmp_path) -> None:
     """And the figures are drawn, of what is there already."""

@@ -68,6 +68,7 @@ def test_a_run_may_hold_the_files_of_every_language() -> None:
     assert set(registry.program_file_names()) == {"plan.mod", "plan.txt", "program.mod", "program.txt"}
 
 
+@pytest.mark.thorough
 def test_names_are_shortened_and_many_that_begin_alike_are_told_apart() -> None:
     ids = tuple(f"{'a long name ' * 900}{i}" for i in range(3000))
     moves = TargetMoves("arm", ids, np.zeros((3000, 6)), np.arange(3000), np.eye(4), np.eye(4))

@@ -41,6 +41,7 @@ def off(arm: ClosedArm, values: Array, rng: np.random.Generator, milli: float) -
     return values + 1e-3 * milli * rng.standard_normal(len(values)) * (np.arange(len(values)) >= 6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FILES)
 def test_the_derivatives_are_those_of_the_points(name: str) -> None:
     rng = np.random.default_rng(1)
@@ -169,6 +170,7 @@ def test_where_a_wrist_is_is_hidden_in_where_its_arm_is() -> None:
         assert strong[f"arm2.{axis}"] == pytest.approx(-1, abs=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FILES[:4])
 def test_without_noise_an_imperfect_copy_is_found_to_rounding(name: str) -> None:
     for seed in range(3):

@@ -145,6 +145,7 @@ def test_what_a_single_joint_cannot_have_says_so() -> None:
             effect(name, VERSATRAN, None)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("groups", [ALONE, ("payload", "gear", "drift")], ids="+".join)
 def test_derivatives_of_an_arm_with_effects(groups: tuple[str, ...]) -> None:
     rng = np.random.default_rng(1)

@@ -151,6 +151,7 @@ def test_the_modes_are_the_roots_of_the_courses_sextic() -> None:
     assert np.abs(sextic.roots().imag).max() < 1e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PLANAR)
 def test_three_legs_there_and_back(name: str) -> None:
     legs = PLANAR[name]
