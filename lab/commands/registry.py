@@ -47,7 +47,9 @@ class Command:
     def folder_name(self, options: Any) -> str:
         """How the folder of a run with these options is called by default."""
         names = [name for _, name, _, _ in Formatter().parse(self.folder) if name]
-        return self.folder.format(**{name: Path(str(getattr(options, name))).stem for name in names})
+        given = {name: getattr(options, name) for name in names}
+        stems = {name: "simulated" if value is None else Path(str(value)).stem for name, value in given.items()}
+        return self.folder.format(**stems)
 
 
 COMMANDS = (

@@ -28,9 +28,15 @@ Path = Callable[[Array], tuple[Array, Array, Array]]
 """Times ``(n,)`` s to joint positions, speeds and accelerations ``(n, J)``; also a little before and after the run."""
 
 _EACH_JOINT = (
-    "encoder_rad", "coulomb_nm", "viscous_nm_s", "servo_rad_per_nm", "motor_inertia_kgm2", "motor_coulomb_nm",
+    "encoder_rad",
+    "torque_noise_nm",
+    "coulomb_nm",
+    "viscous_nm_s",
+    "servo_rad_per_nm",
+    "motor_inertia_kgm2",
+    "motor_coulomb_nm",
     "motor_viscous_nm_s",
-)  # fmt: skip
+)
 _FILTER_ORDER = 2  # of the torque channel's Butterworth filter
 _SPARE = 8  # samples around a run on which the spline of its shift stands
 
@@ -42,6 +48,7 @@ class RunErrors:
     Attributes:
         encoder_rad: standard deviation of a joint encoder, rad (m), ``(J,)``.
         torque_noise: the same of a torque, as a share of the joint's peak torque.
+        torque_noise_nm: the same in Nm (N), ``(J,)``, beside that share.
         coulomb_nm: Coulomb friction, Nm (N), ``(J,)``.
         viscous_nm_s: viscous friction, Nm s/rad (N s/m), ``(J,)``.
         load_friction: mu: friction grows by this share of the torque that the joint carries.
@@ -61,6 +68,7 @@ class RunErrors:
 
     encoder_rad: Array | float = 0.0
     torque_noise: float = 0.0
+    torque_noise_nm: Array | float = 0.0
     coulomb_nm: Array | float = 0.0
     viscous_nm_s: Array | float = 0.0
     load_friction: float = 0.0
@@ -125,7 +133,8 @@ class LoadBench:
         self._couplings = np.eye(robot.chain.size) if couplings is None else couplings
         self._T_last_sensor = mounting.rotation @ se3.exp(np.array(errors.turn_rad))
         self._sign, self._errors, self._size = mounting.sign, errors, robot.chain.size
-        self._noise_nm = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
+        share = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
+        self._noise_nm = np.hypot(share, errors.torque_noise_nm)
 
     def moving(self, path: Path, seconds: float, rate_hz: float, rng: np.random.Generator) -> PayloadSamples:
         """A loaded and then an unloaded run along a path, sampled at a rate from time zero on.

@@ -261,7 +261,8 @@ def test_lag_is_of_the_torques_alone() -> None:
     late, exact = moving(RunErrors(lag_s=lag, coulomb_nm=1.0)), moving(RunErrors())
     motion = wave(np.arange(200) / 100.0 - lag)
     run = late.run(loaded=True)
-    held = CarryingArm(TX40, LEANING.gravity, LOAD).torques(*motion) + np.where(np.abs(motion[1]) > 1e-6, np.sign(motion[1]), 0.0)
+    signs = np.where(np.abs(motion[1]) > 1e-6, np.sign(motion[1]), 0.0)
+    held = CarryingArm(TX40, LEANING.gravity, LOAD).torques(*motion) + signs
     np.testing.assert_allclose(run.torques, held, atol=1e-12)
     np.testing.assert_array_equal(late.joints, exact.joints)
     np.testing.assert_array_equal(late.wrench, exact.wrench)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lab.commands.dynamics.result import DynamicsResult
-from lab.commands.payload.document import parameter_rows
+from lab.commands.payload.document import parameter_rows, true_values
 from lab.commands.provenance import provenance_section
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.dynamics_identification.estimate import DynamicsEstimate
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["dynamics_document", "singular_values_picture", "torque_pictures"]
 
 MOST_DRAWN = 600  # rows
+ROUNDING = 1e-12  # of what is true, SI
 
 
 def dynamics_document(result: DynamicsResult) -> Document:
@@ -65,7 +66,7 @@ def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Sectio
         Section("Identified parameters", (_values(result, found), Paragraph(_noise(result, found)))),
         Section("Physical consistency", (Paragraph(_physical(result)),)),
         Section("Predicted torques", (_predictions(result, found),)),
-        Section("The load", _loads(found)),
+        Section("The load", _loads(result, found)),
         Section("Measured and explained", (Figure("torques", torque_pictures(result), caption),), shown_in=PAGE),
     )
 
@@ -73,7 +74,7 @@ def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Sectio
 def _values(result: DynamicsResult, found: DynamicsEstimate) -> Table:
     """Values to the second digit of their half-widths, with relative standard deviations."""
     units = result.arm.units([formula.name for formula in result.formulas])
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, unit, value, half, relative in zip(
         found.names, units, result.values, found.half_width, found.relative_sigma, strict=True
     ):
@@ -83,7 +84,14 @@ def _values(result: DynamicsResult, found: DynamicsEstimate) -> Table:
         digits = digits_of(half, 9)
         rows.append((name, fixed(value, digits), fixed(half, digits), f"{short(100 * relative)} %", unit))
     caption = "With half-widths of 95 % intervals and relative standard deviations."
-    return Table(("base parameter", "value", "±", "relative σ", "unit"), tuple(rows), caption)
+    columns: tuple[str, ...] = ("base parameter", "value", "±", "relative σ", "unit")
+    if result.day is not None:
+        columns = (*columns, "true")
+        rows = [
+            (*row, short(true if abs(true) > ROUNDING else 0.0))
+            for row, true in zip(rows, result.day.truth.tolist(), strict=True)
+        ]
+    return Table(columns, tuple(rows), caption)
 
 
 def _noise(result: DynamicsResult, found: DynamicsEstimate) -> str:
@@ -124,19 +132,29 @@ def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> Table:
     return Table(("torques of", "drive", "relative error", "error / noise"), tuple(rows))
 
 
-def _loads(found: DynamicsEstimate) -> tuple[Block, ...]:
+def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]:
     """The load by both ways, side by side."""
     if found.load is None:
         return ()
     ways = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
     rows = []
+    true = None if result.day is None or result.day.load is None else true_values(result.day.load)
     for name, value, width, unit in ways[0]:
         others = [row for way in ways[1:] for row in way if row[0] == name]
         pairs = [(value, width), *((other[1], other[2]) for other in others)]
-        cells = [f"{fixed(v, digits_of(w, 6))} ± {fixed(w, digits_of(w, 6))}" for v, w in pairs]
-        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit))
+        cells = [_with_width(*pair) for pair in pairs]
+        known = () if true is None else (short(true[name]),)
+        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit, *known))
     caption = "About and along the frame of the flange, with half-widths of 95 % intervals."
-    return (Table(("", "with the arm at once", "by difference of the runs", "unit"), tuple(rows), caption),)
+    columns = ("", "with the arm at once", "by difference of the runs", "unit", *(() if true is None else ("true",)))
+    return (Table(columns, tuple(rows), caption),)
+
+
+def _with_width(value: float, half_width: float) -> str:
+    if not np.isfinite(half_width):
+        return f"{short(value)} ± –"
+    digits = digits_of(half_width, 6)
+    return f"{fixed(value, digits)} ± {fixed(half_width, digits)}"
 
 
 def torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:

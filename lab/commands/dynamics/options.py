@@ -1,11 +1,12 @@
 """What can be asked of ``lab dynamics``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import tyro
 
 from lab.campaign.option_groups import Flag, Names
+from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 
@@ -41,15 +42,25 @@ class DynamicsOptions:
     band_hz: float = 20.0
     """Of the filter that torques and regressor pass, half power there; an arm's torques change below 10 Hz."""
 
+    rehearsal: Rehearsal = field(default_factory=Rehearsal)
+    """The measuring day, where it is rehearsed."""
+
     def check(self) -> None:
         """Refuse what makes no sense, with a LabError that names the option."""
+        self.rehearsal.check()
+        self.rehearsal.refuse_unasked()
         for part in self.without:
             if part not in PARTS:
                 raise LabError(f"--without {part}: there are {', '.join(PARTS)}")
         positive("--band-hz", self.band_hz)
         if not 0 <= self.holdout <= 0.8:
             raise LabError(f"--holdout {self.holdout:g}: give a share of the path from 0 to 0.8")
+        if self.rehearsal.simulate:
+            both = {"FILE": self.file, "--validate": self.validate, "--sensor": self.sensor}
+            if stray := [name for name, value in both.items() if value is not None]:
+                raise LabError(f"--simulate makes the measurements itself: leave {stray[0]} out")
+            return
         given = {"--load": self.load, "--validate": self.validate, "--sensor": self.sensor}
         given |= {"--holdout": self.holdout or None, "--delay": self.delay or None, "--physical": self.physical or None}
         if self.file is None and (stray := [name for name, value in given.items() if value is not None]):
-            raise LabError(f"{stray[0]} is for measurements: give a FILE")
+            raise LabError(f"{stray[0]} is for measurements: give a FILE, or --simulate")

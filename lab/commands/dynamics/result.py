@@ -1,7 +1,7 @@
 """The dynamic parameters of an arm: typed, and as plain values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,8 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.dynamics_identification.estimate import DynamicsEstimate
 from lab.dynamics_identification.physical import PhysicalFit
+from lab.formats.drives_toml import Drives
+from lab.formats.load_csv import write_loads
 from lab.kinematics.dynamics.arm_dynamics import ArmDynamics
 from lab.kinematics.dynamics.base_parameters import BaseParameters, random_states
 from lab.kinematics.dynamics.regrouping import Formula, regrouping_formulas
@@ -28,9 +30,26 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
+MOTION_CSV, ANOTHER_CSV = "motion.csv", "another.csv"  # of a rehearsed day, in the run's folder
 STATES = 200  # over which the conditioning is looked at
 
-__all__ = ["DynamicsResult", "estimate_to_dict", "load_to_dict", "physical_to_dict"]
+__all__ = ["DynamicsResult", "RehearsedDay", "estimate_to_dict", "load_to_dict", "physical_to_dict"]
+
+
+@dataclass(frozen=True)
+class RehearsedDay:
+    """What was read on a virtual measuring day, and what is true there.
+
+    Attributes:
+        other: along another path.
+        truth: ``(b,)`` base parameters.
+        load: ``(10,)`` phi of the load at the flange; None without one.
+    """
+
+    samples: PayloadSamples
+    other: PayloadSamples
+    truth: Array
+    load: Array | None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -41,6 +60,8 @@ class DynamicsResult(Result):
         options: what was asked.
         arm: the inverse dynamic model.
         base: its base parameters.
+        drives: how they turn the joints, where that was given.
+        day: the virtual measuring day, where it was rehearsed.
         samples: what was read; None where only the base parameters were asked for.
         estimate: what was identified of that.
         physical: the nearest parameters that an arm can have; None where not every base parameter was identified.
@@ -50,6 +71,8 @@ class DynamicsResult(Result):
     robot: Robot
     arm: ArmDynamics
     base: BaseParameters
+    drives: Drives | None
+    day: RehearsedDay | None
     samples: PayloadSamples | None
     estimate: DynamicsEstimate | None
     physical: PhysicalFit | None
@@ -97,7 +120,8 @@ class DynamicsResult(Result):
         }
         measured = {} if self.estimate is None else estimate_to_dict(self.estimate)
         bodies = {} if self.physical is None else {"physical": physical_to_dict(base, self.physical)}
-        return described | measured | bodies | {"warnings": list(self.warnings)}
+        true = {} if self.day is None else {"true": dict(zip(base.labels, self.day.truth.tolist(), strict=True))}
+        return described | measured | bodies | true | {"warnings": list(self.warnings)}
 
     def document(self) -> "Document":
         """What a person reads: the base parameters, and what is grouped into each."""
@@ -131,10 +155,21 @@ class DynamicsResult(Result):
         write_json(folder / "config.json", config("dynamics", self.options, self.robot.sha256))
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")
+        if self.day is not None:
+            for name, samples in ((MOTION_CSV, self.day.samples), (ANOTHER_CSV, self.day.other)):
+                self._write_motion(folder / name, samples)
         if self.samples is not None:
             from lab.commands.dynamics.recording import record_dynamics
 
             record_dynamics(folder / "recording.rrd", self)
+
+    def _write_motion(self, path: Path, samples: PayloadSamples) -> None:
+        """A file as ``lab dynamics`` reads it: with motor currents where the drives' gains are known."""
+        chain, drives = self.robot.chain, self.drives
+        if drives is not None and drives.torque_nm_per_a is not None and samples.torques is not None:
+            currents = samples.torques / drives.torques(np.ones((1, chain.size)))
+            samples = replace(samples, torques=currents, currents=True)
+        write_loads(path, samples, chain.joint_names, chain.prismatic)
 
 
 def estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:

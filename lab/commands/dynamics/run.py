@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.robot import Robot, load_robot
+from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.dynamics.options import DynamicsOptions
-from lab.commands.dynamics.result import DynamicsResult
+from lab.commands.dynamics.result import DynamicsResult, RehearsedDay
 from lab.commands.keywords import options_of, takes
+from lab.commands.rehearsal.day import MeasuringBench, load_of_rehearsal
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import PayloadSamples
 from lab.core.random import rng_for
@@ -23,6 +24,7 @@ from lab.formats.load_csv import read_motion, read_mounting
 from lab.formats.rigid_load_toml import read_load
 from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
 from lab.kinematics.dynamics.base_parameters import base_parameters
+from lab.kinematics.dynamics.rigid_body import LOAD
 from lab.simulation.link_masses import link_inertias
 from lab.simulation.payload import drawn_mounting
 
@@ -54,12 +56,12 @@ def dynamics(
     """
     if isinstance(file, DynamicsOptions):
         file.check()
-        return _identified(file, load_robot(file.robot))
+        return _identified(file, load_virtual(file.robot) if file.rehearsal.simulate else load_robot(file.robot))
     known = load_robot(robot)
     given = {"file": None if file is None else str(file), "robot": known.source, **options}
     asked = options_of("lab.dynamics", DynamicsOptions, given)
     asked.check()
-    return _identified(asked, known)
+    return _identified(asked, load_virtual(known) if asked.rehearsal.simulate else known)
 
 
 def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
@@ -77,15 +79,36 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
         offsets="offsets" not in left_out,
     )
     base = base_parameters(arm, rng_for(0, "structure"))
-    described = DynamicsResult(options, robot, arm, base, None, None, None, tuple(robot.warnings))
-    return described if options.file is None else _measured(described, options.file, drives)
-
-
-def _measured(described: DynamicsResult, file: Path, drives: Drives | None) -> DynamicsResult:
-    options, robot = described.options, described.robot
-    samples = _read(robot, file, drives)
+    described = DynamicsResult(options, robot, arm, base, drives, None, None, None, None, tuple(robot.warnings))
+    if options.rehearsal.simulate:
+        day = _rehearsed(described)
+        return _measured(replace(described, day=day), day.samples, day.other)
+    if options.file is None:
+        return described
     other = None if options.validate is None else _read(robot, options.validate, drives)
-    known = None if options.load is None else read_load(options.load)
+    return _measured(described, _read(robot, options.file, drives), other)
+
+
+def _rehearsed(described: DynamicsResult) -> RehearsedDay:
+    """A virtual measuring day: the designed path and another one, with the load if one is asked for."""
+    robot, asked, base = described.robot, described.options.rehearsal, described.base
+    load = None if asked.payload_kg is None else load_of_rehearsal(asked.payload_kg, asked)
+    bench = MeasuringBench(robot, asked, load, described.arm.couplings)
+    model = DynamicModel(robot.serial_model.chain, described.arm, base)
+
+    def regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:
+        return model.columns(joints, speeds, accelerations)[..., len(LOAD) :]
+
+    samples = bench.driven(bench.designed(regressor), 0)
+    other = replace(bench, load=None).driven(bench.another(), 1)
+    others = {name: value for name, value in bench.truth().items() if name in base.names}
+    truth = base.projection @ described.arm.standard(link_inertias(robot.serial_model), others)
+    return RehearsedDay(samples, other, truth, None if load is None else load.phi)
+
+
+def _measured(described: DynamicsResult, samples: PayloadSamples, other: PayloadSamples | None) -> DynamicsResult:
+    options, robot = described.options, described.robot
+    known, file = None if options.load is None else read_load(options.load), options.file or "--simulate"
     if known is not None and not samples.loaded.any():
         raise LabError(f"--load {options.load}: no row of {file} has run = loaded; mark those that carry it")
     model = DynamicModel(robot.serial_model.chain, described.arm, described.base)

@@ -4,8 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lab.commands.payload.result import PayloadResult
+from lab.commands.payload.result import PayloadResult, channels_of
 from lab.commands.provenance import provenance_section
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.rigid_body import inertia_about_centre
 from lab.payload_identification.estimate import LoadEstimate
 from lab.render.document import (
     RECORDING,
@@ -28,7 +30,7 @@ from lab.render.svg import axes_picture
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["channel_pictures", "parameter_rows", "payload_document"]
+__all__ = ["channel_pictures", "parameter_rows", "payload_document", "true_values"]
 
 MOST_DRAWN = 600  # rows
 _UNITS = {"s": (1e3, "ms"), "rad": (180 / np.pi, "°")}  # by which a person reads a number of a unit
@@ -77,13 +79,23 @@ def parameter_rows(found: LoadEstimate) -> list[tuple[str, float, float, str]]:
     return [(name, float(scale * value), float(scale * width), unit) for name, value, width, scale, unit in identified]
 
 
+def true_values(phi: Array) -> dict[str, float]:
+    """What a virtual payload has, by the names of ``parameter_rows`` and in their units."""
+    inertia = inertia_about_centre(phi)
+    values = {"mass": float(phi[0])}
+    values |= {f"centre of mass, {axis}": float(1e3 * phi[1 + i] / phi[0]) for i, axis in enumerate("xyz")}
+    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    names = {(i, j): f"I{'xyz'[i]}{'xyz'[j]} about the centre of mass" for i, j in pairs}
+    return values | {name: float(1e4 * inertia[cell]) for cell, name in names.items()}
+
+
 def channel_pictures(result: PayloadResult) -> tuple[Picture, ...]:
     """Each channel: what was measured, and what the payload with what was fitted along makes of it."""
     found = result.estimate
     every = max(1, len(found.measured) // MOST_DRAWN)
     measured, left = found.measured[::every], found.residual[::every]
     pictures = []
-    for i, (name, unit) in enumerate(result.channels):
+    for i, (name, unit) in enumerate(channels_of(result)):
 
         def draw(axes: "Axes", i: int = i, name: str = name, unit: str = unit) -> None:
             at = np.arange(len(measured)) * every
@@ -99,11 +111,19 @@ def channel_pictures(result: PayloadResult) -> tuple[Picture, ...]:
 
 
 def _payload(result: PayloadResult) -> tuple[Block, ...]:
-    rows = tuple((name, *_rounded(value, width), unit) for name, value, width, unit in parameter_rows(result.estimate))
+    found = parameter_rows(result.estimate)
+    rows: tuple[tuple[str, ...], ...] = tuple(
+        (name, *_rounded(value, width), unit) for name, value, width, unit in found
+    )
+    columns: tuple[str, ...] = ("", "value", "±", "unit")
+    if result.truth is not None:
+        columns = (*columns, "true")
+        truth = true_values(result.truth)
+        rows = tuple((*row, short(truth[row[0]])) for row in rows)
     caption = f"About and along the frame of the {result.estimate.frame}, with half-widths of 95 % intervals."
     physical = "No body has what least squares found: these are the nearest parameters that one has."
     note = Paragraph(physical if result.estimate is not result.fitted else "", "note")
-    return Table(("", "value", "±", "unit"), rows, caption), note
+    return Table(columns, rows, caption), note
 
 
 def _rounded(value: float, half_width: float) -> tuple[str, str]:

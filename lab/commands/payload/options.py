@@ -1,12 +1,13 @@
 """What can be asked of ``lab payload``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
 from lab.campaign.option_groups import Flag
+from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 
@@ -17,7 +18,7 @@ __all__ = ["PayloadOptions"]
 class PayloadOptions:
     """Which payload at the flange to identify, from what."""
 
-    file: tyro.conf.Positional[Path]
+    file: tyro.conf.Positional[Path | None] = None
     """Rows of a loaded and an unloaded run, CSV: joints with torques, a sensor's wrench, or tracked points."""
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF or a table."""
@@ -44,8 +45,19 @@ class PayloadOptions:
     stiffness_nm_per_rad: float = 1e5
     """Of the joints that bear the arm, by which the cost of an uncertain load is reckoned."""
 
+    rehearsal: Rehearsal = field(default_factory=Rehearsal)
+    """The measuring day, where it is rehearsed."""
+
     def check(self) -> None:
         """Refuse what makes no sense together, with a LabError that names the option."""
+        self.rehearsal.check()
+        self.rehearsal.refuse_unasked()
+        if (self.file is None) != self.rehearsal.simulate:
+            raise LabError("give a FILE of measurements, or --simulate to rehearse it; one of the two")
+        if self.rehearsal.simulate and (self.run is not None or self.sensor is not None):
+            raise LabError(
+                "--simulate rehearses torques or a wrist sensor, as it stands itself; leave --run, --sensor out"
+            )
         positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
         given = {"--sensor": self.sensor, "--method": self.method}
         given |= {f"--{name}": getattr(self, name) or None for name in ("friction", "delay", "tilt", "turn")}

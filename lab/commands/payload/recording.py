@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lab.commands.payload.result import PayloadResult
+from lab.commands.payload.result import PayloadResult, channels_of
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.render.markdown import to_markdown
@@ -113,14 +113,14 @@ def _named(result: PayloadResult, torques: Array | None, wrench: Array | None) -
     """What the load was identified from."""
     measured = wrench if result.estimate.method.startswith("wrench") else torques
     assert measured is not None
-    return [(name, values) for (name, _), values in zip(result.channels, measured.T, strict=True)]
+    return [(name, values) for (name, _), values in zip(channels_of(result), measured.T, strict=True)]
 
 
 def _blueprint(result: PayloadResult, origins: Array, reach: float, timeline: str) -> rrb.Blueprint:
     """The arm large, what was measured beside it, text at hand."""
     views = [
         rrb.TimeSeriesView(origin=f"channels/{name}", name=f"{name}, {unit}", plot_legend=rrb.PlotLegend(visible=False))
-        for name, unit in result.channels
+        for name, unit in channels_of(result)
     ]
     ahead = origins[0, 0] + FAR * reach * np.array([1.0, -1.0, 0.0])  # nothing to be in view, only where to look
     controls = eye(origins, origins[:, -1], reach, ahead)

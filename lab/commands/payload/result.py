@@ -14,7 +14,8 @@ from lab.commands.result import Result
 from lab.commands.values import number, plain_numbers
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
-from lab.formats.load_csv import WRENCH
+from lab.formats.load_csv import WRENCH, write_loads, write_mounting
+from lab.kinematics.dynamics.rigid_body import inertia_about_centre
 from lab.payload_identification.estimate import LoadEstimate, Nuisance
 from lab.payload_identification.plausibility import Implausibility
 
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["WILD", "PayloadResult", "wild_sample"]
+__all__ = ["WILD", "PayloadResult", "channels_of", "wild_sample"]
 
+LOAD_CSV, SENSOR_TOML = "load.csv", "sensor.toml"  # of a rehearsed day, in the run's folder
 WILD = 7.0  # standard deviations, which one in 4e11 samples passes
 
 
@@ -43,6 +45,7 @@ class PayloadResult(Result):
             (1 sigma); NaN where its weight was not identified.
         targets: the tracked points, where the payload was identified from sag.
         implausible: why it cannot be what it was identified as.
+        truth: ``(10,)`` phi of the virtual payload, where the measuring day was rehearsed.
     """
 
     options: PayloadOptions
@@ -56,6 +59,7 @@ class PayloadResult(Result):
     warnings: tuple[str, ...]
     targets: tuple[str, ...] = ()
     implausible: tuple[Implausibility, ...] = ()
+    truth: Array | None = None
 
     @property
     def _trusted(self) -> bool:
@@ -72,17 +76,6 @@ class PayloadResult(Result):
     def _load(self) -> HandLoad:
         """What gravity acts on."""
         return HandLoad.of(self.estimate)
-
-    @property
-    def channels(self) -> tuple[tuple[str, str], ...]:
-        """Names and units of the columns that the payload was identified from."""
-        chain = self.robot.chain
-        if self.samples is None:
-            return tuple((f"{target} {axis}", "m") for target in self.targets for axis in "xyz")
-        if self.estimate.method.startswith("wrench"):
-            return tuple((name.partition("_")[0], "N" if name.startswith("f") else "Nm") for name in WRENCH)
-        pairs = zip(chain.joint_names, chain.prismatic, strict=True)
-        return tuple((name, "N" if slides else "Nm") for name, slides in pairs)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints and ``result.json`` holds: SI units; None is what was not identified."""
@@ -112,7 +105,7 @@ class PayloadResult(Result):
             "cost_um": number(1e6 * self.cost_m),
             "stiffness_nm_per_rad": [number(1 / soft) if soft else None for soft in self.compliance],
             "warnings": list(self.warnings),
-        }
+        } | ({} if self.truth is None else {"true": _true(self.truth)})
 
     def document(self) -> "Document":
         """What a person reads: the payload with its intervals, goodness of fit, and what is not identifiable."""
@@ -142,10 +135,24 @@ class PayloadResult(Result):
         if np.isfinite(self._load.centre_m).all():
             self._load.write(folder)
         self.report(folder / "report.html")
+        if self.truth is not None and self.samples is not None:
+            write_loads(folder / LOAD_CSV, self.samples, self.robot.chain.joint_names, self.robot.chain.prismatic)
+            write_mounting(folder / SENSOR_TOML, self.mounting)
         if self.samples is not None:
             from lab.commands.payload.recording import record_payload
 
             record_payload(folder / "recording.rrd", self)
+
+
+def channels_of(result: PayloadResult) -> tuple[tuple[str, str], ...]:
+    """Names and units of the columns that a payload was identified from."""
+    chain = result.robot.chain
+    if result.samples is None:
+        return tuple((f"{target} {axis}", "m") for target in result.targets for axis in "xyz")
+    if result.estimate.method.startswith("wrench"):
+        return tuple((name.partition("_")[0], "N" if name.startswith("f") else "Nm") for name in WRENCH)
+    pairs = zip(chain.joint_names, chain.prismatic, strict=True)
+    return tuple((name, "N" if slides else "Nm") for name, slides in pairs)
 
 
 def wild_sample(estimate: LoadEstimate) -> str | None:
@@ -164,6 +171,15 @@ def wild_sample(estimate: LoadEstimate) -> str | None:
 
 def _with_width(value: Array | float, half_width: Array | float) -> dict[str, Any]:
     return {"value": plain_numbers(value), "half_width_95": plain_numbers(half_width)}
+
+
+def _true(phi: Array) -> dict[str, Any]:
+    """Mass, centre of mass and inertia of the virtual payload, SI units."""
+    return {
+        "mass_kg": number(phi[0]),
+        "com_m": plain_numbers(phi[1:4] / phi[0]),
+        "inertia_about_com_kgm2": plain_numbers(inertia_about_centre(phi)),
+    }
 
 
 def _nuisance(each: Nuisance) -> dict[str, Any]:

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.campaign.robot import Robot, load_robot
+from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.options import PayloadOptions
 from lab.commands.payload.result import PayloadResult, wild_sample
+from lab.commands.rehearsal.day import MeasuringBench, load_of_rehearsal
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements
@@ -19,6 +20,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.load_csv import read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.dynamics.rigid_body import torque_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import COLUMNS
 from lab.payload_identification.estimate import LoadEstimate
@@ -36,13 +38,14 @@ if TYPE_CHECKING:
 
 __all__ = ["payload"]
 
+_REHEARSED_KG = 1.0
 COSTED = 200  # poses over which the cost of an uncertain load is averaged
 SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 
 
 @takes(PayloadOptions)
 def payload(
-    file: str | Path | PayloadOptions,
+    file: str | Path | PayloadOptions | None = None,
     robot: str | Path | Robot = "irb120",
     run: "str | Path | CalibrationResult | None" = None,
     **options: Any,
@@ -51,7 +54,7 @@ def payload(
 
     Args:
         file: rows of a loaded and an unloaded run: joint positions with torques, a sensor's wrench, or tracked points;
-            or all options in one object.
+            or all options in one object. None where the measuring day is rehearsed (``simulate``).
         robot: the nominal model: a name, a path, or a loaded robot.
         run: of tracked points, what calibrated the robot with its compliances: a result, or the folder of a run.
         options: those of ``lab payload``, by name: ``sensor``, ``method``, ``friction`` and so on.
@@ -67,7 +70,7 @@ def payload(
         known_run = None if file.run is None else read_calibrated(file.run, accept_edited=file.accept_edited)
         return _payload(file, file.robot, known_run)
     known = load_robot(robot)
-    given = {"file": str(file), "robot": known.source, **folder_of(run), **options}
+    given = {"file": None if file is None else str(file), "robot": known.source, **folder_of(run), **options}
     asked = options_of("lab.payload", PayloadOptions, given)
     asked.check()
     by = None if asked.run is None else calibrated_by(run, asked.run, accept_edited=asked.accept_edited)
@@ -77,17 +80,18 @@ def payload(
 def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:
     if run is not None:
         return _by_sag(options, run)
-    robot = load_robot(nominal, options.cell)
-    model, chain = robot.serial_model, robot.chain
-    samples = read_loads(options.file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    robot = load_virtual(nominal, options.cell) if options.rehearsal.simulate else load_robot(nominal, options.cell)
+    truth = None
+    if options.file is None:
+        samples, mounting, truth = _rehearsed(options, robot)
+    else:
+        samples, mounting = _read(options, options.file, robot)
     method = options.method or ("torques" if samples.wrench is None else "wrench")
-    mounting = drawn_mounting(model)
-    if options.sensor is not None:
-        mounting = read_mounting(options.sensor, sensor=method == "wrench")
-    elif method == "wrench":
-        raise LabError(f"{options.file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
     arm = robot.serial_arm(("p1",))
-    with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+    with (
+        error_context(options.file or "--simulate"),
+        np.errstate(all="ignore"),
+    ):  # numbers of a nonsensical file may overflow
         fitted = _fitted(options, robot, samples, mounting, method)
         strange = implausibilities(
             fitted, _size(robot), samples, lambda other: _fitted(options, robot, other, mounting, method)
@@ -98,8 +102,46 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | No
     cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
     warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate, strange))
     return PayloadResult(
-        options, robot, samples, mounting, fitted, estimate, compliance, cost, warnings, implausible=strange
+        options,
+        robot,
+        samples,
+        mounting,
+        fitted,
+        estimate,
+        compliance,
+        cost,
+        warnings,
+        implausible=strange,
+        truth=truth,
     )
+
+
+def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSamples, Mounting]:
+    """The file, and how arm and sensor stand."""
+    chain = robot.chain
+    samples = read_loads(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    wrench = samples.wrench is not None if options.method is None else options.method == "wrench"
+    if options.sensor is not None:
+        return samples, read_mounting(options.sensor, sensor=wrench)
+    if wrench:
+        raise LabError(f"{file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
+    return samples, drawn_mounting(robot.serial_model)
+
+
+def _rehearsed(options: PayloadOptions, robot: Robot) -> tuple[PayloadSamples, Mounting, Array]:
+    """A virtual measuring day: what is read, how arm and sensor are thought to stand, and the load's phi ``(10,)``."""
+    asked = options.rehearsal
+    load = load_of_rehearsal(asked.payload_kg or _REHEARSED_KG, asked)
+    bench = MeasuringBench(robot, asked, load)
+    if options.method == "wrench":
+        return bench.at_rest(), bench.mounting, load.phi
+    arm = robot.serial_arm(("p1",))
+    values, gravity = arm.nominal(robot.tool), bench.mounting.gravity
+
+    def regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:
+        return torque_regressor(arm, values, joints, speeds, accelerations, gravity)
+
+    return bench.driven(bench.designed(regressor), 0), bench.mounting, load.phi
 
 
 def _fitted(
@@ -141,6 +183,7 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
     """From tracker positions with and without the load, and the compliances of a calibrated arm."""
     robot, values = run.robot, run.geometry[1]
     arm = robot.serial_arm(run.arm.targets)
+    assert options.file is not None
     data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
     if data.targets != arm.targets:
         raise LabError(

@@ -126,3 +126,59 @@ def test_bad_measurements_are_one_line(files: Path, tmp_path: Path, capsys: pyte
     ):
         code, _, said = run(capsys, *arguments, "--out", tmp_path / "run")
         assert code == 2 and says in said and said.count("\n") == 1, (arguments, said)
+
+
+QUICK = ("--simulate", "--rounds", "0", "--rate-hz", "100", "--seconds", "5")
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
+    assert main([*map(str, arguments), "--json"]) in (0, 1)
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_rehearsed_day_is_evaluated_from_its_own_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, again = tmp_path / "day", tmp_path / "again"
+    day = told(capsys, "dynamics", "--robot", "course2r", *QUICK, "--payload-kg", 1, "--out", folder)
+    measured = ("--validate", folder / "another.csv", "--out", again)
+    read = told(capsys, "dynamics", folder / "motion.csv", "--robot", "course2r", *measured)
+    for key in ("identified", "load", "load_by_difference", "predictions", "p"):
+        assert day[key] == read[key], key
+    errors = [
+        (day["identified"][name]["value"] - true) / day["identified"][name]["half_width_95"]
+        for name, true in day["true"].items()
+    ]
+    assert np.abs(errors).max() < 3 and day["predictions"][0]["noise_ratio"] < 1.2
+    assert day["load"]["mass_kg"]["value"] is None  # two axes show first moments alone
+
+
+def test_a_filter_of_the_rehearsal_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spoilt = told(capsys, "dynamics", "--robot", "course2r", *QUICK, "--filter-hz", 5, "--out", tmp_path / "run")
+    assert spoilt["adequate"] is False and ("filter" in spoilt["adequacy"] or "delay" in spoilt["adequacy"])
+
+
+def test_a_rehearsal_with_drives_writes_currents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drives, folder = tmp_path / "drives.toml", tmp_path / "day"
+    write_drives(drives, Drives(np.array([-48.0, 32.0]), np.array([[1.0, 0], [0.5, 1]]), np.array([0.2, 0.1])))
+    given = ("--robot", "course2r", "--drives", drives)
+    day = told(capsys, "dynamics", *given, *QUICK, "--out", folder)
+    assert "current2_a" in (folder / "motion.csv").read_text().split("\n")[0]
+    read = told(capsys, "dynamics", folder / "motion.csv", *given, "--out", tmp_path / "again")
+    assert read["identified"]["Fcm2"]["value"] == pytest.approx(day["identified"]["Fcm2"]["value"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--simulate", "motion.csv"], "leave FILE out"),
+        (["--seconds", "3"], "--seconds is of a rehearsal"),
+        (["--simulate", "--payload-mm", "1,2"], "--payload-mm: give 3"),
+        (["--simulate", "--seconds", "0.2"], "--seconds 0.2: give 2 or more"),
+        (["--simulate", "--rate-hz", "1e9"], "too many"),
+        (["--simulate", "--noise-percent", "-1"], "--noise-percent -1"),
+        (["--simulate", "--rounds", "1000"], "--rounds 1000"),
+    ],
+)
+def test_bad_rehearsals_are_one_line(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dynamics", *arguments]) == 2
+    said = capsys.readouterr()
+    assert says in said.err and said.err.count("\n") == 1, said.err

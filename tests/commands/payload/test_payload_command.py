@@ -251,3 +251,39 @@ def test_the_sag_of_an_arm_without_masses_is_refused(tmp_path: Path, capsys) -> 
     assert run(capsys, "identify", data, "--robot", "scara", "--out", tmp_path / "i")[0] == 0
     code, _, said = run(capsys, "payload", data, "--run", tmp_path / "i", "--out", tmp_path / "p")
     assert code == 2 and "robot scara has no masses" in said and not (tmp_path / "p").exists()
+
+
+def test_a_rehearsed_day_is_evaluated_from_its_own_files(tmp_path: Path, capsys) -> None:
+    folder, robot = tmp_path / "day", ("--robot", "scara")
+    quick = ("--simulate", "--rounds", "0", "--rate-hz", "100", "--seconds", "5")
+    day = run(capsys, "payload", *robot, *quick, "--out", folder)[1]
+    code, _, said = run(capsys, "payload", folder / "load.csv", "--robot", "scara", "--out", tmp_path / "again")
+    assert code == 2 and "masses" in said  # the rehearsal assumes them, a real evaluation does not
+    assert day["true"]["mass_kg"] == 1.0
+    assert abs(day["mass_kg"]["value"] - 1.0) < 2 * day["mass_kg"]["half_width_95"] < 0.2
+    names = {path.name for path in folder.iterdir()}
+    assert {"load.csv", "sensor.toml", "result.json", "report.html", "recording.rrd"} <= names
+
+
+@pytest.mark.slow
+def test_rehearsed_days_of_an_arm_with_masses(tmp_path: Path, capsys) -> None:
+    for method, options in (("torques", ("--rounds", "0")), ("wrench", ())):
+        folder = tmp_path / method
+        given = ("--robot", "tx40", "--method", method)
+        day = run(capsys, "payload", "--simulate", *given, *options, "--payload-kg", 2, "--out", folder)[1]
+        sensor = ("--sensor", folder / "sensor.toml") if method == "wrench" else ()
+        read = run(capsys, "payload", folder / "load.csv", *given, *sensor, "--out", tmp_path / f"{method}2")[1]
+        for key in ("mass_kg", "com_m"):
+            np.testing.assert_allclose(day[key]["value"], read[key]["value"], rtol=1e-9)
+        assert abs(day["mass_kg"]["value"] - 2.0) < 2 * day["mass_kg"]["half_width_95"] < 0.1
+
+
+def test_a_rehearsal_or_a_file(files: Path, capsys) -> None:
+    for arguments, says in (
+        ((), "or --simulate"),
+        ((files / "moving.csv", "--simulate"), "one of the two"),
+        ((files / "moving.csv", "--lag-ms", 3), "--lag-ms is of a rehearsal"),
+        (("--simulate", "--sensor", files / "sensor.toml"), "leave --run, --sensor out"),
+    ):
+        code, _, said = run(capsys, "payload", *arguments, "--robot", "tx40")
+        assert code == 2 and says in said and said.count("\n") == 1

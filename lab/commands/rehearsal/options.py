@@ -1,0 +1,82 @@
+"""What of a measuring day can be asked for, where it is rehearsed in MuJoCo."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.campaign.option_groups import Flag, Numbers
+from lab.core.errors import LabError
+from lab.core.limits import POSES, SEED
+from lab.core.numbers import positive, whole
+
+__all__ = ["Rehearsal"]
+
+_MOST_ROUNDS = 100
+_LEAST_S = 2.0
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """The virtual measuring day."""
+
+    simulate: Flag = False
+    """Rehearse in MuJoCo: a path is designed and driven, its files are written, and they are evaluated."""
+    seed: int = 0
+    """Of everything random of the rehearsal."""
+    seconds: float = 10.0
+    """How long each path is driven; it begins and ends at rest."""
+    rate_hz: float = 500.0
+    """How often is measured."""
+    noise_percent: float = 0.5
+    """Noise of the torques, % of each joint's largest torque."""
+    friction_percent: float = 5.0
+    """Coulomb friction, % of each joint's largest torque; viscous friction is as large at full speed."""
+    motor_inertia_kgm2: float = 0.05
+    """Inertia of each motor, as its joint feels it (kg of a slide)."""
+    lag_ms: float = 0.0
+    """How late the torques are."""
+    filter_hz: float = 0.0
+    """A low-pass that the torques alone come through; 0 is none."""
+    base_tilt_deg: Numbers = ()
+    """How far the base leans about x and y, which the evaluation does not know: x,y."""
+    payload_kg: float | None = None
+    """Mass of the payload, an aluminium ball; lab payload has 1 kg, lab dynamics none."""
+    payload_mm: Numbers = (10.0, -5.0, 60.0)
+    """Where its centre of mass is, in the last frame: x,y,z."""
+    rounds: int = 1
+    """How long a better path is sought: ascents from the best of some random ones."""
+
+    def check(self) -> None:
+        """Refuse what makes no sense, with a LabError that names the option."""
+        for flag in ("seconds", "rate_hz"):
+            positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
+        if self.seconds < _LEAST_S:
+            raise LabError(f"--seconds {self.seconds:g}: give {_LEAST_S:g} or more, or too little shows")
+        whole("--seed", self.seed, 0, SEED)
+        POSES("--seconds times --rate-hz", round(self.seconds * self.rate_hz))
+        if not 0 <= self.rounds <= _MOST_ROUNDS:
+            raise LabError(f"--rounds {self.rounds}: give 0 to {_MOST_ROUNDS}")
+        for flag in ("noise_percent", "friction_percent", "motor_inertia_kgm2", "lag_ms", "filter_hz"):
+            if not 0 <= getattr(self, flag) < 1e3:
+                raise LabError(f"--{flag.replace('_', '-')} {getattr(self, flag):g}: give a number from 0 to 1000")
+        if self.friction_percent > 30:
+            raise LabError(f"--friction-percent {self.friction_percent:g}: give 30 at most, or little torque is left")
+        if self.payload_kg is not None:
+            positive("--payload-kg", self.payload_kg)
+        for name, values, count in (
+            ("--payload-mm", self.payload_mm, 3),
+            ("--base-tilt-deg", self.base_tilt_deg or (0.0, 0.0), 2),
+        ):
+            if len(values) != count or not np.isfinite(values).all() or np.abs(values).max() > 1e4:
+                raise LabError(f"{name}: give {count} numbers, separated by commas")
+
+    def refuse_unasked(self) -> None:
+        """Refuse options of a rehearsal where none is asked for.
+
+        Raises:
+            LabError: one is given without --simulate.
+        """
+        usual = Rehearsal()
+        given = [name for name, value in vars(self).items() if value != getattr(usual, name)]
+        if not self.simulate and given:
+            raise LabError(f"--{given[0].replace('_', '-')} is of a rehearsal: give --simulate too, or leave it out")
