@@ -82,7 +82,7 @@ def test_there_are_fewer_than_200_public_names() -> None:
     assert count < MOST_NAMES, {kind.__name__: sorted(own_attributes(kind)) for kind in kinds}
 
 
-ABOUT_FOLDERS = {"migrate", "trend"}  # a program has results in memory, and lab.compare
+ABOUT_FOLDERS = {"certify", "migrate", "trend"}  # a program has results in memory, and lab.compare
 
 
 def test_every_command_is_a_call_with_the_command_s_options() -> None:

@@ -25,6 +25,7 @@ __all__ = [
     "Distance",
     "WorkspacePrediction",
     "distances_from_nominal",
+    "length_not_exceeded",
     "predict_over_workspace",
     "tolerance_rms",
 ]
@@ -97,7 +98,7 @@ def predict_over_workspace(
     larger = 1.0
     if lack_of_fit and identification.sigma_known:
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
-    mean, most = MEAN_OF_RMS * rms, _length_not_exceeded(squares, dof)
+    mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances)
 
 
@@ -153,8 +154,8 @@ def _target_jacobian(model: Model, values: Array) -> Array:
     return jacobian[np.isfinite(jacobian).all(axis=(1, 2))]
 
 
-def _length_not_exceeded(squares: Array, dof: int | None) -> float:
-    """The length that 95 % of normal errors with these covariances ``(n, 3, 3)``, taken together, do not exceed.
+def length_not_exceeded(squares: Array, dof: float | None) -> float:
+    """The length that 95 % of normal errors with these covariances ``(n, d, d)``, taken together, do not exceed.
 
     A sum of squares of correlated normal numbers is taken for a scaled chi squared (Satterthwaite 1946), an F where
     the variance was estimated with ``dof`` degrees of freedom.

@@ -115,6 +115,13 @@ COMMANDS = (
         "verify-{file}",
     ),
     Command(
+        "certify",
+        "Write a calibration's certificate: uncertainty budget, ISO 9283, statement of conformity, traceability.",
+        "lab.commands.certify.options:CertifyOptions",
+        "lab.commands.certify.run:certify",
+        "certify-{run}",
+    ),
+    Command(
         "compare",
         "Compare calibrations of one robot: which parameters of its links have moved, and by how much.",
         "lab.commands.compare.options:CompareOptions",

@@ -42,6 +42,7 @@ class StatedUncertainty:
         given = self.standard if self.limit is None else self.limit
         if given is not None and not 0 <= given <= _LARGEST:
             raise LabError(f"{given:g} is no uncertainty; give a number from 0 to {_LARGEST:g}")
+        self.quantity(1.0)  # what contradicts itself is told here
 
     def quantity(self, factor: float) -> Uncertain:
         """In SI units, ``factor`` of the file's unit being one of them.

@@ -21,6 +21,7 @@ from lab.cli import main
 from lab.commands.registry import COMMANDS
 from lab.core.load_samples import Mounting
 from lab.formats.cell_toml import read_cell
+from lab.formats.certificate_toml import read_certificate_details
 from lab.formats.column_map import read_column_map
 from lab.formats.dh_table_toml import read_table
 from lab.formats.drives_toml import read_drives
@@ -59,6 +60,8 @@ def write_files(page: Page, folder: Path) -> None:
             (folder / "grid.toml").write_text(block)
         if "[[obstacle]]" in block:
             (folder / "cell.toml").write_text(block)
+        if "[certificate]" in block:
+            (folder / "details.toml").write_text(block)
         if "[systematic]" in block:
             (folder / "tracker.toml").write_text(block)
         if "[sensor]" in block:
@@ -125,6 +128,8 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         assert [each.name for each in read_cell(path).obstacle] == ["table"]
     elif "drive" in content:
         assert read_drives(path, 2).couplings[1].tolist() == [1.0, 1.0]
+    elif "certificate" in content:
+        assert not read_certificate_details(path).missing
     elif "systematic" in content:
         assert "collimation" in {term.name for term in read_instrument(path).errors.stated}
     elif "points" in content:

@@ -43,7 +43,10 @@ class Findings:
 
     Attributes:
         freedom: residual degrees of freedom.
-        after_mm: errors after the identification; None where nothing was there to validate on.
+        after_mm, before_mm: errors after and before; None where nothing was there to validate on.
+        judged_by: on what; None without validation.
+        outliers: poses that the test of outliers names, each a mapping with its ``id``.
+        outliers_left_out: whether these were not fitted.
         noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
         noise_tail_freedom: degrees of freedom of its tails, of Student's t; None where Gaussian's will do.
     """
@@ -58,6 +61,10 @@ class Findings:
     adequate: bool | None
     adequacy: str
     after_mm: Mapping[str, float] | None = None
+    before_mm: Mapping[str, float] | None = None
+    judged_by: str | None = None
+    outliers: tuple[Mapping[str, Any], ...] = ()
+    outliers_left_out: bool = False
     noise_model: Mapping[str, Any] | None = None
     noise_tail_freedom: float | None = None
     reasons: tuple[str, ...] = ()

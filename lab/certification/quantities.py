@@ -1,0 +1,134 @@
+"""What a calibrated position depends on: instrument, reflector, temperature, robot, model, parameters."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lab.certification.budget import InputQuantity
+from lab.certification.propagation import Propagation
+from lab.core.distributions import Uncertain
+from lab.core.se3 import Array
+from lab.core.tracker_errors import PLACEMENT, ErrorTerm, TrackerErrors
+
+__all__ = ["KnownSpread", "Placement", "RandomErrors", "quantities_of", "temperature_of"]
+
+_OF_AIR = ("air_temperature", "temperature_gradient")
+_LEAST_FREEDOM = 3.0  # that a budget can state
+Placement = Literal["in the noise", "in the residuals", "beside"]
+
+
+@dataclass(frozen=True)
+class KnownSpread:
+    """How far positions scatter by chance, per axis, and where that comes from.
+
+    Attributes:
+        sigma_m: standard deviation of one coordinate.
+        freedom: its degrees of freedom.
+    """
+
+    sigma_m: float
+    freedom: float
+    source: str
+
+    @property
+    def uncertainty(self) -> Uncertain:
+        """As a quantity of a budget."""
+        return Uncertain(self.sigma_m, freedom=max(self.freedom, _LEAST_FREEDOM))
+
+
+@dataclass(frozen=True)
+class RandomErrors:
+    """What is by chance: in the measurements that were fitted, and in the robot.
+
+    Attributes:
+        covariance: ``(f, f)`` of the identified parameters, by all random errors of the measurements.
+        noise: of one coordinate of them.
+        placement: whether how the reflector is placed is in the noise that was given, in the residuals that it was
+            estimated from, or in neither.
+        repeatability: of the robot; None where nothing is known of it.
+        scatter_counted: whether what that does to the measurements is in ``covariance``.
+        model: what the model lacks beside; None where nothing was found.
+    """
+
+    covariance: Array
+    noise: KnownSpread
+    placement: Placement
+    repeatability: KnownSpread | None
+    scatter_counted: bool
+    model: KnownSpread | None
+
+
+def quantities_of(
+    propagation: Propagation, errors: TrackerErrors, source: str, chance: RandomErrors
+) -> tuple[InputQuantity, ...]:
+    """All of them but the robot's temperature.
+
+    Args:
+        errors: systematic errors of the instrument.
+        source: who states them.
+        chance: what is random.
+    """
+    placed = [] if chance.placement == "in the residuals" else list(_placements(propagation, errors, source))
+    terms = [term for term in errors.stated if term not in PLACEMENT]
+    systematic = [_systematic(propagation, errors, source, term) for term in terms]
+    found = [*systematic, *(quantity for quantity, _ in placed)]
+    covariance = chance.covariance
+    if chance.placement == "in the noise" and placed:  # it has a line of its own
+        covariance = covariance - np.sum([part for _, part in placed], axis=0)
+    sigma = chance.noise.uncertainty
+    found.append(
+        InputQuantity(
+            "parameters",
+            "identified parameters: random errors of the measurements",
+            chance.noise.source,
+            "µm",
+            1e6,
+            sigma,
+            propagation.of_parameters(covariance) / sigma.standard,
+        )
+    )
+    each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
+    if (robot := chance.repeatability) is not None:
+        said = "repeatability", "repeatability of the robot", robot.source, "µm", 1e6, robot.uncertainty
+        found.append(InputQuantity(*said, each, anew=True))
+        if not chance.scatter_counted:
+            alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
+            columns = propagation.of_parameters(propagation.covariance_of(alike))
+            said = "repeatability", "repeatability in the measurements", *said[2:]
+            found.append(InputQuantity(*said, columns))
+    if (lack := chance.model) is not None:
+        words = "model: errors of the robot that it leaves"
+        found.append(InputQuantity("model", words, lack.source, "µm", 1e6, lack.uncertainty, each, anew=True))
+    return tuple(found)
+
+
+def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
+    """The robot's temperature: all lengths grow with it about the robot's foot ``(3,)`` m."""
+    columns = expansion_per_k * (propagation.positions - foot)[..., None]
+    source = f"stated, expansion {1e6 * expansion_per_k:g} ppm/K"
+    return InputQuantity("temperature", "temperature of the robot", source, "K", 1.0, kelvin, columns)
+
+
+def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, term: ErrorTerm) -> InputQuantity:
+    """A systematic error of the instrument, through the fit."""
+    group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
+    columns = propagation.of_errors(errors.displacements(term, _seen(propagation)))
+    return InputQuantity(group, term.words, source, term.unit, term.factor, errors.quantity(term), columns)
+
+
+def _placements(propagation: Propagation, errors: TrackerErrors, source: str) -> Iterator[tuple[InputQuantity, Array]]:
+    """How the reflector is placed, with the covariance of the parameters that it makes."""
+    for term in PLACEMENT:
+        quantity = errors.quantity(term)
+        if not quantity.standard:
+            continue
+        covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
+        columns = propagation.of_parameters(covariance) / quantity.standard
+        yield InputQuantity("reflector", term.words, source, term.unit, term.factor, quantity, columns), covariance
+
+
+def _seen(propagation: Propagation) -> Array:
+    """The measured points; ones where nothing was measured, which nothing counts."""
+    return np.nan_to_num(propagation.observed.points, nan=1.0)

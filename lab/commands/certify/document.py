@@ -1,0 +1,274 @@
+"""What a person reads of a certificate, prints and signs."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lab.certification.budget import Budget, BudgetLine
+from lab.certification.characteristics import Accuracy
+from lab.certification.conformity import Conformity
+from lab.commands.certify.result import Certificate, not_measured
+from lab.commands.provenance import provenance_section
+from lab.commands.values import ErrorStatistics
+from lab.compensation.iso9283 import CYCLES
+from lab.render.document import (
+    PAGE,
+    Badge,
+    Block,
+    Column,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Row,
+    Section,
+    Strong,
+    Table,
+    Warnings,
+)
+from lab.render.format import capital, digits_of, fixed, sentence, short
+from lab.render.style import AFTER
+from lab.render.svg import axes_picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["certificate_document", "contributions_picture"]
+
+_MEASURANDS = {
+    "position": "a calibrated position",
+    "distance": "a distance between two calibrated positions",
+}
+_STATISTICS = {"mean": "mean", "p95": "95th percentile", "max": "largest"}
+_VALIDATED = {
+    "fresh": "at validation poses of the virtual robot, without noise",
+    "holdout": "of the hold-out set",
+    "file": "of the validation measurements",
+    "cross-validation": "by cross-validation",
+}
+_VERDICTS = {"good": Badge("good", "good"), "doubtful": Badge("doubtful", "doubtful"), "bad": Badge("bad", "bad")}
+_DECISIONS = {
+    "conforms": Badge("conforms", "good"),
+    "does not conform": Badge("does not conform", "bad"),
+    "not decided": Badge("not decided", "doubtful"),
+}
+_NAMES = {
+    "temperature_c": "temperature, °C",
+    "pressure_hpa": "pressure, hPa",
+    "humidity_percent": "humidity, %",
+    "repeatability_mm": "repeatability (RP), as stated, mm",
+    "expansion_ppm_per_k": "expansion, ppm/K",
+}
+_MOST_DIGITS = 6
+_METHOD = (
+    "What was measured is the robot's points in the frame of the instrument; the result is the robot's model, with the "
+    "positions that it predicts. A calibrated position is where the model says that the first target is, at a pose of "
+    "the workspace. It depends on the quantities of the budget, each known within a standard uncertainty u; how far "
+    "each moves a position follows from the fit's linear map and from the closed forms of the instrument's errors. "
+    "Lines are root mean squares over 200 random poses of the workspace, also outside of the measured region.",
+    "The law of propagation sums the variances (JCGM 100:2008); the effective degrees of freedom are those of Welch "
+    "and Satterthwaite. The expanded uncertainty is the length that 95 % of the errors do not exceed, over poses and "
+    "calibrations like this one; k is its ratio to the combined standard uncertainty. A position is a vector, for "
+    "which k is 1.61 where its three coordinates are equally uncertain. Beside it the quantities were drawn from "
+    "their distributions (JCGM 101:2008): where the two differ in the digits that are given, what was drawn is stated.",
+)
+
+
+def certificate_document(result: Certificate) -> Document:
+    """Who measured what, the results with their uncertainty, the statement, the budgets, ISO 9283, the signature."""
+    robot, run = result.calibrated.robot, result.calibrated.result
+    name = result.details.certificate.number
+    badge = _VERDICTS.get(run.verdict, Badge(run.verdict))
+    return Document(
+        f"{robot.name}: calibration certificate{f' {name}' if name else ''}",
+        (
+            Paragraph(("The verdict of the calibration: ", badge, f" ({run.words.partition(', ')[2]}).")),
+            Paragraph(_lead(result), "lead"),
+            Warnings(result.warnings),
+            Section("What was calibrated", _details(result)),
+            Section("Results", _results(result)),
+            Section("Statement of conformity", _statement(result)),
+            *(
+                Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
+                for each in result.budgets
+            ),
+            Section("Characteristics of ISO 9283:1998", _characteristics(result)),
+            Section("How the uncertainty was evaluated", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
+            Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
+            provenance_section("certify", result.options, robot.sha256),
+        ),
+    )
+
+
+def contributions_picture(budget: Budget) -> Picture:
+    """What each quantity contributes to the standard uncertainty."""
+    lines = sorted(budget.lines, key=lambda line: line.contribution_m)
+    sizes = 1e6 * np.array([line.contribution_m for line in lines])
+
+    def draw(axes: "Axes") -> None:
+        at = np.arange(len(lines))
+        axes.barh(at, sizes, color=AFTER, height=0.6)
+        axes.set_yticks(at, [line.quantity.words.partition(":")[0] for line in lines])
+        axes.set(ylim=(-0.7, len(lines) - 0.3), xlabel="contribution to the standard uncertainty, µm")
+        axes.grid(visible=False, axis="y")
+
+    largest = lines[-1].quantity.words
+    label = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}; the largest is of {largest}"
+    return axes_picture(
+        f"budget-{budget.measurand}", label, (6.4, 0.8 + 0.24 * len(lines)), draw, (2.9, 0.5, 0.15, 0.1)
+    )
+
+
+def _lead(result: Certificate) -> str:
+    position, distance = result.budgets
+    return (
+        f"The expanded uncertainty of {_MEASURANDS['position']} is {_uncertainty(position)}, that of "
+        f"{_MEASURANDS['distance']} {_uncertainty(distance)}; both with 95 % coverage over the workspace."
+    )
+
+
+def _uncertainty(budget: Budget) -> str:
+    digits = digits_of(1e3 * budget.expanded_m, _MOST_DIGITS)
+    return f"{fixed(1e3 * budget.expanded_m, digits)} mm (k = {budget.coverage_factor:.2f})"
+
+
+def _details(result: Certificate) -> tuple[Block, ...]:
+    parts: dict[str, list[tuple[str, str]]] = {
+        "Calibration": [
+            ("robot model", result.calibrated.robot.name),
+            ("measured", f"{result.poses} poses, targets {', '.join(result.calibrated.arm.targets)}"),
+            ("measured on", str(result.calibrated.options.get("date") or "not stated")),
+            ("instrument", "not known" if result.device is None else result.device.name),
+        ]
+    }
+    for part, values in result.details.to_dict().items():
+        parts[part.capitalize()] = [(_name(key), _shown(value)) for key, value in values.items()]
+    rows = [("" if i else part, *row) for part, each in parts.items() for i, row in enumerate(each)]
+    missing = result.details.missing
+    left = f"Not stated: {', '.join(missing)}." if missing else ""
+    return Table(("", "", ""), tuple(rows)), Paragraph(left, "note")
+
+
+def _name(key: str) -> str:
+    return _NAMES.get(key, key.replace("_", " "))
+
+
+def _shown(value: object) -> str:
+    return short(value) if isinstance(value, float) else str(value)
+
+
+def _results(result: Certificate) -> tuple[Block, ...]:
+    run, distances = result.calibrated.result, result.distances
+    rows: list[Row] = []
+    where = "none: nothing was validated"
+    if run.before_mm is not None and run.after_mm is not None:
+        where = _VALIDATED.get(run.judged_by or "", "")
+        rows += [_position_row("nominal model", run.before_mm), _position_row("calibrated model", run.after_mm)]
+    if distances is not None:
+        rows += [_distance_row("nominal model", distances[0]), _distance_row("calibrated model", distances[1])]
+    caption = f"Errors, mm. Positions {where}; distances between measured poses, which need no base"
+    return (Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
+
+
+def _position_row(name: str, found: Mapping[str, float]) -> Row:
+    numbers = [short(found[key]) for key in ("mean", "rms", "p95", "max")]
+    return (f"position, {name}", *numbers, f"{found['count']:,.0f}")
+
+
+def _distance_row(name: str, found: ErrorStatistics) -> Row:
+    numbers = (found.mean, found.rms, found.p95, found.max)
+    return (f"distance, {name}", *map(short, numbers), f"{found.count:,}")
+
+
+def _statement(result: Certificate) -> tuple[Block, ...]:
+    found = result.conformity
+    if found is None:
+        why = "no tolerance was given" if result.calibrated.result.after_mm is not None else "nothing was validated"
+        return (Paragraph(f"None: {why}."),)
+    comparison = f" {_comparison(result, found)}"
+    rule = sentence(f"rule: {found.words}")
+    return Paragraph((_DECISIONS[found.decision], comparison)), Paragraph(rule, "note")
+
+
+def _comparison(result: Certificate, found: Conformity) -> str:
+    value, tolerance, expanded = (short(1e3 * each) for each in (found.value_m, found.tolerance_m, found.expanded_m))
+    return (
+        f"The {_STATISTICS[result.options.statistic]} position error on validation poses, {value} mm, with an expanded "
+        f"uncertainty of {expanded} mm, against a tolerance of {tolerance} mm."
+    )
+
+
+def _budget(budget: Budget) -> tuple[Block, ...]:
+    columns: Sequence[str | Column] = (
+        "quantity",
+        Column("source", PAGE),
+        Column("distribution", PAGE),
+        "u",
+        Column("µm per unit", PAGE),
+        "µm",
+        "ν",
+        "%",
+    )
+    rows = tuple(_line(line) for line in budget.lines)
+    freedom = "∞" if np.isinf(budget.freedom) else short(budget.freedom)
+    drawn = digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
+    words = (
+        f"Combined standard uncertainty {short(1e3 * budget.combined_m)} mm, effective degrees of freedom {freedom}, "
+        f"k = {budget.coverage_factor:.2f}: ",
+        Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
+        f" By Monte Carlo, {budget.draws:,} draws: {fixed(1e3 * budget.drawn_m, drawn)} mm, which "
+        f"{'confirms it' if budget.agrees else 'differs, and is stated'}.",
+    )
+    drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
+    figure = Figure(f"budget-{budget.measurand}-figure", (contributions_picture(budget),), drawing)
+    caption = (
+        "Standard uncertainty u, sensitivity in µm per unit of it, contribution in µm, degrees of freedom ν, share of "
+        "the variance in %"
+    )
+    return Table(tuple(columns), rows, caption), Paragraph(words), figure
+
+
+def _line(line: BudgetLine) -> Row:
+    quantity = line.quantity
+    uncertainty = quantity.uncertainty
+    return (
+        capital(quantity.words),
+        quantity.source,
+        uncertainty.distribution,
+        short(quantity.factor * uncertainty.standard, quantity.unit).replace(" ", "\u00a0"),
+        short(1e6 * line.sensitivity / quantity.factor),
+        short(1e6 * line.contribution_m),
+        "∞" if np.isinf(uncertainty.freedom) else short(uncertainty.freedom),
+        f"{100 * line.share:.1f}",
+    )
+
+
+def _characteristics(result: Certificate) -> tuple[Block, ...]:
+    robot, distances = result.robot, result.distances
+    few, many = robot.after.cycles
+    visits = f"{few} visit{'s' if few > 1 else ''}" if few == many else f"{few} to {many} visits"
+    rows: list[Row] = [
+        ("pose accuracy AP, nominal model", *_two(robot.before.accuracy)),
+        ("pose accuracy AP, calibrated model", *_two(robot.after.accuracy)),
+    ]
+    if robot.after.repeatability is not None:
+        rows.append(("pose repeatability RP", *_two(robot.after.repeatability)))
+    if distances is not None:
+        rows.append(("distance accuracy AD, nominal model", short(distances[0].mean), short(distances[0].max)))
+        rows.append(("distance accuracy AD, calibrated model", short(distances[1].mean), short(distances[1].max)))
+    of = "the rows that were fitted, so that they are a little small" if robot.of_fitted_rows else "rows not fitted"
+    note = (
+        f"Of positions, in mm: {robot.after.poses} poses, {visits} each, from {of}. The standard asks for {CYCLES} "
+        "visits to five poses of its test cube with rated load and velocity. The instrument's noise is in these "
+        "numbers."
+    )
+    return (
+        Table(("characteristic", "mean", "max"), tuple(rows)),
+        Paragraph(note, "note"),
+        Paragraph(f"Not measured: {', '.join(not_measured(robot))}; orientations."),
+    )
+
+
+def _two(found: Accuracy) -> tuple[str, str]:
+    return short(1e3 * found.mean_m), short(1e3 * found.largest_m)

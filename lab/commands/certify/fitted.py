@@ -1,0 +1,99 @@
+"""The measurements that a run was fitted to, read back from its folder, and how they were weighed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M
+from lab.calibration.validation import hold_out
+from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.campaign.instruments import named_instrument
+from lab.commands.calibrate.load_run import Calibrated
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.measurements import Measurements
+from lab.formats.measurement_csv import read_measurements
+
+__all__ = ["FittedRows", "fitted_rows"]
+
+
+@dataclass(frozen=True)
+class FittedRows:
+    """What a run was fitted to, and what it kept to validate on.
+
+    Attributes:
+        rows: that were fitted.
+        judged: rows of the same file that were not fitted; None where there are none.
+        observed: the fitted rows, weighed as the run weighed them.
+        sigma_m: the noise by which they are weighed, of one coordinate.
+        instrument: whose noise that is; None where it was given as a number, or estimated.
+    """
+
+    rows: Measurements
+    judged: Measurements | None
+    observed: Observations
+    sigma_m: float
+    instrument: Instrument | None
+
+    @property
+    def reported(self) -> Measurements:
+        """The rows by which the robot is reported on: those that were not fitted, or else the fitted ones."""
+        return self.rows if self.judged is None else self.judged
+
+
+def fitted_rows(calibrated: Calibrated) -> FittedRows:
+    """Read them.
+
+    Raises:
+        LabError: the run observed something else than points, or its measurements cannot be read.
+    """
+    options = calibrated.options
+    if (kind := options.get("observe", "points")) != "points":
+        raise LabError(
+            f"{calibrated.folder}: identified with --observe {kind}; a certificate is of points that an instrument "
+            "measured: give a run of these"
+        )
+    rows, judged = _split(calibrated, options)
+    device = _instrument(options)
+    noise = _noise(calibrated, options, device)
+    observation = observation_of(calibrated.arm)
+    observed, _ = weighed(observation, rows, noise)
+    sigma = root_mean_square_sigma(observed, 0)
+    return FittedRows(rows, judged, observed, sigma, None if noise.instrument is None else device)
+
+
+def _split(calibrated: Calibrated, options: Mapping[str, Any]) -> tuple[Measurements, Measurements | None]:
+    chain, result = calibrated.robot.chain, calibrated.result
+    path = calibrated.folder / "measurements.csv"
+    read = read_measurements(path, chain.joint_names, chain.prismatic)
+    if unknown := [name for name in calibrated.arm.targets if name not in read.targets]:
+        raise LabError(f"{path}: has no target {unknown[0]}, which the run identified; make the run again")
+    read = read.take(np.flatnonzero(read.seen.any(axis=1)))
+    rows, judged = read.only("calibrate"), read.only("test")
+    if (share := options.get("holdout")) is not None:
+        rows, judged = hold_out(calibrated.arm, rows, share, int(options.get("seed", 0)))
+    if result.outliers_left_out:
+        rows = rows.without([str(each["id"]) for each in result.outliers if not each.get("held_out")])
+    if not len(rows):
+        raise LabError(f"{path}: has no row that was fitted; make the run again")
+    return rows, judged if len(judged) else None
+
+
+def _instrument(options: Mapping[str, Any]) -> Instrument | None:
+    name = options.get("instrument")
+    return None if name in (None, "exact") else named_instrument(str(name))
+
+
+def _noise(calibrated: Calibrated, options: Mapping[str, Any], device: Instrument | None) -> Noise:
+    """As the run weighed its rows."""
+    shared = calibrated.shared
+    if (given := options.get("noise_mm")) is not None:
+        return Noise(sigma_m=float(given) / 1e3, shared=shared)
+    if device is not None:
+        return Noise(device, readings=int(options.get("readings", 1)), shared=shared)
+    estimated = max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M)
+    return Noise(sigma_m=estimated, shared=None if shared is None else replace(shared, independent_share=1.0))

@@ -1,0 +1,170 @@
+"""What a certificate says beside its numbers, in TOML: who measured what, when and where, with which instrument."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from lab.core.dates import day
+from lab.core.distributions import Uncertain
+from lab.core.errors import LabError
+from lab.core.numbers import positive
+from lab.formats.instrument_toml import StatedUncertainty
+from lab.formats.structured import structured
+from lab.formats.toml import read_toml
+
+__all__ = ["CertificateDetails", "read_certificate_details"]
+
+_LONGEST = 200  # characters of a text
+_ROUGHLY_C = (-50.0, 100.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Certificate:
+    """Of the certificate itself."""
+
+    number: str = ""
+    date: str = ""
+    issued_by: str = ""
+    customer: str = ""
+    operator: str = ""
+    place: str = ""
+    frame: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Robot:
+    """Of the robot; its repeatability is RP of ISO 9283, as its data sheet states it."""
+
+    maker: str = ""
+    model: str = ""
+    serial_number: str = ""
+    controller: str = ""
+    repeatability_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.repeatability_mm is not None:
+            positive("repeatability_mm", self.repeatability_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Instrument:
+    """Of the instrument, or of its reflector."""
+
+    maker: str = ""
+    model: str = ""
+    serial_number: str = ""
+    certificate: str = ""
+    certificate_date: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Environment:
+    """Of the room; the robot's temperature is known within ``robot_temperature_k``."""
+
+    temperature_c: float | None = None
+    robot_temperature_k: StatedUncertainty | None = None
+    expansion_ppm_per_k: float | None = None
+    pressure_hpa: float | None = None
+    humidity_percent: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.temperature_c is not None and not _ROUGHLY_C[0] <= self.temperature_c <= _ROUGHLY_C[1]:
+            raise LabError(f"temperature_c is {self.temperature_c:g}; give degrees Celsius")
+        if (self.robot_temperature_k is None) != (self.expansion_ppm_per_k is None):
+            raise LabError("robot_temperature_k and expansion_ppm_per_k go together; give both or neither")
+        if self.expansion_ppm_per_k is not None:
+            positive("expansion_ppm_per_k", self.expansion_ppm_per_k)
+        if self.pressure_hpa is not None:
+            positive("pressure_hpa", self.pressure_hpa)
+        if self.humidity_percent is not None and not 0 <= self.humidity_percent <= 100:
+            raise LabError(f"humidity_percent is {self.humidity_percent:g}; give 0 to 100")
+
+
+_SECTIONS = {
+    "certificate": _Certificate,
+    "robot": _Robot,
+    "instrument": _Instrument,
+    "reflector": _Instrument,
+    "environment": _Environment,
+}
+_NEEDED = {
+    "certificate": ("number", "date", "issued_by", "operator", "place"),
+    "robot": ("serial_number",),
+    "instrument": ("serial_number", "certificate"),
+    "reflector": ("serial_number",),
+    "environment": ("temperature_c",),
+}  # without which a result is not traceable
+
+
+@dataclass(frozen=True)
+class CertificateDetails:
+    """What a certificate says beside its numbers; what is not given is empty, or None."""
+
+    certificate: _Certificate = _Certificate()
+    robot: _Robot = _Robot()
+    instrument: _Instrument = _Instrument()
+    reflector: _Instrument = _Instrument()
+    environment: _Environment = _Environment()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What a traceable result needs and is not given, as ``section.name``."""
+        given = self.to_dict()
+        return tuple(f"{part}.{name}" for part, names in _NEEDED.items() for name in names if name not in given[part])
+
+    @property
+    def robot_temperature(self) -> tuple[Uncertain, float] | None:
+        """How well the robot's temperature is known (K), and its expansion (1/K); None where it is not stated."""
+        known, expansion = self.environment.robot_temperature_k, self.environment.expansion_ppm_per_k
+        return None if known is None or expansion is None else (known.quantity(1.0), expansion / 1e6)
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """All that is given, by section."""
+        return {
+            section.name: {
+                each.name: value
+                for each in fields(part)
+                if _is_given(value := getattr(part, each.name)) and not isinstance(value, StatedUncertainty)
+            }
+            for section in fields(self)
+            for part in [getattr(self, section.name)]
+        }
+
+
+def read_certificate_details(path: Path) -> CertificateDetails:
+    """A certificate's file: ``[certificate]``, ``[robot]``, ``[instrument]``, ``[reflector]``, ``[environment]``.
+
+    Raises:
+        LabError: the file cannot be read, or a name or a value in it makes no sense.
+    """
+    content = read_toml(path)
+    if unknown := sorted(set(content) - set(_SECTIONS)):
+        raise LabError(f"{path}: [{unknown[0]}]: unknown; there are [{'], ['.join(_SECTIONS)}]")
+    parts = {name: _section(path, name, content[name]) for name in content}
+    return CertificateDetails(**parts)
+
+
+def _section(path: Path, name: str, values: Any) -> Any:
+    where = f"{path}: [{name}]"
+    if not isinstance(values, dict):
+        raise LabError(f"{where} is to be a section")
+    plain = {key: value.isoformat() if isinstance(value, date) else value for key, value in values.items()}
+    found = structured(where, _SECTIONS[name], plain)
+    _check_texts(where, plain)
+    return found
+
+
+def _check_texts(where: str, values: Mapping[str, Any]) -> None:
+    for key, value in values.items():
+        if not isinstance(value, str):
+            continue
+        if len(value) > _LONGEST or not value.isprintable() or not value.strip():
+            raise LabError(f"{where} {key}: give one line of 1 to {_LONGEST} characters, or leave it out")
+        if key in ("date", "certificate_date"):
+            day(f"{where} {key}", value)
+
+
+def _is_given(value: object) -> bool:
+    return value is not None and value != ""

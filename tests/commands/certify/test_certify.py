@@ -1,0 +1,204 @@
+"""``lab certify`` on runs of a virtual robot that were measured as a real one is."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from helpers.drawing import nothing_drawn
+from helpers.robots import ROOT
+
+import lab
+from lab.cli import main
+from lab.commands.certify.options import CertifyOptions
+from lab.commands.certify.result import Certificate
+from lab.commands.certify.run import certify
+from lab.compensation.iso9283 import repeatability
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.formats.measurement_csv import write_measurements
+
+TRACKER = """
+name = "Tracker"
+[noise]
+radial_um = 5
+transverse_um = 5
+[systematic]
+transit_tilt_urad = { standard = 4, freedom = 12 }
+range_scale_ppm = { limit = 2 }
+centring_lateral_um = { limit = 3 }
+nest_um = { standard = 3 }
+"""
+DETAILS = """
+[certificate]
+number = "42"
+date = 2026-03-31
+issued_by = "Us"
+operator = "A <b>B</b>"
+place = "Hall 3"
+[robot]
+serial_number = "R1"
+[instrument]
+serial_number = "T1"
+certificate = "C1"
+[reflector]
+serial_number = "S1"
+[environment]
+temperature_c = 20.5
+robot_temperature_k = { limit = 1 }
+expansion_ppm_per_k = 12
+"""
+SCATTER_M = 10e-6
+
+
+def visited(day: Measurements, times: int) -> Measurements:
+    """Each pose so many times, with a scatter of the robot and noise of the instrument of its own."""
+    rng = np.random.default_rng(5)
+    rows = day.take(np.repeat(np.arange(len(day)), times))
+    ids = tuple(str(i) for i in range(len(rows)))
+    scatter = np.hypot(SCATTER_M, 5e-6) * rng.standard_normal((len(rows), 1, 3))
+    return replace(rows, points=rows.points + scatter, ids=ids)
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tracker's file, a certificate's, measurements, and runs of these."""
+    folder = tmp_path_factory.mktemp("workplace")
+    (folder / "tracker.toml").write_text(TRACKER)
+    (folder / "details.toml").write_text(DETAILS)
+    day = lab.simulate("irb120", poses=30, seed=7, targets=("p1", "p2"), instrument=str(folder / "tracker.toml"))
+    write_measurements(folder / "once.csv", day.measurements, (False,) * 6)
+    exact = lab.simulate("irb120", poses=15, seed=7, targets=("p1",), instrument="exact")
+    write_measurements(folder / "repeated.csv", visited(exact.measurements, 4), (False,) * 6)
+    with nothing_drawn(), pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        known = ["--instrument", "tracker.toml", "--holdout", "0.3", "--gate-mm", "0.1"]
+        assert main(["identify", "once.csv", *known, "--out", "known"]) == 0
+        assert main(["identify", "repeated.csv", "--out", "estimated"]) == 0
+        assert main(["identify", "once.csv", "--noise-mm", "0.006", "--out", "given"]) == 0
+    return folder
+
+
+@pytest.fixture
+def here(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(workplace)
+    return workplace
+
+
+def groups(found: Certificate) -> set[str]:
+    return {line.quantity.group for line in found.budgets[0].lines}
+
+
+def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
+    found = certify(CertifyOptions(Path("known"), Path("details.toml")))
+    told = found.to_dict()
+    assert groups(found) == {"misalignment", "reflector", "temperature", "parameters"}
+    assert told["missing"] == [] and told["instrument"] == "Tracker" and told["validated_on"] == "holdout"
+    assert told["conformity"]["tolerance_mm"] == 0.1 and told["conformity"]["decision"] == "conforms"
+    assert found.exit_code == 0 and not told["iso_9283"]["of_fitted_rows"] and told["iso_9283"]["poses"] == 9
+    for budget in found.budgets:
+        assert sum(line.share for line in budget.lines) == pytest.approx(1.0)
+        assert budget.combined_m == pytest.approx(np.sqrt(sum(line.contribution_m**2 for line in budget.lines)))
+        assert budget.drawn_m == pytest.approx(budget.propagated_m, rel=0.05)
+    position, distance = found.budgets
+    assert 1.6 <= position.coverage_factor <= 2 and 1.9 <= distance.coverage_factor <= 2.1
+    assert told["budgets"]["position"]["freedom"] > 12  # that of the only line that has a finite number
+    assert any("repeatability was neither measured nor stated" in said for said in found.warnings)
+    page = " ".join(found.summary().split())
+    assert "calibration certificate 42" in page and "A <b>B</b>" in page and "Not measured: pose repeat" in page
+
+
+def test_a_file_of_a_certificate_is_what_its_schema_says_and_its_bytes_are_the_same(here: Path, capsys) -> None:
+    schema = json.loads((ROOT / "docs" / "reference" / "schemas" / "certificate.schema.json").read_text())
+    asked = ["certify", "known", "--details", "details.toml", "--json"]
+    with nothing_drawn():
+        assert main([*asked, "--out", "one"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert main([*asked, "--out", "two"]) == 0
+    jsonschema.validate(told, schema)
+    assert json.loads(Path("one/result.json").read_text()) == told and set(told) == set(schema["properties"])
+    for name in ("result.json", "report.html", "config.json"):
+        assert Path("one", name).read_bytes() == Path("two", name).read_bytes()
+    assert "A &lt;b&gt;B&lt;/b&gt;" in Path("one/report.html").read_text()
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(told | {"conformity": told["conformity"] | {"decision": "surely"}}, schema)
+
+
+def test_decisions_have_exit_codes_and_say_their_rule(here: Path) -> None:
+    found = certify(CertifyOptions(Path("known"), tolerance_mm=1e-3, statistic="max"))
+    assert found.conformity is not None and found.conformity.decision == "does not conform" and found.exit_code == 1
+    value = 1e3 * found.conformity.value_m
+    near = CertifyOptions(Path("known"), tolerance_mm=value + 1e-4, statistic="max")
+    assert certify(near).to_dict()["conformity"]["decision"] == "not decided"
+    simple = certify(replace(near, decision_rule="simple"))
+    assert simple.exit_code == 0 and "shared" in simple.to_dict()["conformity"]["rule_words"]
+    assert certify(CertifyOptions(Path("given"))).conformity is None  # its run had no gate
+
+
+def test_repeated_poses_give_the_repeatability(here: Path) -> None:
+    """Four visits to 15 poses: 135 degrees of freedom, so within 3 x 6 %."""
+    found = certify(CertifyOptions(Path("estimated"), instrument="tracker.toml"))
+    line = next(line for line in found.budgets[0].lines if line.quantity.group == "repeatability")
+    seen = np.sqrt(SCATTER_M**2 + 5e-6**2 - (5e-6**2 + 3e-6**2 + 2 / 3 * 3e-6**2 / 3))  # less what the tracker has
+    assert line.quantity.uncertainty.standard == pytest.approx(seen, rel=0.25)
+    iso = found.to_dict()["iso_9283"]
+    assert iso["cycles"] == [4, 4] and iso["poses"] == 15 and iso["of_fitted_rows"]
+    many = np.hypot(SCATTER_M, 5e-6) * np.random.default_rng(0).standard_normal((4, 2000, 3))
+    assert iso["pose_repeatability_mm"]["mean"] == pytest.approx(1e3 * repeatability(many).mean(), rel=0.3)
+    assert "pose repeatability" not in iso["not_measured"]
+    assert "repeatability of the reflector's nest" not in {each.quantity.words for each in found.budgets[0].lines}
+    unknown = certify(CertifyOptions(Path("estimated")))  # without the instrument all of it is the robot's
+    lines = {line.quantity.group: line.quantity.uncertainty.standard for line in unknown.budgets[0].lines}
+    assert lines["repeatability"] == pytest.approx(np.hypot(SCATTER_M, 5e-6), rel=0.2)
+    assert any("the instrument is not known" in said for said in unknown.warnings)
+
+
+def test_another_instrument_adds_what_the_run_did_not_know(here: Path) -> None:
+    plain = certify(CertifyOptions(Path("given")))
+    added = certify(CertifyOptions(Path("given"), instrument="tracker.toml"))
+    assert groups(plain) == {"parameters"} and groups(added) == {"parameters", "misalignment", "reflector"}
+    assert added.budgets[0].expanded_m > 1.05 * plain.budgets[0].expanded_m
+    assert len(certify(CertifyOptions(Path("given"))).to_dict()["missing"]) == 10
+
+
+def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_path: Path) -> None:
+    cases = {
+        ("nowhere",): "nowhere",
+        ("known", "--tolerance-mm", "0"): "--tolerance-mm 0: give a number above zero",
+        ("known", "--details", "tracker.toml"): "unknown; there are [certificate]",
+        ("known", "--instrument", "details.toml"): "unknown; there are name, noise",
+        ("known", "--instrument", "ruler"): "instrument 'ruler' is unknown",
+        ("known", "--out", "known"): "made from",
+    }
+    for asked, said in cases.items():
+        assert main(["certify", *asked]) == 2, asked
+        told = capsys.readouterr().err
+        assert said in told and told.count("\n") == 1, (asked, told)
+    edited = tmp_path / "edited"
+    shutil.copytree("given", edited)
+    text = (edited / "result.json").read_text()
+    for word, doubts in (("bad", True), ("not judged", True), ("doubtful", False)):
+        (edited / "result.json").write_text(
+            text.replace('"verdict": "good"', f'"verdict": "{word}"').replace('"reasons": []', '"reasons": ["a doubt"]')
+        )
+        with pytest.raises(LabError, match="was changed since the run was written"):
+            certify(CertifyOptions(edited))
+        asked_for = CertifyOptions(edited, accept_edited=True)
+        if doubts:
+            with pytest.raises(LabError, match=f"verdict of this run is '{word}'"):
+                certify(asked_for)
+        told = certify(replace(asked_for, force=doubts)).to_dict()
+        assert told["run_verdict"]["verdict"] == word and told["run_verdict"]["reasons"] == ["a doubt"]
+    measured = (edited / "config.json").read_text()
+    (edited / "config.json").write_text(measured.replace('"observe": "points"', '"observe": "cable"'))
+    with pytest.raises(LabError, match="identified with --observe cable"):
+        certify(CertifyOptions(edited, accept_edited=True))
+
+
+def test_a_virtual_robot_s_certificate_says_so(seven_run: Path) -> None:
+    found = certify(CertifyOptions(seven_run))
+    assert found.warnings[0].startswith("the robot is virtual")
+    assert any("no systematic errors are stated" in said for said in found.warnings)
