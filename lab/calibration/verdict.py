@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
@@ -106,6 +107,7 @@ def verdict(
     *,
     goodness: GoodnessOfFit | None = None,
     tolerance: Tolerance = Tolerance(),  # noqa: B008
+    measured: MeasuredRange | None = None,
 ) -> Verdict:
     """Judge a calibration.
 
@@ -115,6 +117,7 @@ def verdict(
         gate_m: a larger mean error there is bad; None for no such limit.
         goodness: whether the model fits what was measured; None where nobody tested it.
         tolerance: of manufacture.
+        measured: the range of the measured joint positions; None where nothing is known of what lies beyond.
     """
     lacking = goodness is not None and goodness.adequate is False
     judging = _Judging(
@@ -123,7 +126,7 @@ def verdict(
         gate_m,
         goodness,
         tolerance,
-        predict_over_workspace(identification, tolerance, lack_of_fit=lacking),
+        predict_over_workspace(identification, tolerance, lack_of_fit=lacking, measured=measured),
         distances_from_nominal(identification, tolerance),
     )
     foreign = judging.foreign()
@@ -327,6 +330,8 @@ class _Judging:
         predicted = self.workspace.p95_m
         condition = self.identification.fit.condition
         of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
+        if (share := self.workspace.beyond_share) > 0:
+            of_condition += f", {100 * share:.0f} % of it beyond the measured joint positions"
         said = (
             f"the predicted 95 % error over the workspace is {_mm(predicted)}{of_condition}"
             if np.isfinite(predicted)

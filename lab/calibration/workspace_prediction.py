@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
+from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
@@ -44,12 +45,15 @@ class WorkspacePrediction:
         mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
             like this one; where the residuals are more than the noise, as large as they say.
         tolerance_rms_m: root mean square error of an arm within the tolerances that was never calibrated.
+        beyond_share: the share of the poses that are beyond the measured joint positions, where the model is known to
+            be worse than its covariance; zero where nothing says so.
     """
 
     rms_m: float
     mean_m: float
     p95_m: float
     tolerance_rms_m: float
+    beyond_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -74,24 +78,34 @@ class Distance:
 
 
 def predict_over_workspace(
-    identification: Identification, tolerance: Tolerance, *, lack_of_fit: bool = False
+    identification: Identification,
+    tolerance: Tolerance,
+    *,
+    lack_of_fit: bool = False,
+    measured: MeasuredRange | None = None,
 ) -> WorkspacePrediction:
     """Predicted errors of the first target over the workspace.
 
     Args:
         tolerance: of manufacture.
         lack_of_fit: whether the residuals are more than the noise that was given.
+        measured: the joint positions that were measured, and what the model may lack beyond them.
     """
     model, nothing = identification.model, float("nan")
     if not observation_of(model).positions:
         return WorkspacePrediction(nothing, nothing, nothing, nothing)
-    jacobian = _target_jacobian(model, identification.values)
+    inputs, jacobian = _target_jacobian(model, identification.values)
     placed = indices_of_groups(model.parameters, ("base", "tool"))
     of_tolerances = float(np.sqrt(np.mean(tolerance_rms(model, jacobian, tolerance, placed) ** 2)))
     free = jacobian[..., list(identification.fit.free)]
     squares = free @ identification.covariance @ np.swapaxes(free, 1, 2)
     if not np.isfinite(squares).all():
         return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
+    share = 0.0
+    if measured is not None and measured.is_worse_beyond:
+        unknown = measured.unknown(model, inputs, identification.values)[:, 0]
+        squares = squares + unknown @ np.swapaxes(unknown, 1, 2)
+        share = float((measured.beyond(inputs[:, : len(measured.lower)]) > 0).any(axis=1).mean())
     rms = float(np.sqrt(np.trace(squares, axis1=1, axis2=2).mean()))
     known = identification.sigma_known and not lack_of_fit
     dof = None if known else max(identification.dof, 1)
@@ -99,7 +113,7 @@ def predict_over_workspace(
     if lack_of_fit and identification.sigma_known:
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
-    return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances)
+    return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, share)
 
 
 def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: tuple[int, ...] = ()) -> Array:
@@ -147,11 +161,12 @@ def _spread_of_kept(model: Model, structure: BaseSet, tolerance: Tolerance) -> A
     return np.asarray(np.maximum(np.sqrt((wide**2).sum(axis=1)), np.finfo(float).tiny))
 
 
-def _target_jacobian(model: Model, values: Array) -> Array:
-    """Derivatives ``(n, 3, p)`` of the first target's positions at random poses of the workspace."""
+def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
+    """Random poses of the workspace, and derivatives ``(n, 3, p)`` of the first target's positions there."""
     inputs = model.structure_joints(_POSES, rng_for(0, "structure"))
     jacobian: Array = model.observe(inputs, values)[1][:, 0]
-    return jacobian[np.isfinite(jacobian).all(axis=(1, 2))]
+    reached = np.isfinite(jacobian).all(axis=(1, 2))
+    return inputs[reached], jacobian[reached]
 
 
 def length_not_exceeded(squares: Array, dof: float | None) -> float:

@@ -5,6 +5,7 @@ Every level has the name of the decision that it belongs to, so that one is neve
 
 __all__ = [
     "CAMPAIGN_OUTLIERS",
+    "EXTRAPOLATION",
     "LACK_OF_FIT",
     "MODEL_GROUPS",
     "PAYLOAD_RESIDUALS",
@@ -40,6 +41,9 @@ CAMPAIGN_OUTLIERS = 0.01
 
 VARIANCE_COMPONENTS = 0.01
 """Whether errors beside the instrument's are shared: by a pose's joints, or from pose to pose."""
+
+EXTRAPOLATION = 0.01
+"""Whether the edges of the measured joint positions are off by more than noise makes them."""
 
 VERIFICATION = 0.01
 """Whether an arm has changed since it was calibrated."""

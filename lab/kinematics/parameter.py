@@ -69,6 +69,7 @@ class Parameter:
         nominal: its value in the nominal model, in its unit.
         joint: the joint that it is of, from 0; None where it is of none.
         target: the target that it locates; empty where it locates none.
+        wave: of an effect that is periodic in its joint's position, how often it comes back in a turn; 0 of others.
     """
 
     owner: str
@@ -80,6 +81,7 @@ class Parameter:
     nominal: float = 0.0
     joint: int | None = None
     target: str = ""
+    wave: int = 0
 
     @property
     def name(self) -> str:
@@ -148,16 +150,24 @@ def placed_parameters(
 
 
 def joint_parameter(
-    group: str, joint: int, symbol: str, kind: Kind = "angle", *, unit: str = "", scale: float | None = None
+    group: str,
+    joint: int,
+    symbol: str,
+    kind: Kind = "angle",
+    *,
+    unit: str = "",
+    scale: float | None = None,
+    wave: int = 0,
 ) -> Parameter:
     """A parameter of an effect in one joint, which counts from 0 here and from 1 in its name.
 
     Args:
         unit: where it is not the kind's own.
         scale: where it is not usual for the kind.
+        wave: how often it comes back in a turn of the joint; 0 where it is not periodic.
     """
     size = EFFECT_SCALES[kind] if scale is None else scale
-    return Parameter(f"joint{joint + 1}", symbol, group, kind, unit or UNITS[kind], size, joint=joint)
+    return Parameter(f"joint{joint + 1}", symbol, group, kind, unit or UNITS[kind], size, joint=joint, wave=wave)
 
 
 def section_parameter(group: str, link: int, symbol: str) -> Parameter:

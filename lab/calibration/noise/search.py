@@ -107,6 +107,8 @@ def _varies_with_joints(
     white = correlation.white(problem.rows)
     columns, scale = unit_columns(white[..., :-1].reshape(-1, white.shape[2] - 1))
     whitened = LinearizedFit(white[..., -1], columns.reshape(*linear.mask.shape, -1), scale, linear.mask, linear.poses)
+    left = whitened.everywhere().residuals(whitened.residual)  # of the fit with these errors, not of the one without
+    whitened = replace(whitened, residual=left)
     slopes = correlation.white(shapes.scatter)[: linear.poses]
     found = goodness_beside_shared_errors(whitened, slopes, data.joints, "")
     return found.adequate is False and found.p < VERDICT_LACK_OF_FIT

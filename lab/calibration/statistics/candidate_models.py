@@ -3,14 +3,16 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
-from lab.calibration.identify import WEAK, Identification, IdentifyOptions, identify
+from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.statistics.nested_models import Labels, NestedModels, nested_at
+from lab.calibration.statistics.useful_parameters import largest_useful_std
 from lab.calibration.validation import configurations, cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.errors import LabError
@@ -19,13 +21,10 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
 from lab.kinematics.model import Model
-from lab.kinematics.parameter import Kind
 
 __all__ = ["LEAST_SIGMA_M", "FullModel", "ModelWith", "NominalOf", "SelectionTask"]
 
 LEAST_SIGMA_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
-# largest standard deviations that tell; else WEAK
-_USEFUL: dict[Kind, float] = {"compliance": 1e-4, "section": 1e-4, "mass": 1.0}
 
 ModelWith = Callable[[Sequence[str]], Model]
 NominalOf = Callable[[Model], Array]
@@ -181,13 +180,25 @@ class FullModel:
         fitted = self.fitted(found)
         new = self._new(self.structure, self._indices(found, found.base_set.kept), self.groups[group])
         shown = list(self._new(self.measured, fitted, new))
-        useful = {i: _USEFUL.get(self.observation.model.parameters[i].kind, WEAK) for i in shown}
         while shown:
-            unsure = table.std([*fitted, *shown])[len(fitted) :] / [useful[i] for i in shown]
+            unsure = table.std([*fitted, *shown])[len(fitted) :] / self._useful[shown]
             if unsure.max() <= 1:
                 break
             del shown[int(unsure.argmax())]
         return new, tuple(shown)
+
+    def least_known(self, table: NestedModels, found: Identification) -> int | None:
+        """The parameter of a group that an identified model knows too badly for any use; None where it has none."""
+        fitted = self.fitted(found)
+        effects = {i for group in self.groups.values() for i in group}
+        unsure = np.where([i in effects for i in fitted], table.std(fitted) / self._useful[list(fitted)], 0.0)
+        return fitted[int(unsure.argmax())] if unsure.max(initial=0.0) > 1 else None
+
+    @cached_property
+    def _useful(self) -> Array:
+        """``(p,)`` the largest standard deviations that are worth fitting."""
+        joints = self.observed.inputs[:, : self.observed.inputs.shape[1] - len(self.observation.model.conditions)]
+        return largest_useful_std(self.observation.model.parameters, joints)
 
     def _indices(self, found: Identification, parameters: Sequence[int]) -> tuple[int, ...]:
         names = self.observation.model.names

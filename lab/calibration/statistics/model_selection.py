@@ -21,6 +21,7 @@ from lab.calibration.statistics.alternatives import Alternative, alternatives
 from lab.calibration.statistics.candidate_models import LEAST_SIGMA_M, FullModel, ModelWith, NominalOf, SelectionTask
 from lab.calibration.statistics.nested_models import NestedModels, Score
 from lab.calibration.statistics.term_search import FoundTerm, TermSearch, TermTable
+from lab.calibration.statistics.useful_parameters import TELLING
 from lab.calibration.validation import ROWS_PER_PARAMETER, configurations
 from lab.calibration.weights import Noise, weighed
 from lab.core.errors import IncompleteColumnError
@@ -34,7 +35,6 @@ __all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
 
 _GEOMETRY = "geometric"
 _NO_TERMS: Mapping[str, Effect] = MappingProxyType({})
-_TELLING = 1e-4  # rad or m: a term that is known no better says nothing of poses that are not near measured ones
 _SEARCHES = 6  # of terms, each around what the one before found
 _BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
 
@@ -239,7 +239,22 @@ class _Growth:
             if not new or not self.moved_to((*self.taken, *(term.name for term in new))):
                 break
             self.grow()
+        self._hold_what_became_useless()
         self._judge_terms(set(terms))
+
+    def _hold_what_became_useless(self) -> None:
+        """Hold, the worst first, what was known well when it was taken and is not beside all that came after it."""
+        while True:
+            large = self.large()
+            if (worst := large.least_known(large.around(self.found), self.found)) is None:
+                return
+            owner = next(name for name in self.taken if worst in large.groups[name])
+            held = (*self.rows[owner].held, large.observation.model.names[worst])
+            self.rows[owner] = replace(self.rows[owner], held=held)
+            empty = len(held) == len(self.task.parameters(owner))
+            groups = tuple(name for name in self.taken if not (empty and name == owner))
+            if not self.moved_to(groups):
+                return
 
     def _found_terms(self, table: TermTable) -> tuple[FoundTerm, ...]:
         """What a search around the arm as it is identified finds."""
@@ -253,7 +268,7 @@ class _Growth:
             found.fit.free,
             configurations(task.data.joints),
             found.extra_residuals,
-            largest_std=_TELLING,
+            largest_std=TELLING,
             floor=1.0 if known else LEAST_SIGMA_M,
         )
         room = self.large().least_rows / ROWS_PER_PARAMETER - len(found.fit.free)

@@ -7,6 +7,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from lab.calibration.extrapolation import measured_range
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
@@ -198,8 +199,9 @@ class Fitter:
         warnings += of_joints(found, observations, clean, self._moves(clean), self.robot.chain.encoders)
         warnings += of_twist(self.robot, found)
         warnings += of_export(self.robot, found, groups, observations.inputs)
+        measured = measured_range(found, observations, self.robot.chain.prismatic)
         said = tuple(warnings)
-        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail)
+        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail, measured)
 
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""

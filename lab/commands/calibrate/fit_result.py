@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
@@ -43,6 +44,8 @@ class FitReport:
         selection: of the model's groups, where that was asked for.
         noise: which errors the measurements share.
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
+        measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
+            observed.
     """
 
     identification: Identification
@@ -56,6 +59,7 @@ class FitReport:
     warnings: tuple[str, ...]
     noise: NoiseSearch
     tail_dof: float
+    measured: MeasuredRange | None = None
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:

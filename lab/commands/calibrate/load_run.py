@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.verdict import gate_words
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.noise import noise_model_from_dict
+from lab.commands.calibrate.range_dict import measured_range_from_dict
 from lab.commands.integrity import said_of_edits
 from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
 from lab.core import se3
@@ -49,6 +51,7 @@ class Findings:
         outliers_left_out: whether these were not fitted.
         noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
         noise_tail_freedom: degrees of freedom of its tails, of Student's t; None where Gaussian's will do.
+        measured_range: the joint positions that were fitted (``measured_range_to_dict``); None where it is not known.
     """
 
     model: str
@@ -67,6 +70,7 @@ class Findings:
     outliers_left_out: bool = False
     noise_model: Mapping[str, Any] | None = None
     noise_tail_freedom: float | None = None
+    measured_range: Mapping[str, Any] | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
     schema: int = 0
@@ -172,6 +176,11 @@ class Calibrated:
         """Errors that the numbers of a measurement share, beside the instrument's."""
         values = dict(zip(self.arm.names, self.values.tolist(), strict=True))
         return noise_model_from_dict(self.result.noise_model, values)
+
+    @property
+    def measured(self) -> MeasuredRange | None:
+        """The joint positions that were fitted, and what the model may lack beyond them."""
+        return measured_range_from_dict(self.result.measured_range, self.robot.chain)
 
     @property
     def warnings(self) -> tuple[str, ...]:

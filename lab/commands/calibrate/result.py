@@ -31,6 +31,7 @@ from lab.commands.calibrate.findings import (
 from lab.commands.calibrate.fit_result import FitReport, Named
 from lab.commands.calibrate.noise import noise_model_to_dict
 from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.calibrate.range_dict import measured_range_to_dict
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
 from lab.core.measurements import Measurements
@@ -177,6 +178,7 @@ class CalibrationResult(Result):
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
             "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
+            "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "farthest_link": _distance_to_dict(self.verdict.farthest),
             "model": "+".join(("geometric", *self.fit.groups)),
             "groups": [_group_to_dict(group) for group in self.groups],

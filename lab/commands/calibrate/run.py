@@ -37,6 +37,7 @@ from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.plausibility import refuse_noise_in_another_unit, without_copies
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
+from lab.commands.calibrate.warnings import of_validation_beyond
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.core.errors import LabError, error_context
@@ -322,11 +323,19 @@ def _outcome(
     robot, data, identification = fitter.robot, fitter.data, fit.identification
     refuse_noise_in_another_unit(options.noise_mm, fit.rows, identification)
     gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
-    word = verdict(identification, validation, gate_m, goodness=fit.adequacy, tolerance=fitter.tolerance)
+    word = verdict(
+        identification,
+        validation,
+        gate_m,
+        goodness=fit.adequacy,
+        tolerance=fitter.tolerance,
+        measured=fit.measured,
+    )
     warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
     warnings += _outside_limits(robot, data)
+    warnings += of_validation_beyond(identification, fit.measured, validation.rows)
     if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:
         warnings += _several_sessions(fit.rows)
     if validation.errors is not None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
@@ -32,12 +33,14 @@ __all__ = [
     "of_prior",
     "of_size",
     "of_twist",
+    "of_validation_beyond",
     "of_weakness",
 ]
 
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _STRANGE = 0.05  # m or rad from the nominal value
 _SURPRISING = 5.0  # standard deviations of the prior
+_BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
 _NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
@@ -57,6 +60,24 @@ def of_outliers(found: Identification, seen: Observations, outliers: Outliers, m
         f"{count}, with a residual of {'up to ' if several else ''}{1e3 * outliers.sizes_m[0]:.3g} mm, kept in the "
         f"fit: {first}--robust would exclude {'them' if several else 'it'}, and move the predicted points by "
         f"{1e3 * moved:.2g} mm"
+    ]
+
+
+def of_validation_beyond(found: Identification, measured: MeasuredRange | None, rows: Measurements | None) -> list[str]:
+    """That validation poses are beyond the joint positions that were fitted, where the model knows less."""
+    if measured is None or rows is None or not measured.is_worse_beyond:
+        return []
+    beyond = measured.beyond(rows.joints)
+    outside = np.flatnonzero(beyond.max(axis=1) > _BEYOND)
+    if not len(outside):
+        return []
+    part = rows.take(outside)
+    unknown = measured.unknown(found.model, part.inputs(found.model.conditions), found.values)
+    size = float(np.sqrt((unknown**2).sum(axis=(2, 3))).max())
+    return [
+        f"{len(outside)} of {len(rows)} validation poses are beyond the fitted joint positions ({part.ids[0]} the "
+        f"first): there the model may be off by up to {1e3 * size:.2g} mm more (1σ), as the edges of the measured "
+        "range say"
     ]
 
 

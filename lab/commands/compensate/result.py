@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -99,7 +100,18 @@ class CompensationResult(Result):
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
         of_program = () if self.program is None else self.program.warnings
-        return (*self.notes, *far, *self._unchecked, *self._no_program, *of_program)
+        return (*self.notes, *far, *self._beyond, *self._unchecked, *self._no_program, *of_program)
+
+    @property
+    def _beyond(self) -> tuple[str, ...]:
+        """That targets are beyond the joint positions that were measured."""
+        sizes = self.beyond_m[self.reached]
+        if not (count := int((sizes > 0).sum())):
+            return ()
+        return (
+            f"{count} of {len(sizes)} targets are beyond the joint positions that the run measured: of their expected "
+            f"errors, up to {1e3 * sizes.max():.2g} mm (1σ) is what the model may lack there",
+        )
 
     @property
     def _no_program(self) -> tuple[str, ...]:
@@ -269,7 +281,16 @@ class CompensationResult(Result):
         jacobian = run.arm.observe(self.arm_inputs, run.values)[1][:, self.target]
         rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
         known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
-        return np.asarray(np.sqrt(known + self._shared_m**2 + self.load_m**2))
+        return np.asarray(np.sqrt(known + self._shared_m**2 + self.load_m**2 + self.beyond_m**2))
+
+    @cached_property
+    def beyond_m(self) -> Array:
+        """The part ``(n,)`` of the predicted error that comes of joints beyond their measured range (m, RMS)."""
+        run = self.run
+        if run.measured is None:
+            return np.zeros(len(self.arm_inputs))
+        unknown = run.measured.unknown(run.arm, self.arm_inputs, run.values)[:, self.target]
+        return np.asarray(np.sqrt((unknown**2).sum(axis=(1, 2))))
 
     @property
     def _shared_m(self) -> Array:

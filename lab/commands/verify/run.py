@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations, whitening
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
+from lab.calibration.noise.correlation import Correlation
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
@@ -143,7 +145,25 @@ def _against(
     lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(observations, 0))
     tail = calibrated.result.noise_tail_freedom
     prediction = CalibrationPrediction(arm, values, free, larger * covariance, dof, strange, tail)
-    return _widened(observations, lacking), prediction
+    return _beyond_range(_widened(observations, lacking), prediction, calibrated.measured), prediction
+
+
+def _beyond_range(
+    observations: Observations, prediction: CalibrationPrediction, measured: MeasuredRange | None
+) -> Observations:
+    """The measurements with what the run's model may lack beyond the joint positions that it was fitted to."""
+    if measured is None or not measured.is_worse_beyond:
+        return observations
+    n, k, d = observations.points.shape
+    unknown = measured.unknown(prediction.arm, observations.inputs, prediction.values)
+    if not unknown.any():
+        return observations
+    scatter = observations.in_units_of_noise(unknown).reshape(n, k * d, -1)
+    found = observations.correlation
+    if found is None:
+        nothing = np.zeros((n, k * d, 0))
+        return replace(observations, correlation=Correlation(scatter, nothing, 0.0, nothing, np.arange(n, dtype=float)))
+    return replace(observations, correlation=replace(found, scatter=np.concatenate([found.scatter, scatter], axis=2)))
 
 
 def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:

@@ -31,7 +31,9 @@ _NAMES = ("sin1", "cos1", "sin2", "cos2")
 
 def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
     """The fitted group of one order k: s_i and c_i of these joints, from 0."""
-    parameters = tuple(joint_parameter(group, i, f"{wave}{order}") for i in joints for wave in ("sin", "cos"))
+    parameters = tuple(
+        joint_parameter(group, i, f"{function}{order}", wave=order) for i in joints for function in ("sin", "cos")
+    )
 
     def offsets(positions: Array, _: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((*positions.shape, len(parameters)))

@@ -1,0 +1,211 @@
+"""What a calibration says of poses beyond the joint positions that were measured.
+
+The covariance of the parameters holds if the model does, and a model that follows every measurement may be wrong
+where none was made: a wave that is none, a spring that is not linear. How wrong, the edges of the measured range say.
+Let joint j be off beyond an edge by a slope times how far beyond it stands. Beside the fit, each outer tenth of a
+joint's measured positions gives one estimate of such a slope, as if the rest of that joint's range were all that was
+measured. Their variance beyond what noise makes of them (Paule & Mandel 1982) is that of the slope beyond the true
+edges, unless a joint's own two say more. Farther out than that tenth is wide a slope changes itself: its integral grows
+as d^1.5, as a random walk's does; and what joints do is bounded, so that no more than one radian of it counts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification
+from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.validation import configurations
+from lab.core.linear_model import LinearModel, p_value_of_squares
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.core.significance import EXTRAPOLATION
+from lab.kinematics.model import Model
+
+__all__ = ["MeasuredRange", "joint_regions", "measured_range", "prediction_squares"]
+
+_EDGE = 0.1  # of the measured positions of a joint, at either end of its range
+_MOST = 1.0  # rad or m beyond, that a slope is good for
+_LEAST_EDGE = 1e-3  # rad or m
+_LEAST_POSES = 4  # at an edge: fewer say nothing of a slope
+_LEAST_RANGE = 0.05  # rad or m: a joint that moved less has no edges to speak of
+_LEAST_SLOPES = 4
+_ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
+_TOLERANCE = 1e-8  # of the largest singular value of unit columns
+
+
+@dataclass(frozen=True)
+class MeasuredRange:
+    """The joint positions that were measured, and how much worse than its covariance a model may be beyond.
+
+    Attributes:
+        lower, upper: ``(joints,)`` the smallest and the largest measured position (rad, m of a slide).
+        turning: ``(joints,)`` whether a whole turn leads a joint back to where it was.
+        edge: ``(joints,)`` the width (rad, m) of the outer tenths that the slopes come from.
+        slope: ``(joints,)`` one standard deviation of what a joint is off, as a share of how far it stands beyond; zero
+            where the edges of the range say of none.
+    """
+
+    lower: Array
+    upper: Array
+    turning: NDArray[np.bool_]
+    edge: Array
+    slope: Array
+
+    @property
+    def is_worse_beyond(self) -> bool:
+        """Whether the model is known to be worse beyond than its covariance."""
+        return bool(self.slope.any())
+
+    def beyond(self, joints: Array) -> Array:
+        """``(n, joints)`` how far beyond the measured range positions ``(n, joints)`` are; whole turns do not count."""
+        middle = (self.lower + self.upper) / 2
+        away = joints - middle
+        away = np.where(self.turning, np.remainder(away + np.pi, 2 * np.pi) - np.pi, away)
+        beyond = np.abs(away) - (self.upper - self.lower) / 2
+        return np.where(beyond > _ROUNDING, beyond, 0.0)
+
+    def unknown(self, model: Model, inputs: Array, values: Array) -> Array:
+        """``(n, k, d, joints)`` one standard deviation of what each joint's unknown error makes of observations.
+
+        Args:
+            inputs: ``(n, joints + conditions)`` the poses.
+            values: ``(p,)`` of the model.
+        """
+        size = len(self.lower)
+        beyond = self.beyond(inputs[:, :size])
+        if not (self.is_worse_beyond and beyond.any()):
+            return np.zeros((*model.points(inputs, values).shape, size))
+        off = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST)
+        return np.asarray(by_joint_positions(model, inputs, values, size) * off[:, None, None, :])
+
+
+def measured_range(found: Identification, observed: Observations, prismatic: Sequence[bool]) -> MeasuredRange | None:
+    """The range of the fitted poses, with the slope that its edges show; None where no positions were observed.
+
+    Args:
+        found: the identification.
+        observed: what it comes from, weighed as it was.
+        prismatic: ``(joints,)`` which joints slide.
+    """
+    observation = observation_of(found.model)
+    if not only_positions(observation):
+        return None
+    joints = observed.inputs[:, : len(prismatic)]
+    slope = _slopes(found, observation.model, observed, joints)
+    low, high = np.quantile(joints, [_EDGE, 1 - _EDGE], axis=0)
+    lower, upper = joints.min(axis=0), joints.max(axis=0)
+    edge = np.maximum((low - lower + upper - high) / 2, _LEAST_EDGE)
+    return MeasuredRange(lower, upper, ~np.array(prismatic, dtype=bool), edge, slope)
+
+
+def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:
+    """Each joint's standard deviation of slopes beyond; zeros where noise alone explains those at the edges."""
+    edges, nothing = _edges(joints), np.zeros(joints.shape[1])
+    predicted, jacobian = model.observe(observed.inputs, found.values)
+    known, slopes = found.extra_residuals(found.values)
+    free = list(found.fit.free)
+    fitted = LinearModel.of(np.concatenate([observed.apply(jacobian[..., free]), slopes[:, free]]), _TOLERANCE)
+    residual = np.concatenate([observed.apply(observed.points - predicted), known])
+    dof = len(residual) - fitted.rank
+    if len(edges) < _LEAST_SLOPES or dof < 1:
+        return nothing
+    moved = by_joint_positions(model, observed.inputs, found.values, joints.shape[1])
+    columns = np.stack([moved[..., joint] * beyond[:, None, None] for joint, beyond in edges], axis=-1)
+    whole = np.zeros((len(residual), len(edges)))
+    whole[: len(residual) - len(known)] = observed.apply(columns)
+    left = fitted.residual(whole)
+    weights = (left**2).sum(axis=0)
+    told = weights > _TOLERANCE * (whole**2).sum(axis=0)
+    if told.sum() < _LEAST_SLOPES:
+        return nothing
+    estimates = (left.T @ residual)[told] / weights[told]
+    variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_known else 0.0)
+    errors = variance / weights[told]
+    if not (shared := _excess(estimates, errors, dof)):
+        return nothing
+    trust = shared**2 / (shared**2 + errors)  # an edge that says little says what all of them do (empirical Bayes)
+    joint = np.array([joint for joint, _ in edges])[told]
+    own = np.bincount(joint, (trust * estimates) ** 2 + trust * errors, joints.shape[1])
+    count = np.bincount(joint, minlength=len(nothing))
+    return np.asarray(np.sqrt(np.maximum(own / np.maximum(count, 1), shared**2)))
+
+
+def _edges(joints: Array) -> list[tuple[int, Array]]:
+    """Joint and how far ``(n,)`` each pose is within its outer tenth; edges of too few poses are left out."""
+    found = []
+    for joint, positions in enumerate(joints.T):
+        if np.ptp(positions) < _LEAST_RANGE:
+            continue
+        low, high = np.quantile(positions, [_EDGE, 1 - _EDGE])
+        both = np.maximum(low - positions, 0.0), np.maximum(positions - high, 0.0)
+        found += [(joint, beyond) for beyond in both if _is_enough(joints[beyond > 0])]
+    return found
+
+
+def _is_enough(joints: Array) -> bool:
+    """Whether so many poses, repeats aside, say something of a slope."""
+    return len(joints) >= _LEAST_POSES and len(np.unique(configurations(joints))) >= _LEAST_POSES
+
+
+def _excess(estimates: Array, variances: Array, dof: int) -> float:
+    """The standard deviation of numbers beyond that of their own errors: where the weighted squares are as expected.
+
+    The slope of a new edge is another draw of a variance that so few estimates say: Student's t has this one.
+    """
+    count = len(estimates)
+    squares = float((estimates**2 / variances).sum())
+    if p_value_of_squares(squares, count, dof) >= EXTRAPOLATION:
+        return 0.0
+    most = float((estimates**2).sum())
+    excess = brentq(lambda size: float((estimates**2 / (variances + size)).sum()) - count, 0.0, most)
+    return float(np.sqrt(excess * count / (count - 2)))
+
+
+def prediction_squares(
+    found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array
+) -> tuple[Array, Array]:
+    """Squares e' V^-1 e ``(n, k)`` of measured less predicted points, and the same by noise and parameters alone.
+
+    V is that of the noise (as large as the residuals say), of the parameters, and of what is beyond the range.
+
+    Args:
+        found: of points.
+        inputs: ``(n, joints + conditions)``.
+        points: ``(n, k, 3)`` m.
+    """
+    predicted, jacobian = found.model.observe(inputs, found.values)
+    slopes, error = jacobian[..., list(found.fit.free)], points - predicted
+    noise = max(found.residual_sigma_m, found.sigma_m if found.sigma_known else 0.0) ** 2 * np.eye(3)
+    alone = slopes @ found.covariance @ np.swapaxes(slopes, 2, 3) + noise
+    whole = alone
+    if measured is not None:
+        unknown = measured.unknown(found.model, inputs, found.values)
+        whole = alone + unknown @ np.swapaxes(unknown, 2, 3)
+    with_range, without = (
+        np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0]) for each in (whole, alone)
+    )
+    return with_range, without
+
+
+def joint_regions(joints: Array, count: int, seed: int) -> NDArray[np.int_]:
+    """``(n,)`` labels of regions of joint space of about as many poses each: halved across the joint that spreads most.
+
+    Args:
+        joints: ``(n, joints)`` rad or m.
+        count: how many; the largest region is halved until there are so many.
+        seed: of the order among regions that are as large.
+    """
+    labels, rng = np.zeros(len(joints), dtype=np.int_), rng_for(seed, "split")
+    for new in range(1, count):
+        sizes = np.bincount(labels) + 0.5 * rng.random(new)
+        part = np.flatnonzero(labels == sizes.argmax())
+        across = int(np.ptp(joints[part], axis=0).argmax())
+        order = part[np.argsort(joints[part, across], kind="stable")]
+        labels[order[len(order) // 2 :]] = new
+    return labels

@@ -1,0 +1,115 @@
+"""What is said of poses beyond the measured joint positions: nothing for rigid arms, enough for arms that bend."""
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120
+
+from lab.calibration.extrapolation import MeasuredRange, measured_range
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import WEAK, Identification, identify
+from lab.calibration.statistics.model_selection import select
+from lab.calibration.statistics.useful_parameters import TELLING, largest_useful_std
+from lab.calibration.weights import Noise
+from lab.commands.calibrate.range_dict import measured_range_from_dict, measured_range_to_dict
+from lab.core.measurements import Measurements, measured
+from lab.kinematics.effects.harmonics import harmonics
+from lab.kinematics.parameter import BASE_PARAMETERS
+
+SIGMA, POSES = 2e-5, 80
+ARM = IRB120.arm(("p1",))
+NOMINAL = ARM.nominal(IRB120.tool)
+
+
+def campaign(seed: int, bend: float, *, narrow: float = 0.35) -> tuple[Measurements, Measurements]:
+    """Poses within a share of joint 2's range, and others beyond; joints are off by +-``bend`` times position^3."""
+    rng = np.random.default_rng(seed)
+    joints = IRB120.chain.random_joints(POSES + 40, rng)
+    limits = IRB120.chain.lower[1], IRB120.chain.upper[1]
+    middle, half = np.mean(limits), narrow * (limits[1] - limits[0]) / 2
+    joints[:POSES, 1] = middle + half * rng.uniform(-1, 1, POSES)
+    joints[POSES:, 1] = middle + rng.choice([-1, 1], 40) * half * rng.uniform(1.1, 1.5, 40)
+    away = joints - (IRB120.chain.lower + IRB120.chain.upper) / 2
+    moved = joints + bend * rng.choice([-1, 1], 6) * np.clip(away, -1.0, 1.0) ** 3
+    points = ARM.points(moved, NOMINAL) + SIGMA * rng.standard_normal((len(joints), 1, 3))
+    data = measured(IRB120.chain.joint_names, joints, ("p1",), points)
+    return data.take(np.arange(POSES)), data.take(np.arange(POSES, POSES + 40))
+
+
+def ranged(rows: Measurements) -> tuple[Identification, MeasuredRange]:
+    found = identify(ARM, rows, NOMINAL)
+    said = measured_range(found, Observations.unweighted(rows), IRB120.chain.prismatic)
+    assert said is not None
+    return found, said
+
+
+def squares(found: Identification, said: MeasuredRange | None, rows: Measurements) -> np.ndarray:
+    """e' V^-1 e of each pose, with V of noise, parameters and, where asked for, what lies beyond."""
+    predicted, jacobian = found.model.observe(rows.joints, found.values)
+    slopes = jacobian[:, 0][:, :, list(found.fit.free)]
+    spread = slopes @ found.covariance @ np.swapaxes(slopes, 1, 2) + found.sigma_m**2 * np.eye(3)
+    if said is not None:
+        unknown = said.unknown(found.model, rows.joints, found.values)[:, 0]
+        spread = spread + unknown @ np.swapaxes(unknown, 1, 2)
+    error = (rows.points - predicted)[:, 0]
+    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(spread), error)
+
+
+def test_how_far_beyond_is_counted_from_the_nearer_edge_and_without_whole_turns() -> None:
+    said = MeasuredRange(np.array([-1.0, 0.1]), np.array([0.5, 0.3]), np.array([True, False]), *np.ones((2, 2)))
+    beyond = said.beyond(np.array([[0.0, 0.2], [0.7, 0.0], [-1.25 + 4 * np.pi, 0.4], [-0.25 + np.pi, 0.3]]))
+    np.testing.assert_allclose(beyond, [[0, 0], [0.2, 0.1], [0.25, 0.1], [np.pi - 0.75, 0]], atol=1e-12)
+
+
+def test_a_rigid_arm_has_no_slope_beyond() -> None:
+    """Level 1 %: more than 2 of 24 have a chance of 0.2 %."""
+    assert sum(ranged(campaign(seed, 0.0)[0])[1].is_worse_beyond for seed in range(24)) <= 2
+
+
+def test_an_arm_that_bends_is_told_where_it_was_not_measured() -> None:
+    """A cubic error that the measured third of a range hides: 95 % bounds hold beyond it with the slope alone."""
+    held, plain = [], []
+    for seed in range(8):
+        rows, beyond = campaign(seed, 3e-3)
+        found, said = ranged(rows)
+        assert said.is_worse_beyond
+        held.append(np.mean(squares(found, said, beyond) < 7.81))
+        plain.append(np.mean(squares(found, None, beyond) < 7.81))
+        inside = said.unknown(found.model, rows.joints, found.values)
+        assert not inside.any()  # nothing is added where it was measured
+    assert np.mean(held) > 0.85 > 0.75 > np.mean(plain)
+
+
+def test_the_range_is_written_and_read() -> None:
+    said = ranged(campaign(0, 3e-3)[0])[1]
+    content = measured_range_to_dict(said, IRB120.chain)
+    again = measured_range_from_dict(content, IRB120.chain)
+    assert again is not None and said.is_worse_beyond
+    for name in ("lower", "upper", "edge", "slope", "turning"):
+        np.testing.assert_allclose(getattr(again, name), getattr(said, name), rtol=1e-12)
+    assert measured_range_from_dict(None, IRB120.chain) is None and measured_range_to_dict(None, IRB120.chain) is None
+
+
+def test_a_wave_is_useful_where_half_of_it_was_measured() -> None:
+    waves = [*harmonics("slow", (0, 1), 1).parameters, *harmonics("fast", (1,), 3).parameters]
+    joints = np.array([[-np.pi, -0.5], [np.pi, 0.6]])  # joint 2 moves over 1.1 rad: a sixth of a turn
+    found = largest_useful_std([*waves, BASE_PARAMETERS[0]], joints)
+    assert found.tolist() == [WEAK, WEAK, TELLING, TELLING, WEAK, WEAK, WEAK]
+
+
+@pytest.mark.parametrize("bend", [0.0, 3e-3])
+def test_waves_that_are_hardly_measured_do_not_run_off(bend: float) -> None:
+    """What is taken for a joint that moved over a part of a turn is known there, or is not fitted."""
+    rows, beyond = campaign(3, bend)
+    chosen = select(
+        lambda groups: IRB120.arm_with(("p1",), groups),
+        rows,
+        lambda model: model.nominal(IRB120.tool),
+        Noise(None, SIGMA),
+        candidates=("harmonics", "harmonics2"),
+    )
+    found = chosen.identification
+    effects = [i for i, each in enumerate(found.fit.free) if found.model.parameters[each].wave]
+    useful = largest_useful_std([found.model.parameters[found.fit.free[i]] for i in effects], rows.joints)
+    assert (found.std[effects] <= 1.2 * useful).all()
+    missed = np.linalg.norm((beyond.points - found.model.points(beyond.joints, found.values))[:, 0], axis=1)
+    assert np.median(missed) < 1e-3
