@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -149,8 +149,8 @@ class Fitter:
         """The model that the rows call for, and their noise: each is chosen with the other."""
         fitter, selection = self, self._selected(rows)
         for _ in range(_BALANCINGS):
-            groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
-            search = noise_of(_OneModel(self, groups, unshown), rows)
+            model = _OneModel.of(self, selection)
+            search = noise_of(model, rows)
             before, fitter = fitter.noise.shared, self.knowing(search.shared)
             if selection is None or _kinds(before) == _kinds(search.shared):
                 break
@@ -158,6 +158,9 @@ class Fitter:
             assert selection is not None
             if set(chosen) == set(selection.chosen):
                 break
+        if model != (last := _OneModel.of(self, selection)):  # the noise of a model that was not chosen in the end
+            search = noise_of(last, rows)
+            fitter = self.knowing(search.shared)
         return fitter, selection, search
 
     def knowing(self, shared: SharedErrors | None) -> "Fitter":
@@ -351,9 +354,14 @@ class Fitter:
 class _OneModel:
     """How one model of a fitter fits any rows."""
 
-    fitter: Fitter
+    fitter: Fitter = field(compare=False)
     groups: tuple[str, ...]
     held: tuple[str, ...]
+
+    @staticmethod
+    def of(fitter: Fitter, selection: Selection | None) -> "_OneModel":
+        """That a selection ended with; geometry alone without one."""
+        return _OneModel(fitter, *((selection.chosen, selection.held) if selection else ((), ())))
 
     @property
     def noise(self) -> Noise:
