@@ -152,7 +152,8 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
 
         command.load_options()
     asked, place = parsed(command, arguments), None
-    if (check := getattr(asked.options, "check", None)) is not None:
+    options = asked.options  # lab design has an option --check, so its own refusals are called otherwise
+    if (check := getattr(options, "refuse_nonsense", None) or getattr(options, "check", None)) is not None:
         check()  # before there is a folder
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other

@@ -147,6 +147,8 @@ class DesignOptions:
     """How many times to choose anew; the best is kept."""
     curve: Flag = False
     """Draw the predicted error against the number of poses from a design of each number, which takes much longer."""
+    check: Path | None = None
+    """Plan nothing: check this plan.csv of an earlier run again, in the cell as it is now."""
     extend: Path | None = None
     """Poses measured already (CSV), to which these are added."""
     home: Numbers = ()
@@ -159,8 +161,10 @@ class DesignOptions:
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
 
-    def check(self) -> None:
+    def refuse_nonsense(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
+        if self.check is not None and (self.no_check or self.extend is not None):
+            raise LabError("--check: leave out --no-check and --extend beside it; they are of plans that are made")
         whole("--seed", self.seed, 0, SEED)
         whole("--starts", self.starts, 1, STARTS)
         whole("--candidates", self.candidates, 1, CANDIDATES)

@@ -12,7 +12,7 @@ import tyro
 from lab.campaign.option_groups import Flag
 from lab.campaign.options import DesignOptions
 from lab.commands.design.figures import curve_figure
-from lab.commands.design.run import design
+from lab.commands.design.run import planned_day
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document, Table
 from lab.render.svg import save_figure
@@ -35,7 +35,7 @@ class Options:
 
 def answer(options: Options) -> Answer:
     """Plan once, and draw the curve up to twice as many poses."""
-    plan = design(options.options)
+    plan = planned_day(options.options)
     summary = plan.to_dict()
     curve, last = summary["curve"], summary["curve"][-1]
     plateau = next(step for step in curve if step["o1"] >= PLATEAU * last["o1"])

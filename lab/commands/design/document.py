@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from lab.commands.design.day import MeasuringDayLength
 from lab.commands.design.figures import curve_picture, poses_picture
 from lab.commands.design.result import DesignResult
 from lab.commands.provenance import provenance_section
@@ -70,6 +71,7 @@ def design_document(result: DesignResult) -> Document:
                 (
                     Figure("poses-figure", (poses_picture(result),), _POSES),
                     Paragraph(_tour(result)),
+                    Paragraph(MeasuringDayLength(len(result.joints), result.tour.seconds).words),
                     Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_files(result),

@@ -11,6 +11,7 @@ import numpy as np
 from lab.campaign.design_problem import PoseProblem
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
+from lab.commands.design.day import MeasuringDayLength
 from lab.commands.result import Result
 from lab.commands.stops import VIA, Stops
 from lab.commands.values import error_statistics, number
@@ -179,7 +180,7 @@ class DesignResult(Result):
                 "feasible": len(candidates.joints),
                 "rejected": {reason: int(count) for reason, count in candidates.rejected.items()},
             },
-            "tour_seconds": float(tour.seconds),
+            **MeasuringDayLength(len(self.joints), tour.seconds).to_dict(),
             "moves": len(tour.stops) - 1,
             "via": self.tour.via,
             "reflector": self.reflector,

@@ -12,6 +12,7 @@ from lab.campaign.design_problem import PoseProblem, pose_problem
 from lab.campaign.design_search import best_design, exchanged
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
+from lab.commands.design.check import PlanCheckResult, check_plan
 from lab.commands.design.result import DesignResult, DesignStep
 from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
@@ -24,7 +25,7 @@ from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, sm
 from lab.pose_selection.tour import plan_tour, rated
 from lab.render.progress import Stage, status
 
-__all__ = ["design"]
+__all__ = ["design", "planned_day"]
 
 POSES = 30  # where neither a number nor an accuracy is asked for
 _CURVE_STEPS = 10
@@ -33,7 +34,7 @@ MOST_POSES = 200  # where an accuracy is asked for
 
 
 @takes(DesignOptions)
-def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any) -> DesignResult:
+def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any) -> DesignResult | PlanCheckResult:
     """Choose the poses to measure among feasible candidates, improve them, certify them, and order them.
 
     Args:
@@ -42,7 +43,8 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
             on.
 
     Returns:
-        Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them.
+        Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them; with ``check`` whether
+        an earlier plan can be run.
 
     Raises:
         LabError: the request cannot be met; the message says by what.
@@ -59,13 +61,26 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         known = load_virtual(robot)
         asked = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
         known = known.placed_in(asked.cell)
+    asked.refuse_nonsense()
+    return check_plan(asked, known) if asked.check is not None else planned_day(asked, known)
+
+
+def planned_day(options: DesignOptions, robot: Robot | None = None) -> DesignResult:
+    """Choose poses, and order them.
+
+    Args:
+        options: what is asked.
+        robot: in its cell; loaded as the options say, if not given.
+
+    Raises:
+        LabError: the request cannot be met; the message says by what.
+    """
     with status("planning") as progress:
-        return _planned(asked, known, progress)
+        return _planned(options, load_virtual(options.robot, options.cell) if robot is None else robot, progress)
 
 
 def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignResult:
     started = time.perf_counter()
-    options.check()
     progress("1 of 5, candidates")
     problem = pose_problem(options, robot)
     least = _least(problem)
