@@ -4,7 +4,7 @@ The step is solved through an orthogonal factorization of the scaled Jacobian an
 values of its triangle, so that a deficient system gives the shortest step, and is told.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.noise.correlation import Correlation
-from lab.core.linear_model import unit_columns
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.linear_model import triangle_of, unit_columns
+from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
@@ -34,6 +34,8 @@ ExtraResiduals = Callable[[Array], tuple[Array, Array]]
 """Parameters ``(p,)`` to more whitened residuals ``(r,)``, and the derivatives ``(r, p)`` of what predicts them."""
 MAX_ITERATIONS = 300
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
+_BLOCK = 60_000  # numbers whose derivatives are held at a time
+_FIRST_POSES = 4_000  # of more than a block, on which a fit begins
 _PROBE = 0.1  # of a step, at which its curvature is looked for
 _MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
@@ -82,6 +84,25 @@ class Observations:
         """Some of the poses."""
         correlation = None if self.correlation is None else self.correlation.take(rows)
         return Observations(self.inputs[rows], self.points[rows], self.whiten[rows], correlation)
+
+    @property
+    def in_one_block(self) -> bool:
+        """Whether all derivatives are held at once: there are few, or errors go from one pose to the others."""
+        return self.points.size <= _BLOCK or (self.correlation is not None and self.correlation.between_poses)
+
+    def blocks(self) -> Iterator["Observations"]:
+        """The poses in parts of a bounded size."""
+        if self.in_one_block:
+            yield self
+            return
+        n, size = len(self.inputs), max(_BLOCK // max(self.points[0].size, 1), 1)
+        for first in range(0, n, size):
+            yield self.take(np.arange(first, min(first + size, n)))
+
+    def thinned(self, poses: int) -> "Observations":
+        """So many of the poses, evenly spaced; all where there are no more than that, or no more than a block."""
+        some = None if self.in_one_block else evenly(len(self.inputs), poses)
+        return self if some is None else self.take(some)
 
     def joined(self, other: "Observations") -> "Observations":
         """These poses, then others that are weighed by the same noise."""
@@ -174,81 +195,151 @@ def fit(
     """
     index = list(free)
     metre = typical_weight(observed) * np.sqrt(max(len(observed.inputs), 1))
-
-    def at(values: Array) -> _State:
-        return _State(values, *_linearized(model, observed, values, index, extra_residuals))
-
-    here, damping = at(start.copy()), _LEAST_DAMPING
-    trace = [here.cost]
+    problem = _Problem(model, observed, index, extra_residuals)
+    here, damping = problem.at(_near(problem, start, tolerance_m)), _LEAST_DAMPING
+    trace, damped = [here.cost], False
     status: Status = "not converged"
     while True:
-        columns, scale = unit_columns(here.jacobian)
-        triangle, right = _triangle(columns, here.residual)
-        decomposed = np.linalg.svd(triangle)
-        step = _step(*decomposed, right)
-        moved = float(np.linalg.norm(triangle @ step)) / metre
-        values = here.values.copy()
+        decomposed = np.linalg.svd(here.triangle)
+        step = _step(*decomposed, here.right)
+        moved = float(np.linalg.norm(here.triangle @ step)) / metre
+        values = here.moved(index, step)
         if moved < tolerance_m:
-            values[index] += step / scale
             status = "converged"
             break
         if len(trace) > most_steps:
+            values = here.values
             break
-        values[index] += step / scale
-        there = at(values)
-        if not there.cost < here.cost:
-            there, damping = _damped(at, here, index, scale, decomposed.S, decomposed.Vh, damping)
-        if not there.cost < here.cost:  # nothing lowers it: rounding, if what is left to move is
+        there = problem.lower(here, values) if damped else problem.at(values)
+        if damped := there is None or not there.cost < here.cost:
+            there, damping = _damped(problem, here, decomposed.S, decomposed.Vh, damping)
+        if there is None:  # nothing lowers it: rounding, if what is left to move is
             values = here.values
             status = "converged" if moved < 1e3 * tolerance_m else "not converged"
             break
         here = there
         trace.append(here.cost)
-    return Fit(values, tuple(index), status, tuple(trace), triangle, scale, decomposed.S)
+    return Fit(values, tuple(index), status, tuple(trace), here.triangle, here.scale, decomposed.S)
+
+
+def _near(problem: "_Problem", start: Array, tolerance_m: float) -> Array:
+    """Where a fit begins: of more poses than a block where some of them end, which is near where all do."""
+    few = problem.observed.thinned(_FIRST_POSES)
+    if few is problem.observed:
+        return start.copy()
+    first = fit(
+        problem.model, few, problem.index, start, tolerance_m=tolerance_m, extra_residuals=problem.extra_residuals
+    )
+    return first.values if first.status == "converged" and first.rank == len(problem.index) else start.copy()
 
 
 @dataclass(frozen=True)
 class _State:
-    """Parameters with the whitened residual ``(r,)`` and the Jacobian ``(r, f)`` there."""
+    """Parameters with the linear problem there.
+
+    Attributes:
+        values: ``(p,)``.
+        residual: ``(r,)`` whitened, measured less predicted.
+        jacobian: ``(r, f)`` of the prediction, columns of unit norm; None where it is not held.
+        triangle: ``(f, f)`` its R.
+        right: ``(f,)`` Q'r.
+        scale: ``(f,)`` the norms that its columns had.
+    """
 
     values: Array
     residual: Array
-    jacobian: Array
+    jacobian: Array | None
+    triangle: Array
+    right: Array
+    scale: Array
 
     @property
     def cost(self) -> float:
         return 0.5 * float(self.residual @ self.residual)
 
+    def moved(self, index: list[int], step: Array) -> Array:
+        """The parameters after a step ``(f,)`` in units of the columns."""
+        values = self.values.copy()
+        values[index] += step / self.scale
+        return values
 
-def _damped(
-    at: Callable[[Array], _State], here: _State, index: list[int], scale: Array, sizes: Array, vt: Array, damping: float
-) -> tuple[_State, float]:
-    """Where a damped step lowers the cost, and the damping to begin with next time; ``here`` if none does.
+
+@dataclass(frozen=True)
+class _Problem:
+    """What is fitted, worked out block by block: derivatives of more poses than a block are never held."""
+
+    model: Model
+    observed: Observations
+    index: list[int]
+    extra_residuals: ExtraResiduals | None
+
+    def residual(self, values: Array) -> Array:
+        """``(r,)`` whitened, measured less predicted."""
+        parts = [each.apply(each.points - self.model.points(each.inputs, values)) for each in self.observed.blocks()]
+        more = [] if self.extra_residuals is None else [self.extra_residuals(values)[0]]
+        return np.concatenate([*parts, *more])
+
+    def _parts(self, values: Array) -> Iterator[tuple[Array, Array]]:
+        """Residual and derivatives of each block, then of what else is known."""
+        for each in self.observed.blocks():
+            points, derivative = self.model.observe(each.inputs, values)
+            yield each.apply(each.points - points), each.apply(derivative[..., self.index])
+        if self.extra_residuals is not None:
+            more, rows = self.extra_residuals(values)
+            yield more, rows[:, self.index]
+
+    def at(self, values: Array) -> _State:
+        """The linear problem at some parameters."""
+        if self.observed.in_one_block:
+            parts = list(self._parts(values))
+            residual, jacobian = (np.concatenate([part[i] for part in parts]) for i in range(2))
+            columns, scale = unit_columns(jacobian)
+            return _State(values, residual, columns, *_triangle(columns, residual), scale)
+        residuals: list[Array] = []
+
+        def beside(part: Array, jacobian: Array) -> Array:
+            residuals.append(part)
+            return np.column_stack([jacobian, part])
+
+        triangle, right = _split(triangle_of(beside(*each) for each in self._parts(values)))
+        columns, scale = unit_columns(triangle)
+        return _State(values, np.concatenate(residuals), None, columns, right, scale)
+
+    def lower(self, here: _State, values: Array) -> _State | None:
+        """The linear problem at some parameters if the cost is lower there; derivatives are worked out only then."""
+        residual = self.residual(values)
+        return self.at(values) if 0.5 * float(residual @ residual) < here.cost else None
+
+    def pull(self, here: _State, step: Array, ahead: Array) -> Array:
+        """``(f,)`` J'f_vv, with the curvature of the prediction along a step from the residual ``ahead``."""
+        residual, held, total, row = here.residual, here.jacobian, np.zeros(len(step)), 0
+        parts = (part / here.scale for _, part in self._parts(here.values)) if held is None else iter([held])
+        for jacobian in parts:
+            rows = slice(row, row + len(jacobian))
+            curvature = 2 / _PROBE * ((residual[rows] - ahead[rows]) / _PROBE - jacobian @ step)
+            total, row = total + jacobian.T @ curvature, rows.stop
+        return total
+
+
+def _damped(problem: _Problem, here: _State, sizes: Array, vt: Array, damping: float) -> tuple[_State | None, float]:
+    """Where a damped step lowers the cost, and the damping to begin with next time; None if none does.
 
     Levenberg and Marquardt's steps v, each bent by half of a = -(J'J + d)^-1 J'f_vv, with f_vv the prediction's
     curvature along v (geodesic acceleration: Transtrum, Machta & Sethna 2011): a valley that is narrow and
     curved, as that of a target near the last axis, is else followed in hundreds of short steps.
     """
-    jacobian = here.jacobian / scale
-    downhill = vt @ (jacobian.T @ here.residual)
-
-    def moved(step: Array) -> _State:
-        values = here.values.copy()
-        values[index] += step / scale
-        return at(values)
-
+    downhill = vt @ (here.triangle.T @ here.right)
     while damping <= _LARGEST_DAMPING:
         weight = 1 / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2)
         step = vt.T @ (weight * downhill)
-        ahead = moved(_PROBE * step).residual
-        curvature = 2 / _PROBE * ((here.residual - ahead) / _PROBE - jacobian @ step)
-        bend = -vt.T @ (weight * (vt @ (jacobian.T @ curvature)))
+        ahead = problem.residual(here.moved(problem.index, _PROBE * step))
+        bend = -vt.T @ (weight * (vt @ problem.pull(here, step, ahead)))
         if 2 * np.linalg.norm(bend) <= _MOST_BENT * np.linalg.norm(step):
-            there = moved(step + bend / 2)
-            if there.cost < here.cost:
+            there = problem.lower(here, here.moved(problem.index, step + bend / 2))
+            if there is not None:
                 return there, max(damping / 10, _LEAST_DAMPING)
         damping *= 10
-    return here, _LEAST_DAMPING
+    return None, _LEAST_DAMPING
 
 
 def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
@@ -258,22 +349,14 @@ def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
     return step
 
 
-def _linearized(
-    model: Model, observed: Observations, values: Array, free: list[int], extra_residuals: ExtraResiduals | None
-) -> tuple[Array, Array]:
-    """Whitened residual ``(r,)``, measured less predicted, and Jacobian ``(r, f)`` of the prediction."""
-    points, derivative = model.observe(observed.inputs, values)
-    residual, jacobian = observed.apply(observed.points - points), observed.apply(derivative[..., free])
-    if extra_residuals is None:
-        return residual, jacobian
-    more, rows = extra_residuals(values)
-    return np.concatenate([residual, more]), np.concatenate([jacobian, rows[:, free]])
-
-
 def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:
     """R of the Jacobian and Q'r, from one factorization of both side by side."""
-    size = jacobian.shape[1]
-    both = np.linalg.qr(np.column_stack([jacobian, residual]), mode="r")
+    return _split(np.asarray(np.linalg.qr(np.column_stack([jacobian, residual]), mode="r")))
+
+
+def _split(both: Array) -> tuple[Array, Array]:
+    """R and Q'r of the factor of both."""
+    size = both.shape[1] - 1
     padded = np.zeros((size + 1, size + 1))
     padded[: len(both)] = both
     return padded[:size, :size], padded[:size, size]

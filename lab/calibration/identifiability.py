@@ -58,13 +58,16 @@ class Direction:
     parts: tuple[tuple[str, float], ...]
 
 
-def weak_directions(names: Sequence[str], jacobian: Array, below: float = WEAK_CONDITION) -> tuple[Direction, ...]:
+def weak_directions(
+    names: Sequence[str], jacobian: Array, below: float = WEAK_CONDITION, rows: int | None = None
+) -> tuple[Direction, ...]:
     """The weakly observable directions, weakest first.
 
     Args:
         names: of the parameters ``(f,)``.
-        jacobian: ``(rows, f)``.
+        jacobian: ``(rows, f)``, or its R.
         below: directions are weak whose singular value times this is below the largest.
+        rows: how many there are, where R is given.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     _, sizes, vt = np.linalg.svd(np.linalg.qr(jacobian / np.where(scale > 0, scale, 1.0), mode="r"))
@@ -76,7 +79,7 @@ def weak_directions(names: Sequence[str], jacobian: Array, below: float = WEAK_C
         change = row / scale
         unit = 1e-3 / change[order[0]]
         parts = tuple((names[i], float(unit * change[i])) for i in order)
-        found.append(Direction(float(size / sizes[0]), float(abs(unit) * size / np.sqrt(len(jacobian))), parts))
+        found.append(Direction(float(size / sizes[0]), float(abs(unit) * size / np.sqrt(rows or len(jacobian))), parts))
     return tuple(found)
 
 

@@ -19,6 +19,7 @@ from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -39,6 +40,7 @@ __all__ = [
 
 Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
 ILL_CONDITIONED = 1e3  # a condition above which poses hardly tell the parameters apart
+_FIRST_POSES = 4_000  # of very many, by which a fit finds where to start, and most often what they tell apart
 _MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the nominal model in the same poses
@@ -148,7 +150,7 @@ def fit_base_and_tool(observation: Observation, observed: Observations, nominal:
     inputs = model.structure_joints(50, rng_for(0, "structure"))
     _, jacobian = model.observe(inputs, model.rank_point(nominal))
     free = independent_columns(jacobian.reshape(-1, len(model.names))[:, placing], range(len(placing)))
-    start = observation.initial_guess(observed, nominal)
+    start = observation.initial_guess(observed.thinned(_FIRST_POSES), nominal)
     held = [column for i, column in enumerate(placing) if i not in free]
     start[held] = nominal[held]
     return fit(
@@ -195,13 +197,15 @@ def identify(
     start = _start(model, aligned, nominal, structure, free, request.near)
     solve = request.solve or partial(_all_at_once, extra_residuals)
     solution = _canonical(model, solve(observation, observed, free, start))
-    dof, estimated = _residual_sigma(observation, observed, solution)
+    residuals = data.points - model.points(observed.inputs, solution.values)
+    dof, estimated = _residual_sigma(observation, observed, solution, residuals)
     if request.tolerance is not None:
         if not (known or np.isfinite(estimated)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
         prior = prior_of(model, structure, nominal, request.tolerance)
         extra_residuals = joined(extra_residuals, prior.rows(1.0 if known else estimated))
         solution = _canonical(model, fit(model, observed, structure.kept, start, extra_residuals=extra_residuals))
+        residuals = data.points - model.points(observed.inputs, solution.values)
     given = root_mean_square_sigma(observed, observation.positions) if known else 1.0
     found = Identification(
         model=model,
@@ -214,7 +218,7 @@ def identify(
         residual_sigma_m=given * estimated,
         dof=dof,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
-        residuals=data.points - model.points(observed.inputs, solution.values),
+        residuals=residuals,
         spread=_relative_spread(observation, observed, aligned, nominal),
         warnings=data.warnings,
         extra_residuals=extra_residuals,
@@ -267,22 +271,32 @@ def _all_at_once(
     return fit(observation.model, observed, free, start, extra_residuals=extra_residuals)
 
 
-def _residual_sigma(observation: Observation, observed: Observations, solution: Fit) -> tuple[int, float]:
+def _residual_sigma(
+    observation: Observation, observed: Observations, solution: Fit, residuals: Array
+) -> tuple[int, float]:
     """Residual degrees of freedom, and the sigma that residuals say; NaN where nothing is left over."""
-    residuals = observed.apply(observed.points - observation.model.points(observed.inputs, solution.values))
-    dof = len(residuals) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
-    return dof, float(np.sqrt(residuals @ residuals / dof)) if dof > 0 else float("nan")
+    white = observed.apply(residuals)
+    dof = len(white) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
+    return dof, float(np.sqrt(white @ white / dof)) if dof > 0 else float("nan")
 
 
 def _identifiable(
     model: Model, observed: Observations, aligned: Array, structure: BaseSet, known: Array
 ) -> tuple[int, ...]:
     """Those of the base set that the measured poses tell apart, at the nominal links."""
-    _, jacobian = model.observe(observed.inputs, model.rank_point(aligned))
-    rows = np.concatenate([jacobian[seen_mask(observed.points)].reshape(-1, len(model.names)), known])
-    kept = list(structure.kept)
+    kept, at = list(structure.kept), model.rank_point(aligned)
     order = [kept.index(i) for i in model.column_priority() if i in structure.kept]
-    return tuple(kept[i] for i in independent_columns(rows[:, kept], order))
+    few = observed.thinned(_FIRST_POSES)
+    for some in (few, observed):
+        parts = (
+            model.observe(each.inputs, at)[1][seen_mask(each.points)].reshape(-1, len(model.names))
+            for each in some.blocks()
+        )
+        rows = np.concatenate([next(parts) if some.in_one_block else triangle_of(parts), known])
+        found = tuple(kept[i] for i in independent_columns(rows[:, kept], order))
+        if some is observed or len(found) == len(kept):
+            break
+    return found
 
 
 def _canonical(model: Model, solution: Fit) -> Fit:

@@ -48,6 +48,7 @@ __all__ = [
 ]
 
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
+_MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
 FOLDS, LEAST_FOLDS = 5, 3
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
 UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
@@ -142,7 +143,14 @@ def errors_of(identification: Identification, test: Measurements) -> Errors:
 
 
 def configurations(joints: Array) -> Rows:
-    """``(n,)`` labels of joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share one."""
+    """``(n,)`` labels of joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share one.
+
+    Of very many rows those in one cell of an eighth of that stand for each other, or their pairs would be too many.
+    """
+    if len(joints) > _MANY_ROWS:
+        cells, cell = np.unique(np.floor(joints * (_CELLS / SAME_CONFIGURATION)), axis=0, return_inverse=True)
+        if len(cells) < len(joints):
+            return configurations((cells + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell.ravel()]
     pairs = cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
     labels: Rows = connected_components(links, directed=False)[1].astype(np.int_)

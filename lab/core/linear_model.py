@@ -7,6 +7,7 @@ each other (Golub & Van Loan 2013, section 5.5). Everything that fits least squa
 one: payloads, the statistics of a calibration, verification.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
-__all__ = ["LinearModel", "half_width_95", "matched_dof", "p_value_of_squares", "unit_columns"]
+__all__ = ["LinearModel", "half_width_95", "matched_dof", "p_value_of_squares", "triangle_of", "unit_columns"]
 
+_TALL = 4_096  # rows that a processor factorizes faster than more at once
 ZERO_COLUMN = 1e-10  # of the largest column's norm: a column below is zero
 WHOLE = 1e-6  # of a parameter's unit vector that may lie outside of the determined directions
 NORMAL_HALF_WIDTH_95 = 1.959963984540054
@@ -58,20 +60,6 @@ class LinearModel:
         back = vt[:rank].T / sizes[:rank]
         back = back if scale is None else back / scale[:, None]
         return cls(q @ u[:, :rank], back, sizes, _identifiable(vt[:rank]))
-
-    @classmethod
-    def of_rows(cls, columns: Array, inside: NDArray[np.bool_], tolerance: float) -> "LinearModel":
-        """Of some rows of comparable columns ``(n, p)``; the basis has all rows, as these predict them.
-
-        Args:
-            inside: ``(n,)`` which rows are fitted.
-            tolerance: of the largest singular value, below which one is zero.
-        """
-        triangle = np.linalg.qr(np.where(inside[:, None], columns, 0.0), mode="r")
-        _, sizes, vt = np.linalg.svd(triangle, full_matrices=False)
-        rank = _rank(sizes, tolerance)
-        back = vt[:rank].T / sizes[:rank]
-        return cls(columns @ back, back, sizes, _identifiable(vt[:rank]))
 
     @property
     def rank(self) -> int:
@@ -129,6 +117,23 @@ def unit_columns(columns: Array, axis: int = -2) -> tuple[Array, Array]:
     scale = np.linalg.norm(columns, axis=axis)
     scale[scale == 0] = 1.0
     return columns / np.expand_dims(scale, axis), scale
+
+
+def triangle_of(parts: Iterable[Array]) -> Array:
+    """R of all rows ``(n, p)``, which come in parts and are not held together.
+
+    Args:
+        parts: one at least, each ``(some, p)``.
+    """
+    triangle: Array | None = None
+    for part in parts:
+        step = _TALL if len(part) > 2 * _TALL else max(len(part), 1)
+        for first in range(0, max(len(part), 1), step):
+            rows = part[first : first + step]
+            both = rows if triangle is None else np.concatenate([triangle, rows])
+            triangle = np.asarray(np.linalg.qr(both, mode="r"))
+    assert triangle is not None
+    return triangle
 
 
 def p_value_of_squares(

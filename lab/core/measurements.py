@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lab.core.errors import IncompleteColumnError, LabError
 from lab.core.se3 import Array
 
-__all__ = ["SESSION", "Measurements", "asked", "measured", "seen_mask"]
+__all__ = ["SESSION", "Measurements", "asked", "evenly", "measured", "seen_mask"]
 
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
 
@@ -67,6 +67,8 @@ class Measurements:
     def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
         """The measurements of some rows."""
         index = np.asarray(rows, dtype=np.int_)
+        if len(index) == len(self) and (index == np.arange(len(self))).all():
+            return self
         pick = index.tolist()
         return replace(
             self,
@@ -129,6 +131,11 @@ def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable
         row = where(int(np.argmax(empty)))
         raise IncompleteColumnError(f"{row}, column {name}: empty, but the model needs it in every row; fill it in")
     return column
+
+
+def evenly(rows: int, most: int) -> NDArray[np.int_] | None:
+    """So many of the rows, evenly spaced, where there are more; None where all are no more."""
+    return None if rows <= most else np.linspace(0, rows - 1, most).round().astype(np.int_)
 
 
 def seen_mask(points: Array) -> NDArray[np.bool_]:

@@ -6,8 +6,9 @@ Numbers are read as decimals and scaled exactly. The columns that were read are 
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ __all__ = ["LARGEST", "CsvTable", "text_cell", "write_columns"]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
+_BLOCK = 10_000  # rows that are held as lists of cells
 LARGEST = 1e15  # in m, rad and whatever else a column holds; more is a mistake, and its square overflows
 
 _FORMULA = re.compile(
@@ -57,7 +59,6 @@ class CsvTable:
         semicolons: whether these separate the cells.
         decimal: the mark of the first decimal number, and the line and column of that; None before it is read.
         header: names of the columns.
-        rows: texts of the cells.
         lines: of the rows, as an editor counts them.
         unread: columns that were not read yet.
 
@@ -69,10 +70,14 @@ class CsvTable:
         self.path = path
         self.semicolons = False
         self.decimal: tuple[str, str] | None = None
-        self.header, self.rows, self.lines = self._read()
+        self._columns: list[list[_Cells]] = []
+        self.header, self.lines = self._read()
         self.unread = list(self.header)
 
-    def _read(self) -> tuple[list[str], list[list[str]], list[int]]:
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def _read(self) -> tuple[list[str], Sequence[int]]:
         text = read_text(self.path, TABLE_BYTES)
         if not text.strip():
             raise LabError(f"{self.path}: the file is empty; give a header line and one row a pose")
@@ -84,37 +89,56 @@ class CsvTable:
         if "\t" in first and "," not in first and ";" not in first:
             raise LabError(f"{self.path}: line 1: the columns are separated by tabs; separate them by commas")
         self.semicolons = ";" in first and "," not in first
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if self.semicolons else ",", strict=True)
-        table: list[list[str]] = []
+        header: list[str] = []
         lines: list[int] = []
-        line = 1  # where a row begins
+        block: list[list[str]] = []
+        ragged: tuple[int, int] | None = None  # the first line of another number of cells, and that number
+        line, reader = 1, csv.reader(_lines(text), delimiter=";" if self.semicolons else ",", strict=True)
         try:
             for row in reader:
-                if any(cell.strip() for cell in row):
-                    table.append([cell.strip() for cell in row])
+                if not any(map(str.strip, row)):
+                    pass
+                elif not header:
+                    header = [cell.strip() for cell in row]
                     lines.append(line)
+                elif len(row) == len(header):
+                    block.append(row)
+                    lines.append(line)
+                elif ragged is None:
+                    ragged = line, len(row)
+                if len(block) == _BLOCK:
+                    self._keep(block)
+                    block = []
                 line = reader.line_num + 1
         except csv.Error as error:
             raise LabError(f"{self.path}: line {line}: {error}; fix the quotes of the row that begins there") from error
         if not lines or lines[0] > 1:
             raise LabError(f"{self.path}: line 1 is blank; begin the file with the header")
-        self._check_table(table[0], table[1:], lines[1:])
-        return [_unmarked(name) for name in table[0]], table[1:], lines[1:]
+        self._keep(block)
+        self._check_table(header, len(lines) - 1, ragged)
+        whole = len(lines) == lines[-1]
+        return [_unmarked(name) for name in header], range(2, len(lines) + 1) if whole else lines[1:]
 
-    def _check_table(self, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
+    def _keep(self, block: list[list[str]]) -> None:
+        """Keep rows by columns, each as one text where it can be: a cell of its own takes many times its characters."""
+        for column, cells in enumerate(zip(*block, strict=True)):
+            if column == len(self._columns):
+                self._columns.append([])
+            self._columns[column].append(_packed(cells))
+
+    def _check_table(self, header: list[str], rows: int, ragged: tuple[int, int] | None) -> None:
         COLUMNS(f"{self.path}: line 1", header)
         for i, name in enumerate(header):
             if not name:
                 raise LabError(f"{self.path}: line 1: column {i + 1} has no name; name it or remove it")
             if name in header[:i]:
                 raise LabError(f"{self.path}: line 1: column {name} is there twice; keep one")
-        if not rows:
+        if not rows and ragged is None:
             raise LabError(f"{self.path}: no rows below the header; give one row a pose")
-        for row, line in zip(rows, lines, strict=True):
-            if len(row) != len(header):
-                raise LabError(
-                    f"{self.path}: line {line}: {len(row)} cells, but the header has {len(header)}; give every column"
-                )
+        if ragged is not None:
+            raise LabError(
+                f"{self.path}: line {ragged[0]}: {ragged[1]} cells, but the header has {len(header)}; give every column"
+            )
 
     def texts(self, name: str) -> tuple[str, ...] | None:
         """A column's cells, which then count as read; None if there is no such column."""
@@ -122,8 +146,7 @@ class CsvTable:
             return None
         if name in self.unread:
             self.unread.remove(name)
-        column = self.header.index(name)
-        return tuple(_unmarked(row[column]) for row in self.rows)
+        return tuple(chain.from_iterable(_unpacked(each) for each in self._columns[self.header.index(name)]))
 
     def fail(self, row: int, column: str, what: str) -> LabError:
         """An error in a cell: what is wrong there, and how to fix it."""
@@ -140,15 +163,22 @@ class CsvTable:
         Raises:
             LabError: a cell is not a number, or empty though it may not be.
         """
-        cells = self.texts(column)
-        assert cells is not None
-        if not self.semicolons and (quick := _plain_numbers(cells, exponent)) is not None:
-            return quick
-        out = np.full(len(cells), np.nan)
-        for i, cell in enumerate(cells):
-            if cell or not empty:
-                out[i] = self._number(i, column, cell, exponent)
-        return out
+        if column in self.unread:
+            self.unread.remove(column)
+        parts, first, held = [], 0, self._columns[self.header.index(column)]
+        for i, packed in enumerate(held):
+            quick = None if self.semicolons else _plain_numbers(packed, exponent)
+            if quick is None:
+                cells = _unpacked(packed)
+                quick = np.full(len(cells), np.nan)
+                for row, cell in enumerate(cells):
+                    if cell or not empty:
+                        quick[row] = self._number(first + row, column, cell, exponent)
+                if self.semicolons:  # what is kept of the file has points
+                    held[i] = tuple(cell.replace(",", ".") for cell in cells)
+            parts.append(quick)
+            first += len(quick)
+        return np.concatenate(parts)
 
     def _number(self, row: int, column: str, cell: str, exponent: int) -> float:
         if not cell:
@@ -177,23 +207,57 @@ class CsvTable:
             raise self.fail(
                 row, column, f"'{cell}' is written with '{marks[0]}', but {where} with '{first}'; use one decimal mark"
             )
-        plain = cell.replace(",", ".")
-        self.rows[row][self.header.index(column)] = plain  # what is kept of the file has points
-        return plain
+        return cell.replace(",", ".")
 
 
-def _plain_numbers(cells: Sequence[str], exponent: int) -> Array | None:
-    """A column ``(n,)`` of plain decimals times ten to an exponent, correctly rounded; None of any other.
+_Cells = str | tuple[str, ...]
+"""Cells of one column: a text with a line each, or, where one has lines or is to be stripped, as they are."""
+
+
+def _packed(cells: tuple[str, ...]) -> _Cells:
+    text = "\n".join(cells)
+    if _PLAIN.fullmatch(text):
+        return text
+    stripped = tuple(cell.strip() for cell in cells)
+    text = "\n".join(stripped)
+    return text if text.count("\n") == len(cells) - 1 and text else stripped
+
+
+def _unpacked(packed: _Cells) -> Sequence[str]:
+    """The cells, as ``text_cell`` was given them."""
+    cells = packed.split("\n") if isinstance(packed, str) else packed
+    return [_unmarked(cell) for cell in cells] if any(_MARK in each for each in _texts(packed)) else cells
+
+
+def _texts(packed: _Cells) -> Iterable[str]:
+    return (packed,) if isinstance(packed, str) else packed
+
+
+def _lines(text: str) -> Iterator[str]:
+    """The lines of a text, one after another; a carriage return may end one too."""
+    if text.count("\r") != text.count("\r\n"):
+        yield from io.StringIO(text, newline="")
+        return
+    first = 0
+    while first < len(text):
+        last = text.find("\n", first) + 1 or len(text)
+        yield text[first:last]
+        first = last
+
+
+def _plain_numbers(packed: _Cells, exponent: int) -> Array | None:
+    """Plain decimals times ten to an exponent, correctly rounded ``(n,)``; None of any other cells.
 
     A decimal with its exponent written behind it is read to the nearest number, as its exact product is.
     """
-    text = "\n".join(cells)
-    if not all(cells) or not _PLAIN.fullmatch(text) or (exponent and ("e" in text or "E" in text)):
+    if not isinstance(packed, str) or not _PLAIN.fullmatch(packed):
         return None
-    end = f"e{exponent}" if exponent else ""
+    if exponent and ("e" in packed or "E" in packed):
+        return None
+    cells = (packed.replace("\n", f"e{exponent}\n") + f"e{exponent}" if exponent else packed).split("\n")
     try:
-        values = np.array([float(cell + end) for cell in cells])
-    except ValueError:  # two points, or a sign inside: the table's own reader says where
+        values = np.array(list(map(float, cells)))
+    except ValueError:  # empty, two points, or a sign inside: the table's own reader says where
         return None
     return values if np.abs(values).max() <= LARGEST else None
 

@@ -29,6 +29,7 @@ _TEXT_COLUMNS = ("id", "session", "use")
 _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("location", "socket", "stop", "checked", "pressure_hPa", "humidity_percent")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
+_BLOCK = 10_000  # rows that are written at a time
 _LEAST_SIGMA_M = 1e-12
 _LARGEST_PAYLOAD_KG = 1000.0  # no arm carries more: the unit is another
 
@@ -57,36 +58,56 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
 
     Reserved columns are written where a row differs from what their absence means.
     """
-    columns: dict[str, Sequence[str]] = {}
-    if data.ids != tuple(str(i) for i in range(len(data))):
-        columns["id"] = [text_cell(name) for name in data.ids]
-    if data.marked or set(data.use) != {"calibrate"}:
-        columns["use"] = data.use
-    if any(data.sessions):
-        columns["session"] = [text_cell(name) for name in data.sessions]
-    for j, name in enumerate(data.joint_names):
-        unit, exponent = ("mm", 3) if prismatic[j] else ("rad", 0)
-        columns[f"{name}_{unit}"] = [_decimal(value, exponent) for value in data.joints[:, j]]
-    for k, target in enumerate(data.targets):
-        for i, axis in enumerate("xyz"):
-            columns[f"{target}_{axis}_mm"] = [_decimal(value, 3) for value in data.points[:, k, i]]
-    if np.isfinite(data.sigma_m).any():
-        columns["sigma_mm"] = [_decimal(value, 3) for value in data.sigma_m]
-    for name, numbers in data.conditions.items():
-        columns[name] = [_decimal(value, 0) for value in numbers]
-    columns |= {text_cell(name): [text_cell(text) for text in texts] for name, texts in data.other.items()}
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+        for first in range(0, max(len(data), 1), _BLOCK):
+            part = data if len(data) <= _BLOCK else data.take(range(first, min(first + _BLOCK, len(data))))
+            columns = _columns(data, part, prismatic)
+            if not first:
+                writer.writerow(columns)
+            writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _columns(data: Measurements, part: Measurements, prismatic: Sequence[bool]) -> dict[str, Sequence[str]]:
+    """The cells of some rows, by column; which columns there are is told by all."""
+    columns: dict[str, Sequence[str]] = {}
+    if any(name != str(i) for i, name in enumerate(data.ids)):
+        columns["id"] = [text_cell(name) for name in part.ids]
+    if data.marked or set(data.use) != {"calibrate"}:
+        columns["use"] = part.use
+    if any(data.sessions):
+        columns["session"] = [text_cell(name) for name in part.sessions]
+    for j, name in enumerate(data.joint_names):
+        unit, exponent = ("mm", 3) if prismatic[j] else ("rad", 0)
+        columns[f"{name}_{unit}"] = _decimals(part.joints[:, j], exponent)
+    for k, target in enumerate(data.targets):
+        for i, axis in enumerate("xyz"):
+            columns[f"{target}_{axis}_mm"] = _decimals(part.points[:, k, i], 3)
+    if np.isfinite(data.sigma_m).any():
+        columns["sigma_mm"] = _decimals(part.sigma_m, 3)
+    for name, numbers in part.conditions.items():
+        columns[name] = _decimals(numbers, 0)
+    return columns | {text_cell(name): [text_cell(text) for text in texts] for name, texts in part.other.items()}
+
+
+def _decimals(values: Array, exponent: int) -> list[str]:
+    return [_decimal(value, exponent) for value in values.tolist()]
 
 
 def _decimal(value: float, exponent: int) -> str:
     """``value * 10**exponent`` exactly, in plain digits; "" for NaN."""
-    if np.isnan(value):
+    if value != value:
         return ""
-    text = repr(float(value))
-    return text if not exponent and "e" not in text else format(Decimal(text).scaleb(exponent), "f")
+    text = repr(value)
+    if "e" in text:
+        return format(Decimal(text).scaleb(exponent), "f")
+    if not exponent:
+        return text
+    whole, _, part = text.partition(".")
+    if len(part) <= exponent:
+        return format(Decimal(text).scaleb(exponent), "f")
+    sign, digits = ("-", whole[1:]) if whole[0] == "-" else ("", whole)
+    return f"{sign}{(digits + part[:exponent]).lstrip('0') or '0'}.{part[exponent:]}"
 
 
 def read_measurements(
@@ -128,7 +149,7 @@ class PoseReader(CsvTable):
         Raises:
             LabError: no point is measured, or a cell or column is not what it should be; with file, line and column.
         """
-        n = len(self.rows)
+        n = len(self)
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
         self._warn_of_degrees(joints)
@@ -272,10 +293,12 @@ class PoseReader(CsvTable):
         for i, text in enumerate(texts or ()):
             if text not in USES:
                 raise self.fail(i, "use", f"'{text}' is unknown; write one of {', '.join(USES)}")
-        return texts or ("calibrate",) * len(self.rows)
+        return texts or ("calibrate",) * len(self)
 
     def _ids(self, texts: tuple[str, ...] | None) -> tuple[str, ...]:
-        ids = tuple((texts or ())[i] if texts and texts[i] else str(i) for i in range(len(self.rows)))
+        if texts is None:
+            return tuple(map(str, range(len(self))))
+        ids = tuple(text or str(i) for i, text in enumerate(texts))
         first: dict[str, int] = {}
         for i, name in enumerate(ids):
             if name in first:

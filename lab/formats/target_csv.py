@@ -107,7 +107,7 @@ class _TargetReader(PoseReader):
         stems = {*self.joint_names, *(f"q{j + 1}" for j in range(len(self.joint_names)))}
         given = [column for column in self.header if column.rsplit("_", 1)[0] in stems or column in stems]
         if not given:
-            return np.full((len(self.rows), len(self.joint_names)), np.nan)
+            return np.full((len(self), len(self.joint_names)), np.nan)
         joints = np.stack([self._joint(j, empty=True) for j in range(len(self.joint_names))], axis=1)
         empty = np.isnan(joints)
         half = empty.any(axis=1) & ~empty.all(axis=1)

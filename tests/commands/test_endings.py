@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from helpers.bad_input import run, the_line
+from helpers.processes import interruptible
 
 from lab.commands import program, registry
 from lab.core.errors import LabError
@@ -123,7 +124,8 @@ def test_a_program_that_is_interrupted_ends_with_130_and_one_line(folder: Path) 
         "from lab.cli import main; print(flush=True); raise SystemExit(main())",
         "calibrate",
     ]
-    with subprocess.Popen(command, cwd=folder, stdout=-1, stderr=-1, text=True, start_new_session=True) as started:
+    session = {"start_new_session": True, "preexec_fn": interruptible}
+    with subprocess.Popen(command, cwd=folder, stdout=-1, stderr=-1, text=True, **session) as started:
         assert started.stdout is not None
         started.stdout.readline()
         time.sleep(0.05)  # it imports

@@ -39,16 +39,6 @@ def test_the_scale_of_columns_decides_what_is_shortest() -> None:
     np.testing.assert_allclose(LinearModel.of(columns, 1e-9, scaled=True).solve(ROWS), np.array([1, 10]) / 101)
 
 
-def test_rows_that_are_not_fitted_are_predicted() -> None:
-    columns, _ = unit_columns(COLUMNS)
-    inside = np.arange(40) < 25
-    model = LinearModel.of_rows(columns, inside, 1e-9)
-    alone = LinearModel.of(columns[inside], 1e-9)
-    predicted = model.basis @ model.coordinates(np.where(inside, ROWS, 0.0))
-    np.testing.assert_allclose(predicted, columns @ alone.solve(ROWS[inside]), atol=1e-13)
-    np.testing.assert_allclose(model.covariance, alone.covariance, rtol=1e-9)
-
-
 def test_no_columns_and_columns_of_zeros_explain_nothing() -> None:
     for columns in (np.empty((40, 0)), np.zeros((40, 2))):
         model = LinearModel.of(columns, 1e-9)

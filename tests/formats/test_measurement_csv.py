@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
+from lab.formats import csv_table, measurement_csv
 from lab.formats.measurement_csv import ObservedColumns, read_measurements, write_measurements
 
 NAMES, SLIDES = IRB120.chain.joint_names, IRB120.chain.prismatic
@@ -163,3 +165,43 @@ def test_texts_are_no_formulas_to_a_spreadsheet_and_come_back(text: str, tmp_pat
     assert all(np.isfinite(float(cell)) for cell in formulas)  # a plain number is none
     back = read_measurements(path, ("q1",), (False,))
     assert back.ids == data.ids and back.sessions == data.sessions and back.other["note"] == (text, "-3.5")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([0, 3]))
+def test_a_decimal_is_moved_exactly(value: float, exponent: int) -> None:
+    assert measurement_csv._decimal(value, exponent) == (
+        repr(value) if not exponent and "e" not in repr(value) else format(Decimal(repr(value)).scaleb(exponent), "f")
+    )
+
+
+def test_a_file_of_several_blocks_reads_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_table, "_BLOCK", 7)
+    monkeypatch.setattr(measurement_csv, "_BLOCK", 9)
+    data = random_measurements(np.random.default_rng(5), SLIDES)
+    write_measurements(tmp_path / "data.csv", data, SLIDES)
+    names = tuple(data.joint_names)
+    back = read_measurements(tmp_path / "data.csv", names, SLIDES)
+    np.testing.assert_array_equal(back.joints, data.joints)
+    np.testing.assert_array_equal(back.points, data.points)
+    assert back.ids == data.ids and back.other == data.other and back.lines == tuple(range(2, 202))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_end_as_on_any_system(tmp_path: Path, end: str) -> None:
+    (tmp_path / "a.csv").write_bytes(end.join(["a,b", "1, 2 ", "", ' ,""', '"x\ny",3']).encode())
+    table = csv_table.CsvTable(tmp_path / "a.csv")
+    assert table.texts("a") == ("1", "x\ny") and table.texts("b") == ("2", "3")
+    assert list(table.lines) == [2, 5]
+
+
+def test_a_late_error_names_its_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_table, "_BLOCK", 3)
+    rows = "".join(f"{i},{i}.5\n" for i in range(10))
+    (tmp_path / "a.csv").write_text("a,b\n" + rows + "x,1\n1,2\n")
+    table = csv_table.CsvTable(tmp_path / "a.csv")
+    with pytest.raises(LabError, match=r"line 12, column a: 'x' is not a number"):
+        table.numbers("a")
+    np.testing.assert_array_equal(table.numbers("b")[:3], [0.5, 1.5, 2.5])
+    (tmp_path / "a.csv").write_text("a,b\n" + rows + "1\n")
+    with pytest.raises(LabError, match=r"line 12: 1 cells, but the header has 2"):
+        csv_table.CsvTable(tmp_path / "a.csv")

@@ -20,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers import toy_study
+from helpers.processes import interruptible
 from helpers.robots import ROOT
 
 from lab.cli import main
@@ -388,7 +389,8 @@ def test_an_interruption_is_told(tmp_path: Path) -> None:
     """Ctrl-C reaches the workers too, which leave it to the client."""
     (tmp_path / "long.toml").write_text(LONG)
     command = [sys.executable, "-m", "lab", "study", "long.toml", "--out", "study", "--workers", "1"]
-    client = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    session = {"start_new_session": True, "preexec_fn": interruptible}
+    client = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, **session)
     until(lambda: any((tmp_path / "study").glob("campaigns/cell*")))
     os.killpg(client.pid, signal.SIGINT)
     _, err = client.communicate(timeout=30)

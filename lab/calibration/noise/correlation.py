@@ -84,6 +84,11 @@ class Correlation:
         return done.reshape(rows.shape)
 
     @property
+    def between_poses(self) -> bool:
+        """Whether errors go from one pose to others."""
+        return self._states > 0
+
+    @property
     def _states(self) -> int:
         return int(self.shift.shape[2] + self.trend.shape[2])
 

@@ -28,7 +28,7 @@ def tail_dof(linear: LinearizedFit) -> float:
     outliers is to keep its level.
     """
     within = linear.everywhere()
-    left = 1 - (within.basis**2).sum(axis=2)
+    left = within.left()
     tested = linear.mask & (left > 0.2) & (np.arange(len(left)) < linear.poses)[:, None]
     numbers = np.abs(linear.residual[tested]) / np.sqrt(left[tested])
     if len(numbers) < _LEAST_NUMBERS or not (middle := float(np.median(numbers))) > 0:

@@ -136,7 +136,7 @@ def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:
     if within.dof < 1:
         return _nothing_left()
     total, nu = float((linear.residual**2).sum()), within.dof
-    left = (1 - (within.basis**2).sum(axis=2))[linear.mask]
+    left = within.left()[linear.mask]
     variance = 2 * nu + shape.excess_kurtosis * float((left**2).sum())
     p = float(p_value_of_squares(total, matched_dof(nu, variance), variance=variance / (2 * nu)))
     ratio = np.sqrt(total / nu)
@@ -164,9 +164,10 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> GoodnessOfFi
     _, group = np.unique(
         np.append(labels, labels.max() + 1 + np.arange(len(linear.mask) - linear.poses)), return_inverse=True
     )
-    member = np.eye(group.max() + 1)[group]  # (n, groups)
-    count = member.T @ linear.mask  # (groups, m)
-    mean = (member.T @ linear.residual) / np.maximum(count, 1)
+    count, total_of = np.zeros((2, group.max() + 1, linear.mask.shape[1]))  # (groups, m)
+    np.add.at(count, group, linear.mask)
+    np.add.at(total_of, group, linear.residual)
+    mean = total_of / np.maximum(count, 1)
     scatter = np.where(linear.mask, linear.residual - mean[group], 0.0)
     pure = int(np.maximum(count - 1, 0).sum())
     lack = within.dof - pure
@@ -235,8 +236,11 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     shape = observed.points.shape
     sight = np.nan_to_num(observed.points / np.linalg.norm(observed.points, axis=2, keepdims=True))
     along = (linear.residual.reshape(shape) * sight).sum(axis=2)
-    hat = (within.basis.reshape(*shape, -1) * sight[..., None]).sum(axis=2).reshape(along.size, -1)  # (n k, f)
-    taken = hat.T @ hat
+    rank = within.directions.shape[1]
+    taken = np.zeros((rank, rank))
+    for part, basis in within.basis():
+        hat = (basis.reshape(-1, *shape[1:], rank) * sight[part][..., None]).sum(axis=2).reshape(-1, rank)  # (n k, f)
+        taken += hat.T @ hat
     count = int(seen_mask(observed.points).sum())
     first = count - float(np.trace(taken))  # tr AM
     second = within.dof - first
@@ -280,17 +284,23 @@ def sandwich(linear: LinearizedFit) -> Sandwich:
     V = C (sum J_i' A_i r_i r_i' A_i J_i) C, A_i = (I - H_ii)^-1/2, unbiased where the weights are right after all;
     degrees of freedom by Satterthwaite's rule (Bell & McCaffrey 2002).
     """
-    within = linear.everywhere()
-    bent = within.root @ within.basis  # (n, m, f) A_i Q_i
-    scores = np.einsum("nmf,nm->nf", bent, linear.residual)
-    half = within.back @ scores.T  # (f, n)
-    means, squares = np.empty(len(half)), np.empty(len(half))
-    for j, row in enumerate(within.back):
-        pulls = bent @ row  # (n, m) u_i
-        shared = np.einsum("nmf,nm->nf", within.basis, pulls)
-        products = np.diag((pulls**2).sum(axis=1)) - shared @ shared.T
-        means[j], squares[j] = np.trace(products), (products**2).sum()
-    return Sandwich(half @ half.T, matched_dof(means, 2 * squares))
+    within, numbers = linear.everywhere(), len(linear.scale)
+    rank = within.directions.shape[1]
+    meat, inner, cross = np.zeros((rank, rank)), np.zeros((numbers, rank, rank)), np.zeros(numbers)
+    sums = np.zeros((2, numbers))
+    for part, basis in within.basis():
+        bent = within.root[part] @ basis  # (n, m, f) A_i Q_i
+        scores = np.einsum("nmf,nm->nf", bent, linear.residual[part])
+        meat += scores.T @ scores
+        for j, row in enumerate(within.back):
+            pulls = bent @ row  # (n, m) u_i, of which tr and tr of the square of diag(u_i'u_i) - S S' are asked for
+            own, shared = (pulls**2).sum(axis=1), np.einsum("nmf,nm->nf", basis, pulls)
+            inner[j] += shared.T @ shared
+            cross[j] += own @ (shared**2).sum(axis=1)
+            sums[:, j] += own.sum(), (own**2).sum()
+    means = sums[0] - np.trace(inner, axis1=1, axis2=2)
+    squares = sums[1] - 2 * cross + (inner**2).sum(axis=(1, 2))
+    return Sandwich(within.back @ meat @ within.back.T, matched_dof(means, 2 * squares))
 
 
 def _nothing_left() -> GoodnessOfFit:

@@ -4,7 +4,7 @@ Every test of residuals stands on it: outliers, goodness of fit, lagging joints.
 residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg 1982, section 2.1).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
-from lab.core.linear_model import LinearModel, p_value_of_squares
+from lab.core.linear_model import LinearModel, p_value_of_squares, triangle_of
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -23,7 +23,8 @@ Mask = NDArray[np.bool_]
 FULL_RANK = 1e-8  # of the largest singular value of the column-scaled Jacobian
 _DETERMINED = 1e-6  # share of a direction's variance that other poses must leave to its residual
 _LEAST_KURTOSIS_DOF = 4.5
-_BLOCK = 2_000_000  # numbers drawn at a time
+_BLOCK = 2_000_000  # numbers drawn or worked out at a time
+_NO_LEVERAGE, _MANY = 0.01, 60_000  # of each number's own error in its prediction, and how many numbers: no matter
 
 
 @dataclass(frozen=True)
@@ -80,21 +81,32 @@ class LinearizedFit:
         """Least squares on all poses."""
         return self.within(np.ones(len(self.mask), dtype=bool))
 
+    def blocks(self) -> Iterator[slice]:
+        """The blocks of poses in parts of a bounded size."""
+        size = max(_BLOCK // max(self.jacobian[0].size, 1), 1)
+        return (slice(first, first + size) for first in range(0, len(self.mask), size))
+
     def within(self, inside: Mask) -> "SubsetFit":
         """Least squares on the poses ``inside`` ``(n,)``."""
-        flat, numbers = self.jacobian.reshape(-1, len(self.scale)), self.mask.shape[1]
-        model = LinearModel.of_rows(flat, np.repeat(inside, numbers), FULL_RANK)
-        basis = model.basis.reshape(*self.mask.shape, -1)
-        own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
-        spread, axes = np.linalg.eigh(np.eye(own.shape[1]) + np.where(inside, -1.0, 1.0)[:, None, None] * own)
-        alone = spread < _DETERMINED
-        root = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))
+        rows = (np.where(inside[part, None, None], self.jacobian[part], 0.0) for part in self.blocks())
+        triangle = triangle_of(each.reshape(-1, len(self.scale)) for each in rows)
+        model = LinearModel.of(triangle, FULL_RANK, scaled=True)
+        numbers = self.mask.shape[1]
+        root, count = np.empty((len(inside), numbers, numbers)), self.mask.sum(axis=1)
+        for part in self.blocks():
+            basis = self.jacobian[part] @ model.back
+            own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
+            spread, axes = np.linalg.eigh(np.eye(numbers) + np.where(inside[part], -1.0, 1.0)[:, None, None] * own)
+            alone = spread < _DETERMINED
+            gain = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))
+            root[part] = (gain[:, None, :] * axes) @ np.swapaxes(axes, 1, 2)
+            count[part] -= alone.sum(axis=1)
         return SubsetFit(
+            linear=self,
             inside=inside,
-            basis=basis,
-            back=model.back / self.scale[:, None],
-            root=(root[:, None, :] * axes) @ np.swapaxes(axes, 1, 2),
-            count=np.where(np.arange(len(own)) < self.poses, self.mask.sum(axis=1) - alone.sum(axis=1), 0),
+            directions=model.back,
+            root=root,
+            count=np.where(np.arange(len(count)) < self.poses, count, 0),
             dof=int(self.mask[inside].sum()) - model.rank,
             full_rank=model.full_rank,
         )
@@ -105,28 +117,48 @@ class SubsetFit:
     """Least squares on some poses, with every pose judged by the others of them.
 
     Attributes:
-        basis: ``(n, m, rank)`` Q: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction.
-        back: ``(f, rank)`` from the basis to the parameters: their covariance is back back' where noise is white.
+        linear: the problem of all poses.
+        directions: ``(f, rank)`` from its columns to an orthonormal basis Q of the rows inside.
         root: ``(n, m, m)`` whitens a pose's residual: (I - H_ii)^-1/2 inside, (I + H_ii)^-1/2 outside.
         count: ``(n,)`` numbers of a pose that the other poses predict.
         dof: residual degrees of freedom inside.
         full_rank: whether the poses inside tell all parameters apart.
     """
 
+    linear: LinearizedFit
     inside: Mask
-    basis: Array
-    back: Array
+    directions: Array
     root: Array
     count: NDArray[np.int_]
     dof: int
     full_rank: bool
 
+    @property
+    def back(self) -> Array:
+        """``(f, rank)`` from the basis to the parameters: their covariance is back back' where noise is white."""
+        return self.directions / self.linear.scale[:, None]
+
+    def basis(self) -> Iterator[tuple[slice, Array]]:
+        """``(n, m, rank)`` Q in parts: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction."""
+        return ((part, self.linear.jacobian[part] @ self.directions) for part in self.linear.blocks())
+
+    def left(self) -> Array:
+        """``(n, m)`` the share of each number's variance that the fit leaves to its residual, where it was fitted."""
+        left = np.empty(self.linear.mask.shape)
+        for part, basis in self.basis():
+            left[part] = 1 - (basis**2).sum(axis=2)
+        return left
+
     def residuals(self, errors: Array) -> Array:
         """What least squares inside leaves of errors ``(..., n, m)``, outside too."""
-        flat = errors.reshape(*errors.shape[:-2], -1)
-        basis = self.basis.reshape(flat.shape[-1], -1)
-        fitted = np.where(np.repeat(self.inside, errors.shape[-1])[:, None], basis, 0.0)
-        return np.asarray(errors - ((flat @ fitted) @ basis.T).reshape(errors.shape))
+        pull = np.zeros((*errors.shape[:-2], self.directions.shape[1]))
+        for part, basis in self.basis():
+            fitted = np.where(self.inside[part, None, None], basis, 0.0)
+            pull += np.tensordot(errors[..., part, :], fitted, axes=2)
+        left = errors.copy()
+        for part, basis in self.basis():
+            left[..., part, :] -= np.tensordot(pull, basis, axes=(-1, -1))
+        return left
 
     def squares(self, residuals: Array) -> tuple[Array, Array]:
         """Squared whitened distance ``(..., n)`` of each pose from what the others predict, and the fit's own sum.
@@ -174,7 +206,6 @@ def linearized(
     Args:
         extra_residuals: what else is known of the parameters; its rows stay whichever poses are looked at.
     """
-    predicted, jacobian = model.observe(observed.inputs, values)
     mask = seen_mask(observed.points)
     n, k, d = observed.points.shape
     more, rows = (np.empty(0), np.empty((0, len(values)))) if extra_residuals is None else extra_residuals(values)
@@ -182,24 +213,47 @@ def linearized(
     residual, slopes = np.zeros((blocks, k * d)), np.zeros((blocks, k * d, len(free)))
     numbers = np.zeros((blocks, k * d), dtype=bool)
     numbers[:n] = np.repeat(mask, d, axis=1)
+    first = 0
+    for part in observed.blocks():
+        here = slice(first, first + len(part.inputs))
+        predicted, jacobian = model.observe(part.inputs, values)
+        _fill(residual[here], numbers[here], part.apply(part.points - predicted))
+        _fill(slopes[here], numbers[here], part.apply(jacobian[..., list(free)]))
+        first = here.stop
     numbers[n:].flat[: len(more)] = True
-    residual[numbers] = np.concatenate([observed.apply(observed.points - predicted), more])
-    slopes[numbers] = np.concatenate([observed.apply(jacobian[..., list(free)]), rows[:, list(free)]])
-    scale = np.linalg.norm(slopes.reshape(-1, len(free)), axis=0)
+    residual[n:][numbers[n:]] = more
+    slopes[n:][numbers[n:]] = rows[:, list(free)]
+    scale = np.sqrt(np.einsum("nmf,nmf->f", slopes, slopes))
     scale[scale == 0] = 1.0
-    return LinearizedFit(residual, slopes / scale, scale, numbers, n)
+    slopes /= scale
+    return LinearizedFit(residual, slopes, scale, numbers, n)
+
+
+def _fill(target: Array, where: Mask, rows: Array) -> None:
+    if where.all():
+        target[:] = rows.reshape(target.shape)
+    else:
+        target[where] = rows
 
 
 def smallest_p(
     within: SubsetFit, mask: Mask, shape: NoiseDistribution, known: bool, draws: int, rng: np.random.Generator
 ) -> Array:
-    """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape."""
+    """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape.
+
+    Of many poses the errors themselves are taken for the residuals, where the fit follows no pose.
+    """
     found = []
     sizes = np.unique(within.count)
     block = max(1, _BLOCK // mask.size)
+    alone = mask.size > _MANY and float(within.left()[mask].min()) > 1 - _NO_LEVERAGE
     for first in range(0, draws, block):
         errors = shape.draw((min(block, draws - first), *mask.shape), rng) * mask
-        distance, total = within.squares(within.residuals(errors))
+        if alone:
+            distance = np.einsum("bnm,bnm->bn", errors, errors)
+            total = distance.sum(axis=1)
+        else:
+            distance, total = within.squares(within.residuals(errors))
         # Among poses of as many numbers the farthest has the smallest p-value: only those are worked out.
         farthest = np.stack([np.where(within.count == size, distance, -1.0).argmax(axis=1) for size in sizes], axis=1)
         largest = np.take_along_axis(distance, farthest, axis=1)

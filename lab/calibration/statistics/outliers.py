@@ -34,6 +34,7 @@ LEAST_SIGMA_M = 1e-6  # an estimated sigma below is no instrument's, but what mo
 _DRAWS = 999  # (draws + 1) x level is a whole number: the test of Monte Carlo draws is then exact (Barnard 1963)
 _TUKEY_TAIL = 2 * stats.norm.sf(4.685)  # weight zero where noise is as rare as at Tukey's 4.685 sigma of one number
 _ROUNDS = 30
+_FIRST_POSES = 4_000  # of very many, on which the search begins
 _SETTLED = 0.01  # sigma: a robust step below ends its iteration
 
 
@@ -264,6 +265,10 @@ def _robust(
     The loop is its own: the weights follow the residuals, and a step that leads to where a model has no answer is
     undone.
     """
+    few = observed.thinned(_FIRST_POSES)
+    if few is not observed:  # what so many say comes near enough to what all do
+        values, _, _ = _robust(model, few, free, start, extra_residuals, floor)
+        return values, *_weights_at(model, observed, values, extra_residuals, floor)
     values = ahead = start
     for _ in range(_ROUNDS):
         linear = linearized(model, observed, ahead, free, extra_residuals)
@@ -284,20 +289,42 @@ def _reweighted(linear: LinearizedFit, basis: Array, floor: float) -> tuple[Arra
     """Step ``(f,)`` in an orthonormal basis ``(n m, f)``, Tukey's weights ``(n,)`` and the scale."""
     size = linear.mask.sum(axis=1)
     tested = (size > 0) & (np.arange(len(size)) < linear.poses)
-    middle = np.sqrt(stats.chi2.ppf(0.5, np.maximum(size, 1)))
-    end = np.sqrt(stats.chi2.isf(_TUKEY_TAIL, np.maximum(size, 1)))
     shrunk = np.sqrt(max(1.0 - len(basis[0]) / size.sum(), 0.1))
     step = np.zeros(len(basis[0]))
     for _ in range(_ROUNDS):
         lengths = np.linalg.norm(linear.residual - (basis @ step).reshape(linear.residual.shape), axis=1)
-        scale = max(float(np.median((lengths / middle)[tested])) / shrunk, floor)
-        weights = np.maximum(1 - (lengths / (scale * end)) ** 2, 0.0) ** 2
-        weights[linear.poses :] = 1.0
+        weights, scale = _biweight(lengths, size, tested, shrunk, floor)
         moved = _weighted_step(linear, basis, weights) - step
         step = step + moved
         if np.linalg.norm(moved) < _SETTLED * scale * np.sqrt(len(step)):
             break
     return step, weights, scale
+
+
+def _weights_at(
+    model: Model, observed: Observations, values: Array, extra_residuals: ExtraResiduals | None, floor: float
+) -> tuple[Array, float]:
+    """Tukey's weights of very many poses, and the scale, at parameters that are near enough."""
+    mask = seen_mask(observed.points)
+    n, k, d = observed.points.shape
+    residual = np.zeros((n, k, d))
+    residual[mask] = observed.apply(observed.points - model.points(observed.inputs, values)).reshape(-1, d)
+    lengths, size = np.linalg.norm(residual.reshape(n, -1), axis=1), d * mask.sum(axis=1)
+    more = 0 if extra_residuals is None else -(-len(extra_residuals(values)[0]) // (k * d))
+    weights, scale = _biweight(lengths, size, size > 0, 1.0, floor)
+    return np.concatenate([weights, np.ones(more)]), scale
+
+
+def _biweight(lengths: Array, size: NDArray[np.int_], tested: Mask, shrunk: float, floor: float) -> tuple[Array, float]:
+    """Weights of residuals' lengths ``(n,)`` of so many numbers each, and the scale by their median."""
+    numbers, index = np.unique(np.maximum(size, 1), return_inverse=True)
+    middle, end = (
+        np.sqrt(each)[index] for each in (stats.chi2.ppf(0.5, numbers), stats.chi2.isf(_TUKEY_TAIL, numbers))
+    )
+    scale = max(float(np.median((lengths / middle)[tested])) / shrunk, floor)
+    weights = np.maximum(1 - (lengths / (scale * end)) ** 2, 0.0) ** 2
+    weights[~tested & (size > 0)] = 1.0
+    return weights, scale
 
 
 def _weighted_step(linear: LinearizedFit, basis: Array, weights: Array) -> Array:

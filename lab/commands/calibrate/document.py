@@ -16,7 +16,7 @@ from lab.commands.calibrate.figures import (
     has_correction,
     singular_value_picture,
 )
-from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs, weak_directions_of
+from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs
 from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult
@@ -317,7 +317,7 @@ def _status(row: EstimatedParameter) -> str:
 def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
     """What the robot's structure and these poses allow to be identified."""
     found = result.identification
-    directions, pairs = weak_directions_of(found, result.fitted), correlated_pairs(found)
+    directions, pairs = result.weak_directions, correlated_pairs(found)
     parameters = {each.name: each.parameter for each in result.parameters}
     weak = tuple(
         (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(1e6 * each.moved)} µm")

@@ -5,9 +5,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import Direction, aliases, column_scale, weak_directions
 from lab.calibration.identify import WEAK, Identification
 from lab.commands.values import number
+from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
@@ -168,9 +170,13 @@ def correlated_pairs(identification: Identification) -> tuple[CorrelatedPair, ..
 def weak_directions_of(identification: Identification, fitted: Measurements) -> tuple[Direction, ...]:
     """Directions of the identified parameters that the fitted measurements hardly observe."""
     model, free = identification.model, list(identification.fit.free)
-    _, jacobian = model.observe(fitted.inputs(model.conditions), identification.values)
-    rows = jacobian[fitted.seen][..., free].reshape(-1, len(free))
-    return weak_directions([model.names[i] for i in free], rows)
+    seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
+    triangle = triangle_of(
+        each.apply(model.observe(each.inputs, identification.values)[1][..., free]) for each in seen.blocks()
+    )
+    return weak_directions(
+        [model.names[i] for i in free], triangle, rows=int(fitted.seen.sum() * fitted.points.shape[2])
+    )
 
 
 def direction_to_dict(direction: Direction) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
+from lab.commands.calibrate.last_made import LastMade
 from lab.commands.calibrate.noise import noise_of
 from lab.commands.calibrate.residuals import beside_shared_errors, with_own_intervals
 from lab.commands.calibrate.warnings import (
@@ -74,6 +75,8 @@ class Fitter:
     options: Fitting
     seed: int
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
+    _last_fit: LastMade = field(default_factory=LastMade, repr=False, compare=False)
+    _last_outliers: LastMade = field(default_factory=LastMade, repr=False, compare=False)
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""
@@ -126,8 +129,8 @@ class Fitter:
         Args:
             held: parameters of the groups that the selection found these poses not to show.
         """
+        found, clean, outliers = self.identified_with(rows, groups, held), rows, None
         model, request = self.modelled(groups, held)
-        found, clean, outliers = self.identified_from(model, rows, request), rows, None
         for _ in range(_CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
             before, outliers = outliers, self.outliers_of(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
@@ -135,6 +138,15 @@ class Fitter:
             clean = rows.take(np.setdiff1d(np.arange(len(rows)), outliers.rows))
             found = self.identified_from(model, clean, request)
         return found, clean, outliers
+
+    def identified_with(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
+        """One identification of the arm with these groups from all these rows."""
+
+        def make() -> Identification:
+            model, request = self.modelled(groups, held)
+            return self.identified_from(model, rows, request)
+
+        return self._last_fit(make, rows, groups, held, self.kind, self.noise.shared)
 
     def __call__(self, rows: Measurements, held: Measurements | None = None) -> FitReport:
         """Everything that the rows say.
@@ -277,6 +289,9 @@ class Fitter:
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         """The rows that are off, by a search that starts from an identification."""
+        return self._last_outliers(lambda: self._outliers_of(start, rows), start, rows, self.noise.shared)
+
+    def _outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         observation = observation_of(start.model)
         observations, known = weighed(observation, rows, self.noise)
         alone, extra = observations.pose_by_pose(), start.extra_residuals
@@ -324,8 +339,8 @@ class Fitter:
     def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> GoodnessOfFit:
         observation = observation_of(found.model)
         observations, known = weighed(observation, rows, self.noise)
-        labels = repeats(rows)
-        if self.noise.shared is not None and len(np.unique(labels)) == len(labels):
+        labels = repeats(rows) if self.noise.shared is not None or not known else None
+        if self.noise.shared is not None and labels is not None and len(np.unique(labels)) == len(labels):
             alone = weighed(observation, rows, replace(self.noise, shared=None))[0]
             instrument = (alone, self._shape) if known else None
             return beside_shared_errors(found, observations, rows, self.noise.shared, instrument)
@@ -342,12 +357,14 @@ class Fitter:
 
     def _moves(self, rows: Measurements) -> Array:
         """``(n, joints)`` from the pose that was measured before each row in its session; none to the first."""
-        last: dict[str, Array] = {}
-        moves = {}
-        for name, session, joints in zip(self.data.ids, self.data.sessions, self.data.joints, strict=True):
-            moves[name] = joints - last.get(session, joints)
-            last[session] = joints
-        return np.array([moves[name] for name in rows.ids])
+        moves = np.zeros_like(self.data.joints)
+        for session in dict.fromkeys(self.data.sessions):
+            here = np.flatnonzero([name == session for name in self.data.sessions])
+            moves[here[1:]] = np.diff(self.data.joints[here], axis=0)
+        if rows.ids == self.data.ids:
+            return moves
+        row_of = {name: i for i, name in enumerate(self.data.ids)}
+        return np.asarray(moves[[row_of[name] for name in rows.ids]])
 
 
 @dataclass(frozen=True)
@@ -370,8 +387,7 @@ class _OneModel:
 
     def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
         """The identification from all these rows."""
-        model, request = self.fitter.modelled(self.groups, self.held)
-        return self.fitter.knowing(shared).identified_from(model, rows, request)
+        return self.fitter.knowing(shared).identified_with(rows, self.groups, self.held)
 
     def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
         """The poses that are off."""

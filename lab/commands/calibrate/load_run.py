@@ -362,7 +362,7 @@ def _covariance(path: Path) -> tuple[tuple[str, ...], Array]:
     if labels is None or tuple(table.header[1:]) != labels:
         raise LabError(f"{path}: its rows are not those of its columns; identify again")
     try:
-        matrix = np.array([row[1:] for row in table.rows], dtype=np.float64)
+        matrix = np.array([table.texts(name) for name in labels], dtype=np.float64).T
     except ValueError as error:
         raise LabError(f"{path}: {error}; identify again") from error
     refuse_impossible_covariance(path, matrix)

@@ -22,14 +22,16 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
 
     Nothing is measured twice alike: a copy would count as a measurement of its own, and make intervals too narrow.
     """
-    first: dict[bytes, int] = {}
-    copies: list[tuple[int, int]] = []
-    conditions = [column[:, None] for _, column in sorted(data.conditions.items())]
-    numbers = np.concatenate([data.joints, data.points.reshape(len(data), -1), *conditions], axis=1)
-    for row in np.flatnonzero(data.seen.any(axis=1)).tolist():
-        key = numbers[row].tobytes() + data.sessions[row].encode()
-        if (same := first.setdefault(key, row)) != row:
-            copies.append((row, same))
+    conditions = [column for _, column in sorted(data.conditions.items())]
+    names = {name: float(i) for i, name in enumerate(dict.fromkeys(data.sessions))}
+    numbers = np.column_stack(
+        [data.joints, data.points.reshape(len(data), -1), *conditions, [names[name] for name in data.sessions]]
+    )
+    seen = np.flatnonzero(data.seen.any(axis=1))
+    alike = np.ascontiguousarray(numbers[seen]).view(np.dtype((np.void, numbers.itemsize * numbers.shape[1]))).ravel()
+    _, first, group = np.unique(alike, return_index=True, return_inverse=True)
+    earlier = seen[first[group]]
+    copies = [(int(row), int(earlier[i])) for i, row in enumerate(seen) if earlier[i] != row]
     if not copies or len(data) - len(copies) < LEAST_ROWS:
         return data
     row, same = copies[0]

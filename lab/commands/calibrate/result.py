@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.calibration.observations.kind import ObservationKind
@@ -113,6 +114,11 @@ class CalibrationResult(Result):
         """Every parameter: nominal, estimated, how sure."""
         return estimated_parameters(self.identification, self.exported)
 
+    @cached_property
+    def weak_directions(self) -> tuple[Direction, ...]:
+        """Directions of the parameters that the fitted measurements hardly observe."""
+        return weak_directions_of(self.identification, self.fitted)
+
     @property
     def before(self) -> ErrorStatistics | None:
         """Errors of the nominal model at the poses of the validation, base and tool fitted; None without one."""
@@ -187,7 +193,7 @@ class CalibrationResult(Result):
             "stiffness_nm_per_rad": {each.joint: each.stiffness for each in self.stiffnesses},
             "stiffness_std_nm_per_rad": {each.joint: number(each.std) for each in self.stiffnesses},
             "correlated": [pair.to_dict() for pair in correlated_pairs(identification)],
-            "weak_directions": [direction_to_dict(each) for each in weak_directions_of(identification, self.fitted)],
+            "weak_directions": [direction_to_dict(each) for each in self.weak_directions],
             "outliers": [_outlier_to_dict(pose) for pose in self.fit.outliers],
             "outliers_left_out": self.fit.left_out,
             "warnings": list(self.warnings),

@@ -17,7 +17,7 @@ from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.model_words import listed
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.link_loads import link_ends
 from lab.kinematics.encoders import Encoders
@@ -42,6 +42,7 @@ _STRANGE = 0.05  # m or rad from the nominal value
 _SURPRISING = 5.0  # standard deviations of the prior
 _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
 _NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
+_MOST_POSES = 20_000  # by which joint positions are looked at
 _RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
@@ -142,6 +143,8 @@ def of_joints(
         moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
         encoders: those of the robot's table; None where it names none.
     """
+    if (some := evenly(len(rows), _MOST_POSES)) is not None:  # very many say no more
+        seen, rows, moves = seen.take(some), rows.take(some), moves[some]
     model, said = found.model, []
     if encoders is not None:
         made_m = counting(model, rows, found.values, encoders, observation_of(model).positions or None)

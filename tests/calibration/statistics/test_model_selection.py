@@ -334,9 +334,9 @@ def test_a_thousand_poses_with_three_targets() -> None:
     targets = ("p1", "p2", "p3")
     arm = IRB120.arm_with(targets, ["compliance", "harmonics"])
     data = simulated(arm, values_with(arm, rng), 1000, rng)
-    started = time.perf_counter()
+    started = time.process_time()
     found = select(lambda g: IRB120.arm_with(targets, g, SESSIONS), data, nominal, Noise(None, SIGMA))
-    assert time.perf_counter() - started < 10.0
+    assert time.process_time() - started < 10.0
     assert sorted(found.chosen) == ["compliance", "harmonics"]
 
 
