@@ -185,8 +185,7 @@ def identify(
     noise, request, observation = noise or Noise(), request or IdentifyOptions(), observation_of(arm).within(data)
     model, nominal = observation.model, observation.nominal(nominal)
     observed, known = weighed(observation, data, noise)
-    _refuse_impossible(observation, data, observed, nominal)
-    _refuse_few_points(model, data, nominal)
+    _refuse_impossible_or_few(observation, data, observed, nominal)
     aligned = fit_base_and_tool(observation, replace(observed, correlation=None), nominal)  # whatever the noise is
     extra_residuals = weighted_constraints(observation, observed)
     known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
@@ -208,9 +207,9 @@ def identify(
         residuals = data.points - model.points(observed.inputs, solution.values)
     given = root_mean_square_sigma(observed, observation.positions) if known else 1.0
     found = Identification(
-        model=model,
-        nominal_aligned=aligned,
-        values=solution.values,
+        model,
+        aligned,
+        solution.values,
         base_set=structure,
         fit=solution,
         sigma_m=given if known else estimated,
@@ -223,7 +222,7 @@ def identify(
         warnings=data.warnings,
         extra_residuals=extra_residuals,
     )
-    return replace(found, warnings=(*data.warnings, *_warnings(found, weighed_prior=request.tolerance is not None)))
+    return replace(found, warnings=(*found.warnings, *_warnings(found, weighed_prior=request.tolerance is not None)))
 
 
 def _start(
@@ -236,14 +235,6 @@ def _start(
     return start
 
 
-def _refuse_few_points(model: Model, data: Measurements, nominal: Array) -> None:
-    """A LabError for fewer points than place a base."""
-    if (count := int(data.seen.sum())) < 3:
-        raise LabError(
-            f"{count} measured points: too few to place a base; measure at least {poses_needed(model, nominal)} poses"
-        )
-
-
 def _refuse_few_poses(model: Model, data: Measurements, aligned: Array, structure: BaseSet) -> None:
     """A LabError for fewer poses than the base set needs."""
     needed = poses_needed(model, aligned, structure)
@@ -254,8 +245,10 @@ def _refuse_few_poses(model: Model, data: Measurements, aligned: Array, structur
         )
 
 
-def _refuse_impossible(observation: Observation, data: Measurements, observed: Observations, nominal: Array) -> None:
-    """A LabError for measured poses at which the nominal model has no answer, as its loops do not close there."""
+def _refuse_impossible_or_few(
+    observation: Observation, data: Measurements, observed: Observations, nominal: Array
+) -> None:
+    """A LabError for poses at which the nominal model's loops do not close, or fewer points than place a base."""
     silent = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
     if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
         raise LabError(
@@ -263,6 +256,9 @@ def _refuse_impossible(observation: Observation, data: Measurements, observed: O
             f"{data.where(int(lost[0]))} "
             "the first: its loops do not close there; mend the joint positions, or leave the pose out"
         )
+    if (count := int(data.seen.sum())) < 3:
+        needed = poses_needed(observation.model, nominal)
+        raise LabError(f"{count} measured points: too few to place a base; measure at least {needed} poses")
 
 
 def _all_at_once(
