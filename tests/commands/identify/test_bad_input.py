@@ -265,7 +265,7 @@ def test_bad_input_is_told_in_one_line(case: Case, folder: Path, capfd: pytest.C
 def identified(folder: Path, text: str | bytes, capfd: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any], str]:
     """Exit code, result and warnings of identifying from this file."""
     write(folder, {"m.csv": text})
-    code = run(f"{IDENTIFY} --out run --json")
+    code = run(f"{IDENTIFY} --out run --overwrite --json")
     out, err = capfd.readouterr()
     return code, json.loads(out), "\n".join(warnings_of(err))
 
