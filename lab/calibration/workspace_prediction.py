@@ -28,6 +28,7 @@ __all__ = [
     "distances_from_nominal",
     "length_not_exceeded",
     "predict_over_workspace",
+    "predicted_errors",
     "tolerance_rms",
 ]
 
@@ -114,6 +115,22 @@ def predict_over_workspace(
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, share)
+
+
+def predicted_errors(identification: Identification) -> tuple[Array, Array] | None:
+    """Random poses of the workspace ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
+
+    It is that of the first target, by the parameters' covariance. None where that is not known, or no position is
+    measured.
+    """
+    model = identification.model
+    if not observation_of(model).positions:
+        return None
+    inputs = model.structure_joints(_POSES, rng_for(0, "structure"))
+    free = model.observe(inputs, identification.values)[1][:, 0][..., list(identification.fit.free)]
+    squares = np.einsum("nif,fg,nig->n", free, identification.covariance, free)
+    known = np.isfinite(squares)
+    return (inputs[known], np.sqrt(np.maximum(squares[known], 0.0))) if known.any() else None
 
 
 def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: tuple[int, ...] = ()) -> Array:

@@ -1,11 +1,12 @@
-"""A document as one HTML file that needs nothing but itself: no script, no network, the same bytes each time.
+"""A document as one HTML file that needs nothing but itself: no network, the same bytes each time.
 
-It is made for wide screens, phones, dark screens and paper. The template escapes whatever is not markup already:
+It is made for wide screens, phones, dark screens and paper, and reads without its script, which sorts tables.
+The template escapes whatever is not markup already:
 names of robots, targets, files and poses are a user's.
 """
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -14,16 +15,62 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from lab.render import style
-from lab.render.document import Badge, Code, Document, Picture, inlines, shown
+from lab.render.document import (
+    Badge,
+    Block,
+    Bullets,
+    Code,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    inlines,
+    plain,
+    shown,
+)
+from lab.render.glossary import explained
 
 __all__ = ["to_html"]
+
+_FEWEST_SECTIONS = 4  # of a page that has a table of contents and a glossary
+_MOST_ROWS = 12  # of a table that is not folded
 
 
 def to_html(document: Document) -> str:
     """The whole page; its heading is the document's title."""
     blocks = list(shown(document.blocks, "page"))
+    sections = [each.title for each in blocks if isinstance(each, Section)]
     with _collector_paused():
-        return _environment().get_template("page.html.jinja").render(title=document.title, blocks=blocks)
+        return (
+            _environment()
+            .get_template("page.html.jinja")
+            .render(
+                title=document.title,
+                blocks=blocks,
+                contents=sections if len(sections) >= _FEWEST_SECTIONS else [],
+                glossary=explained(_texts(blocks)) if len(sections) >= _FEWEST_SECTIONS else (),
+                most_rows=_MOST_ROWS,
+            )
+        )
+
+
+def _texts(blocks: Iterable[Block]) -> Iterator[str]:
+    """What blocks say."""
+    for each in blocks:
+        if isinstance(each, Section):
+            yield each.title
+            yield from _texts(each.blocks)
+        elif isinstance(each, Paragraph):
+            yield plain(each.text)
+        elif isinstance(each, Bullets):
+            yield from map(plain, each.items)
+        elif isinstance(each, Table):
+            yield from (each.caption, *each.headings)
+            yield from (plain(cell) for row in each.rows for cell in row)
+        elif isinstance(each, Figure):
+            yield each.caption
 
 
 @contextmanager

@@ -19,11 +19,12 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_POINTS", "SQUARE", "VIEWS", "SizeMap", "Spread", "histograms", "size_maps", "spread_by_size"]
 
-MOST_POINTS = 400  # drawn in a picture
+MOST_POINTS = 300  # drawn in a picture
 SQUARE = (4.5, 4.5)  # inches
 VIEWS = {"above": (0, 1), "side": (0, 2)}  # by name the plane of each, as ``svg.view`` has it
 _SEEN_FROM = {"above": "from above", "side": "from the side"}
 _FEW = 25  # lengths, which are shown one by one
+_MANY = 30  # crosses, which are drawn smaller
 _LEAST_MM = 1e-12  # of a logarithmic axis
 _LINE = 0.01  # of their width: points that rise less make a line of a view
 
@@ -55,6 +56,10 @@ class SizeMap:
         crosses: ``(o, 3)`` m, marked beside them.
         size_means, cross_means: what the lengths and the crosses are.
         frame: whose frame the points are in.
+        name: of its pictures.
+        range_m: ends of a logarithmic scale that several maps share; None for a linear one of its own.
+        with_scale: whether the scale is drawn beside it.
+        from_one_side: whether one view is enough: from the side, or from above where that is a line.
     """
 
     points: Array
@@ -63,6 +68,10 @@ class SizeMap:
     crosses: Array = field(default_factory=lambda: np.empty((0, 3)))
     cross_means: str = "outlier"
     frame: str = "base"
+    name: str = "where"
+    range_m: tuple[float, float] | None = None
+    with_scale: bool = True
+    from_one_side: bool = False
 
 
 def spread_by_size(sizes: Array) -> NDArray[np.int_]:
@@ -123,49 +132,65 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
     everything = np.concatenate([shown.points, shown.crosses])
     width = np.ptp(everything, axis=0)
     views = {which: plane for which, plane in VIEWS.items() if width[plane[1]] > _LINE * width.max()} or VIEWS
+    if shown.from_one_side:
+        views = dict(list(views.items())[-1:])
     pictures = [
         axes_picture(
-            f"where-{which}",
-            f"{shown.size_means}, seen {_SEEN_FROM[which]}",
+            f"{shown.name}-{which}",
+            f"{shown.size_means}, seen {_SEEN_FROM[which]}: {short(float(1e3 * np.median(shown.sizes)))} mm in the "
+            f"median, {short(float(1e3 * shown.sizes.max()))} mm at most",
             SQUARE,
             lambda axes, plane=plane: _size_map(axes, shown, plane),  # type: ignore[misc]
         )
         for which, plane in views.items()
     ]
-    return (*pictures, _scale(shown))
+    return (*pictures, _scale(shown)) if shown.with_scale else tuple(pictures)
 
 
-def _colours(sizes_mm: Array) -> "tuple[Colormap, Normalize]":
-    """The colours, and the range of lengths that they cover: a few are larger."""
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
+def _colours(shown: SizeMap) -> "tuple[Colormap, Normalize]":
+    """The colours, and the range of lengths that they cover, mm: a few are larger."""
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize
 
+    sizes_mm = 1e3 * shown.sizes
+    if shown.range_m is not None:
+        low, high = (1e3 * end for end in shown.range_m)
+        return LinearSegmentedColormap.from_list("sizes", COLOUR_SCALE), LogNorm(low, high, clip=True)
     largest = float(np.percentile(sizes_mm, 99)) or 1.0
     return LinearSegmentedColormap.from_list("sizes", COLOUR_SCALE), Normalize(0.0, largest)
 
 
 def _size_map(axes: "Axes", shown: SizeMap, plane: tuple[int, int]) -> None:
-    colours, norm = _colours(1e3 * shown.sizes)
+    colours, norm = _colours(shown)
     middle, half = cube([1e3 * shown.points, 1e3 * shown.crosses])
     points, crosses = 1e3 * shown.points[:, plane], 1e3 * shown.crosses[:, plane]
     shades = colours(norm(1e3 * shown.sizes))
-    axes.scatter(points[:, 0], points[:, 1], c=shades, s=14, edgecolors=MARK_EDGE, linewidths=0.25)
+    axes.scatter(points[:, 0], points[:, 1], c=shades, s=14, edgecolors=MARK_EDGE, linewidths=0.25, rasterized=True)
     if len(crosses):
-        axes.scatter(crosses[:, 0], crosses[:, 1], marker="x", c=OUTLIER, s=60, linewidths=2, label=shown.cross_means)
+        thin = 1 if len(crosses) < _MANY else 2
+        axes.scatter(
+            crosses[:, 0], crosses[:, 1], marker="x", c=OUTLIER, s=60 / thin**2, linewidths=2 / thin,
+            label=shown.cross_means,
+        )  # fmt: skip
         axes.legend(loc="upper right", framealpha=0.9, frameon=True)
     view(axes, plane, middle, half, shown.frame)
+    axes.set_title(f"{shown.size_means}, {axes.get_title()}")
 
 
 def _scale(shown: SizeMap) -> Picture:
     """The colours as a bar, the last one for all that is larger."""
 
     def draw(axes: "Axes") -> None:
-        colours, norm = _colours(1e3 * shown.sizes)
-        edges = np.linspace(0.0, norm.vmax or 1.0, 65)
-        shades = colours(norm((edges[1:] + edges[:-1]) / 2))
-        steps = list(zip(edges[:-1].tolist(), np.diff(edges).tolist(), strict=True))
-        axes.broken_barh(steps, (0, 1), facecolors=shades, edgecolors=shades, linewidth=0.5)
-        axes.set(xlim=(edges[0], edges[-1]), ylim=(0, 1), yticks=[])
-        axes.set_xlabel(f"{shown.size_means}, mm (largest {short(float(1e3 * shown.sizes.max()))})")
+        colours, norm = _colours(shown)
+        ends = norm.vmin or 0.0, norm.vmax or 1.0
+        edges = np.linspace(*ends, 65) if shown.range_m is None else np.geomspace(*ends, 65)
+        axes.pcolormesh(edges, [0, 1], [colours(norm(np.sqrt(edges[1:] * edges[:-1])))], rasterized=True)
+        if shown.range_m is not None:
+            log_ticks(axes, "x", *ends)
+        axes.set(xlim=ends, ylim=(0, 1), yticks=[])
+        alone = f"{shown.size_means}, mm (largest {short(float(1e3 * shown.sizes.max()))})"
+        axes.set_xlabel(alone if shown.range_m is None else "mm (logarithmic)")
         axes.grid(visible=False)
 
-    return axes_picture("where-scale", f"Scale: {shown.size_means}, mm", (5.6, 0.75), draw, (0.7, 0.5, 0.3, 0.05))
+    return axes_picture(
+        f"{shown.name}-scale", f"Scale: {shown.size_means}, mm", (5.6, 0.75), draw, (0.7, 0.5, 0.3, 0.05)
+    )

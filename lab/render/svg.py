@@ -67,7 +67,7 @@ def inline_svg(picture: Picture) -> Markup:
 
     text = io.StringIO()
     with matplotlib.rc_context(FIGURE_STYLE):
-        picture.draw().savefig(text, format="svg", metadata={"Date": None})
+        picture.draw().savefig(text, format="svg", metadata={"Date": None}, dpi=_DOTS_PER_INCH)
     svg = _NAMES.sub(rf"\g<1>{picture.name}-", _PROLOGUE.sub("", text.getvalue()))
     opening, rest = svg.split(">", 1)
     width = re.search(r'width="([\d.]+)pt"', opening)

@@ -429,7 +429,7 @@ def test_a_bumped_tracker_is_found_by_its_sessions(tmp_path, capsys) -> None:
     bumped = ("calibrate", "--bump-mm", "0.3", "--bump-mrad", "0.1", "--poses", "60", "--out", tmp_path / "run")
     _, plain = run(capsys, *bumped)
     assert plain["adequate"] is False and any("--model sessions" in warning for warning in plain["warnings"])
-    code, result = run(capsys, *bumped, "--model", "auto")
+    code, result = run(capsys, *bumped, "--overwrite", "--model", "auto")
     assert code == 0 and result["model"] == "geometric+sessions" and result["after_mm"]["mean"] < 0.006
     assert 0.5 < result["truth"]["nees_per_parameter"] < 1.7
     assert [w.split(":")[0] for w in result["warnings"]] == ["calibrated.xml holds geometry alone"]

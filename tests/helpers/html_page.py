@@ -13,13 +13,14 @@ class Page(HTMLParser):
     def __init__(self, path: Path) -> None:
         super().__init__(convert_charrefs=True)
         self.source = path.read_text(encoding="utf-8")
-        self.open, self.tags, self.ids = [], [], []
+        self.open, self.tags, self.ids, self.links = [], [], [], []
         self.headings, self.figures, self.tables, self.items, self.text = [], {}, [], [], ""
         self.feed(self.source)
         self.close()
         assert self.source.startswith("<!DOCTYPE html>") and not self.open
         assert len(self.ids) == len(set(self.ids))
-        assert not {"script", "link", "img", "iframe", "object", "foreignobject"} & set(self.tags)
+        assert self.tags.count("script") == 1 and set(self.links) <= {"", *self.ids}
+        assert not {"link", "img", "iframe", "object", "foreignobject"} & set(self.tags)
         assert not re.search(r"https?://|@import|url\((?!#)|<!ENTITY", self.source)
 
     def handle_starttag(self, tag, attrs):
@@ -32,7 +33,9 @@ class Page(HTMLParser):
         assert len(values) == len(attrs) and not any(name.startswith("on") for name in values)
         for name in ("href", "xlink:href", "src", "action"):
             target = values.get(name, "#")
-            assert target.startswith("data:image/png;base64,") or (target[0] == "#" and target[1:] in ["", *self.ids])
+            assert target.startswith("data:image/png;base64,") or target[0] == "#"
+            self.links += [] if target[0] != "#" else [target[1:]]
+        assert tag != "script" or not values  # the page's own, which sorts tables
         self.tags.append(tag)
         if "id" in values:
             self.ids.append(values["id"])
@@ -49,14 +52,14 @@ class Page(HTMLParser):
             self.tables[-1].append([])
         if tag in ("td", "th"):
             self.tables[-1][-1].append("")
-        if tag == "li":
+        if tag == "li" and "nav" not in self.open:
             self.items.append("")
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if "style" in self.open and "svg" not in self.open:
+        if "script" in self.open or ("style" in self.open and "svg" not in self.open):
             return
         self.text += data
         if self.open and self.open[-1] in ("h1", "h2"):
@@ -65,7 +68,7 @@ class Page(HTMLParser):
             list(self.figures.values())[-1]["caption"] += data
         if {"td", "th"} & set(self.open):
             self.tables[-1][-1][-1] += data
-        if "li" in self.open:
+        if "li" in self.open and "nav" not in self.open:
             self.items[-1] += data
 
     def number(self, cell: str) -> float:

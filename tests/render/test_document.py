@@ -26,6 +26,7 @@ from lab.render.document import (
     Table,
     Warnings,
 )
+from lab.render.glossary import explained
 from lab.render.markdown import to_markdown
 from lab.render.page import to_html
 from lab.render.svg import axes_picture
@@ -135,7 +136,7 @@ def test_what_a_user_named_is_text_everywhere() -> None:
     )
     rendered = render(Document(HOSTILE, blocks))
     page = rendered["page"]
-    assert "<script" not in page and "<b>" not in page and page.count("alert(") >= 14
+    assert page.count("<script") == 1 and "<b>" not in page and page.count("alert(") >= 14
     assert rendered["terminal"].count(HOSTILE) >= 10
     for line in rendered["recording"].splitlines():
         code = line.startswith("    ")
@@ -147,7 +148,8 @@ def test_a_page_needs_nothing_but_itself_and_has_the_same_bytes() -> None:
     document = Document("t", (Paragraph("p", "lead"), Figure("f", (picture(), picture("other")), "two lines")))
     page = to_html(document)
     assert page == to_html(document)
-    assert not re.search(r"<script|<link|<img|https?://|@import|url\((?!#)|<!ENTITY", page)
+    assert page.count("<script>") == page.count("<script") == 1
+    assert not re.search(r"<link|<img|https?://|@import|url\((?!#)|<!ENTITY", page)
     ids = re.findall(r'\bid="([^"]*)"', page)
     assert len(ids) == len(set(ids)) and page.count("<svg") == 2
     assert "prefers-color-scheme: dark" in page and "@media print" in page and 'name="viewport"' in page
@@ -176,3 +178,20 @@ assert "p" in to_text(document) and "p" in to_markdown(document)
 assert not {"matplotlib", "jinja2", "rerun", "mujoco"} & set(sys.modules)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_long_page_has_contents_a_glossary_and_tables_that_fold() -> None:
+    rows = tuple((str(i),) for i in range(20))
+    sections = tuple(Section(f"part {i}", (Paragraph("aliased, with σ" if i else "plain"),)) for i in range(4))
+    page = to_html(Document("t", (*sections, Section("last", (Table(("n",), rows, "many"), Table(("n",), rows[:3]))))))
+    for i, title in enumerate(["part 0", "part 1", "part 2", "part 3", "last"], 1):
+        assert f'<a href="#section-{i}">{title}</a>' in page and f'<section id="section-{i}">\n<h2>{title}</h2>' in page
+    assert page.count("<details open>") == 1 and "many (20 rows)" in page
+    assert re.findall(r"<dt>(.*?)</dt>", page) == ["aliased", "σ"]
+    short_page = to_html(Document("t", sections[:2]))
+    assert "<nav" not in short_page and "<dt>" not in short_page
+
+
+def test_terms_are_found_as_words() -> None:
+    assert [term for term, _ in explained(["The ps of RMSE, and gates"])] == ["gate", "p"]
+    assert explained(["nothing here"]) == ()

@@ -8,20 +8,24 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.identify import ILL_CONDITIONED
 from lab.calibration.observations.kind import ObservationWords
 from lab.calibration.verdict import Verdict, Word, gate_words, rotation_noise_rad
-from lab.commands.calibrate.error_map import arm_poses, error_map
+from lab.commands.calibrate.figure_blocks import (
+    arm_figures,
+    correlation_figure,
+    residual_figures,
+    selection_figure,
+    singular_value_figure,
+    where_figures,
+)
 from lab.commands.calibrate.figures import (
-    arm_views,
     correction_pictures,
     error_histograms,
     has_correction,
-    singular_value_picture,
 )
 from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs
 from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.provenance import provenance_section
-from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.kinematics.parameter import Parameter
 from lab.render.document import (
@@ -42,7 +46,6 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import capital, digits_of, fixed, short
-from lab.render.plots import MOST_POINTS, size_maps
 from lab.render.units import display_unit
 
 __all__ = ["document_of", "parameters_table", "verdict_blocks"]
@@ -80,12 +83,12 @@ def document_of(result: CalibrationResult) -> Document:
             Paragraph(_lead(result, words), "lead"),
             Warnings(result.warnings),
             _errors(result, words),
-            Section("Where in the workspace the errors are", _where(result, words)),
-            Section("Uncertainty and goodness of fit", _uncertainty(result)),
+            Section("Where in the workspace the errors are", where_figures(result, words)),
+            Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
             _outliers(result.fit.outliers, result.fit.left_out),
             _parameters(result, words),
             Section("Identifiability and conditioning", _identifiability(result)),
-            Section("The arm at its poses", _arm(result)),
+            Section("The arm at its poses", arm_figures(result)),
             provenance_section(result.command, result.options, result.robot.sha256),
         ),
     )
@@ -167,17 +170,6 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
     )
 
 
-def _where(result: CalibrationResult, words: ObservationWords) -> tuple[Block, ...]:
-    found = error_map(result, words.error)
-    if found is None:
-        return ()
-    part = "" if found.all_shown else f"; {MOST_POINTS} of them, evenly from the smallest error to the largest"
-    caption = f"Shown are {found.which}{part}. The darker, the larger the error."
-    if len(found.sizes.crosses):
-        caption += " Crosses: where the outliers should be."
-    return (Figure("where", size_maps(found.sizes), caption),)
-
-
 def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
     """Model, goodness of fit, noise, the truth of a virtual robot, model selection, stiffness."""
     stiffness = tuple(
@@ -189,6 +181,7 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
         Paragraph(_noise(result)),
         Paragraph(_truth(result)),
         _model_selection(result),
+        selection_figure(result),
         Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
 
@@ -334,7 +327,8 @@ def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
             shown_in=PAGE,
         ),
         Table(("strongly correlated parameters", "correlation"), correlated, most_rows=_MOST_LISTED, shown_in=PAGE),
-        _singular_values(found.fit.singular_values),
+        singular_value_figure(found.fit.singular_values),
+        correlation_figure(result),
     )
 
 
@@ -358,18 +352,3 @@ def _mixture(direction: Direction, parameters: dict[str, Parameter]) -> str:
         parts.append(f"{short(factor * part)} {unit} of {name}")
     more = len(direction.parts) - _MOST_PARTS
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
-
-
-def _singular_values(values: Array) -> Figure:
-    caption = (
-        "Singular values of the Jacobian (whitened rows, unit columns) of the identified parameters: a direction far "
-        "below the others is one of which the measurements say little."
-    )
-    return Figure("singular-values-figure", singular_value_picture(values), caption)
-
-
-def _arm(result: CalibrationResult) -> tuple[Block, ...]:
-    arm = arm_poses(result)
-    points = "points as measured" if arm.measured else "tool points as the calibrated model predicts them"
-    caption = f"The calibrated arm as lines between its joints, at {len(arm.joints)} of its poses, and all {points}."
-    return (Figure("arm", arm_views(arm), caption),)

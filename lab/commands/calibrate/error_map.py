@@ -3,12 +3,12 @@
 The world is the model's where there is one; for a robot given as a table it is frame 0.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lab.calibration.observations.protocol import observation_of
-from lab.calibration.validation import JudgedBy, errors_of
+from lab.calibration.validation import Errors, JudgedBy, errors_of
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import world_of
 from lab.core.measurements import Measurements
@@ -17,7 +17,7 @@ from lab.render.plots import SizeMap, spread_by_size
 from lab.render.scene import moved
 from lab.render.skeleton import skeleton
 
-__all__ = ["ArmPoses", "ErrorMap", "arm_poses", "error_map"]
+__all__ = ["ArmPoses", "ErrorMap", "arm_poses", "error_maps"]
 
 _MOST_ARMS = 12  # drawn in a picture
 _WHICH: dict[JudgedBy, str] = {
@@ -33,12 +33,12 @@ class ErrorMap:
     """Errors where they are.
 
     Attributes:
-        sizes: the errors that are drawn.
+        sizes: the errors that are drawn: before calibration and after it, by one scale.
         which: the poses that they are of, in words.
         all_shown: whether they are all drawn.
     """
 
-    sizes: SizeMap
+    sizes: tuple[SizeMap, SizeMap]
     which: str
     all_shown: bool
 
@@ -66,7 +66,7 @@ class ArmPoses:
     head: Array | None
 
 
-def error_map(result: CalibrationResult, error: str) -> ErrorMap | None:
+def error_maps(result: CalibrationResult, error: str) -> ErrorMap | None:
     """The errors of the validation, or the residuals where its poses' places are not known; None where there are none.
 
     Args:
@@ -74,25 +74,32 @@ def error_map(result: CalibrationResult, error: str) -> ErrorMap | None:
     """
     data, errors, which = _validated(result)
     points = _predicted(result, data)
-    count = min(points.shape[1], errors.shape[1])  # the orientation of a measured pose has errors of its own
-    points, errors = points[:, :count].reshape(-1, 3), errors[:, :count].reshape(-1)
-    known = np.flatnonzero(np.isfinite(errors))
+    count = min(points.shape[1], errors.after.shape[1])  # the orientation of a measured pose has errors of its own
+    points = points[:, :count].reshape(-1, 3)
+    before, after = (each[:, :count].reshape(-1) for each in (errors.before, errors.after))
+    known = np.flatnonzero(np.isfinite(after) & np.isfinite(before))
     if not len(known):
         return None
-    rows = known[spread_by_size(errors[known])]
+    rows = known[spread_by_size(after[known])]
     outliers = [result.measurements.ids.index(pose.id) for pose in result.fit.outliers]
     crosses = _predicted(result, result.measurements.take(outliers)).reshape(-1, 3) if outliers else np.empty((0, 3))
-    sizes = SizeMap(points[rows], errors[rows], f"{error} after calibration", crosses)
-    return ErrorMap(sizes, which, len(rows) == len(known))
+    both = np.concatenate([before[rows], after[rows]])
+    largest = max(float(np.percentile(both, 99)), 1e-12)
+    scale = max(float(np.percentile(both, 1)), 1e-5 * largest), 1.001 * largest
+    shown = SizeMap(points[rows], after[rows], f"{error} after calibration", crosses, range_m=scale, from_one_side=True)
+    earlier = f"{error} before calibration"
+    no_crosses = np.empty((0, 3))
+    start = replace(shown, sizes=before[rows], size_means=earlier, crosses=no_crosses, name="before", with_scale=False)
+    return ErrorMap((start, shown), which, len(rows) == len(known))
 
 
-def _validated(result: CalibrationResult) -> tuple[Measurements, Array, str]:
-    """Poses, the errors ``(n, things)`` after calibration there, and which poses they are."""
+def _validated(result: CalibrationResult) -> tuple[Measurements, Errors, str]:
+    """Poses, the errors ``(n, things)`` there, and which poses they are."""
     validation = result.validation
     rows, errors, judged_by = validation.rows, validation.errors, validation.judged_by
     if rows is not None and errors is not None and judged_by is not None:
-        return rows, errors.after, _WHICH[judged_by]
-    return result.fitted, errors_of(result.identification, result.fitted).after, _FITTED
+        return rows, errors, _WHICH[judged_by]
+    return result.fitted, errors_of(result.identification, result.fitted), _FITTED
 
 
 def _predicted(result: CalibrationResult, data: Measurements) -> Array:

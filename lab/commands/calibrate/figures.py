@@ -166,26 +166,29 @@ def _sticks(axes: "Axes", arm: ArmPoses, plane: tuple[int, int]) -> None:
     word = "measured point" if arm.measured else "tool point"
     points = 1e3 * arm.points[:: max(1, len(arm.points) // 1000)][:, plane]
     axes.scatter(points[:, 0], points[:, 1], s=size, c=MEASURED, label=word, zorder=3, linewidths=0)
-    for k, tips in reversed(list(enumerate(arm.tips))):
-        colour, wide = (HIGHLIGHT, 2.6) if k == 0 else (ARM, 1.1)
-        joints = 1e3 * arm.joints[k][:, plane]
-        held = [np.stack([joints[-1], tip]) for tip in 1e3 * tips[:, plane]]
+    shown = [slice(0, 1), slice(1, None)] if len(arm.tips) > 1 else [slice(0, 1)]
+    for rows in reversed(shown):  # the others first: few artists, since each takes its time
+        first = rows.start == 0
+        colour, wide = (HIGHLIGHT, 2.6) if first else (ARM, 1.1)
+        joints = 1e3 * arm.joints[rows][..., plane]  # (m, f, 2)
+        held = [np.stack([of[-1], tip]) for of, tips in zip(joints, 1e3 * arm.tips[rows][..., plane], strict=True)
+                for tip in tips]  # fmt: skip
         axes.add_collection(LineCollection(held, colors=colour, linewidths=0.8, linestyles=":", zorder=2))
-        label = {0: f"arm at pose {arm.first}", 1: f"arm at {len(arm.tips) - 1} other poses"}.get(k, "")
-        links = [1e3 * line[k][:, plane] for line in arm.strips]
+        links = [1e3 * line[:, plane] for strip in arm.strips for line in strip[rows]]
         axes.add_collection(
             LineCollection(
                 links,
                 colors=colour,
                 linewidths=wide,
-                alpha=1.0 if k == 0 else 0.75,
-                label=label or "_",
-                zorder=4 if k == 0 else 1,
+                alpha=1.0 if first else 0.75,
+                label=f"arm at pose {arm.first}" if first else f"arm at {len(arm.tips) - 1} other poses",
+                zorder=4 if first else 1,
                 joinstyle="round",
                 capstyle="round",
             )
         )
-        axes.plot(*joints.T, "o", color=colour, markersize=3.5 if k == 0 else 1.8, zorder=4 if k == 0 else 1)
+        size = 3.5 if first else 1.8
+        axes.plot(*joints.reshape(-1, 2).T, "o", color=colour, markersize=size, zorder=4 if first else 1)
 
 
 def _instrument(axes: "Axes", head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:

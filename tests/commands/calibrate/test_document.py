@@ -12,7 +12,7 @@ from helpers.robots import data_file
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.error_map import error_map
+from lab.commands.calibrate.error_map import error_maps
 from lab.commands.calibrate.figures import has_correction
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import calibrate, identify
@@ -23,8 +23,10 @@ from lab.render.format import capital, digits_of, short
 from lab.render.units import display_unit
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
-            "Parameters", "Identifiability and conditioning", "The arm at its poses", "What was done"]  # fmt: skip
-FIGURES = ["errors-figure", "where", "corrections", "singular-values-figure", "arm"]
+            "Parameters", "Identifiability and conditioning", "The arm at its poses", "What was done",
+            "Glossary"]  # fmt: skip
+FIGURES = ["errors-figure", "where", "uncertainty", "residuals", "corrections", "singular-values-figure",
+           "correlations-figure", "arm"]  # fmt: skip
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 
 
@@ -46,7 +48,7 @@ def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
     assert seen.headings[1:] == SECTIONS and list(seen.figures) == FIGURES
     for figure in seen.figures.values():
         assert figure["svg"] and len(figure["caption"]) > 40
-    assert seen.source.count("<svg") == 9 and seen.tags.count("h1") == 1 and 'lang="en"' in seen.source
+    assert seen.source.count("<svg") == 14 and seen.tags.count("h1") == 1 and 'lang="en"' in seen.source
     assert "lab calibrate --seed 7" in seen.text and "numpy" in seen.text and "seconds" not in seen.text
     config = json.loads((drawn_run / "config.json").read_text())
     assert config["model_sha256"] in seen.text and config["versions"]["mujoco"] in seen.text
@@ -117,7 +119,11 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
 
 
 CASES = {
-    "exact, with nothing left over": (VirtualCampaign(seed=1, poses=9, instrument="exact"), "doubtful", set()),
+    "exact, with nothing left over": (
+        VirtualCampaign(seed=1, poses=9, instrument="exact"),
+        "doubtful",
+        {"correlations-figure", "uncertainty"},
+    ),
     "bad": (VirtualCampaign(seed=1, gate_mm=1e-4), "bad", set()),
     "three targets, robust": (
         VirtualCampaign(
@@ -161,8 +167,10 @@ def test_held_out_poses_are_drawn_where_they_are(seven, tmp_path: Path) -> None:
     seen = written(tmp_path / "report.html", found)
     assert "Shown are the poses of the hold-out set" in seen.figures["where"]["caption"]
     held = found.measurements.without(found.fitted.ids)
-    shown = error_map(found, "position error")
-    places = shown.sizes
+    shown = error_maps(found, "position error")
+    before, places = shown.sizes
+    assert (before.points == places.points).all() and before.range_m == places.range_m
+    assert before.sizes.mean() > 10 * places.sizes.mean()
     assert len(held) == 15 and sorted(places.sizes) == list(places.sizes) and shown.all_shown
     np.testing.assert_allclose(places.sizes, np.sort(found.validation.errors.after[:, 0]), rtol=1e-12)
     expected = se3.transform(world_of(found), held.points[:, 0])
@@ -193,7 +201,7 @@ def test_whatever_was_observed_gives_a_report(name: str, rows, options, tmp_path
     asked = MeasuredCampaign(file, **options)
     found = identify(asked)
     seen = written(tmp_path / "report.html", found)
-    assert set(seen.figures) == set(FIGURES)
+    assert set(seen.figures) == set(FIGURES) - (set() if asked.observe == "pose" else {"uncertainty", "residuals"})
     words = {"cable": "error of the cable's length", "socket": "distance from the socket", "pose": "position error"}
     assert words[asked.observe] in seen.text and found.verdict.word in seen.text
     assert len(seen.table("parameter")) == len(found.parameters)

@@ -58,7 +58,7 @@ def test_the_page_says_it_and_needs_nothing_else(done, tmp_path) -> None:
         for kind in ("means", "pairs"):
             assert {f"{metric}-criterion-{kind}.png", f"{metric}-criterion-{kind}.svg"} <= names
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "<h1>a &lt;small&gt; one</h1>" in page and "<script" not in page
+    assert "<h1>a &lt;small&gt; one</h1>" in page and page.count("<script") == 1
     assert not re.search(r'(src|href)="(?!#|data:)', page)
     assert page.count("<svg") == page.count("<figure") == 4  # the ranks are certain: a figure of them would say nothing
     assert "(&#39;" not in page and ">False<" not in page and ">None<" not in page

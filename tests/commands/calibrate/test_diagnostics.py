@@ -1,0 +1,47 @@
+"""The pictures by which a fit is checked: what their labels say, against the numbers themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lab.commands.calibrate.diagnostics import (
+    correlation_picture,
+    residual_pictures,
+    selection_picture,
+    uncertainty_map,
+)
+
+
+def test_residuals_are_described_by_their_share_outside_the_band(seven) -> None:
+    in_time, by_joint, normal = residual_pictures(seven)
+    assert "Residuals per axis by pose: 0 % outside" in in_time.label  # uniform noise never leaves its 95 % band
+    assert float(by_joint.label.split(" is ")[1].split()[0]) < 0.5
+    off = seven.measurements.points.copy()
+    off[:25] += 0.05e-3 * np.sign(np.random.default_rng(0).normal(size=off[:25].shape))
+    worse = replace(seven, fit=replace(seven.fit, rows=replace(seven.fit.rows, points=off)))
+    assert "50 % outside" in residual_pictures(worse)[0].label
+    assert normal.label.startswith("Q-Q: ")
+
+
+def test_the_strongest_correlation_is_named(seven) -> None:
+    (picture,) = correlation_picture(seven)
+    found = seven.identification
+    matrix = np.corrcoef(np.random.default_rng(0).multivariate_normal(np.zeros(len(found.std)),
+                         found.covariance / np.outer(found.std, found.std), 4000).T)  # fmt: skip
+    i, j = np.unravel_index(np.abs(np.triu(matrix, 1)).argmax(), matrix.shape)
+    names = [found.model.names[k] for k in found.fit.free]
+    assert names[i] in picture.label and names[j] in picture.label
+
+
+def test_the_path_of_model_selection_is_drawn_where_there_was_one(seven) -> None:
+    assert selection_picture(seven) == ()
+
+
+def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(seven) -> None:
+    shown = uncertainty_map(seven, None)
+    assert np.sqrt(np.mean(shown.sizes**2)) == pytest.approx(seven.verdict.workspace.rms_m, rel=0.02)
+    few = replace(seven, fit=replace(seven.fit, rows=seven.fitted.take(range(2))))
+    beyond = uncertainty_map(few, None)
+    assert len(shown.crosses) < len(beyond.crosses) <= len(beyond.points)  # two poses span next to nothing
+    assert len(beyond.crosses) > 0.9 * len(beyond.points)
