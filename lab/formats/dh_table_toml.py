@@ -4,6 +4,7 @@ Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. Wha
 (``theta_rad``, ``d_m``, ``beta_rad``, …, ``[base]``, ``[tool]``) reads back to the bit.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.limits import checked_name
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.drives_toml import Drives, drives_lines, drives_of
@@ -23,6 +25,7 @@ from lab.formats.robot_toml import (
     quoted,
     read_base,
     read_height,
+    read_khalil_frame,
     read_tool,
     refuse_doubled_names,
     written_base_and_tool,
@@ -32,15 +35,17 @@ from lab.formats.ur_calibration import read_corrections
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes
 from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
+from lab.kinematics.serial.khalil_frames import pose_of
 
 __all__ = ["TABLE_TOML", "RobotTable", "read_table"]
 
 _QUANTITIES = {"theta": ANGLES, "alpha": ANGLES, "beta": ANGLES, "d": LENGTHS, "a": LENGTHS}
+_TURNED = 1e-9  # of a rotation's elements
 _KNOWN = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
     "(of a slide _mm or _m), speed with _per_s and acceleration with _per_s2 after that, torque_nm (force_n), mass_kg"
 )
-_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool", "corrections", "drive", "coupling"}
+_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool", "corrections", "drive", "coupling", "Z", "E"}
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,8 @@ class RobotTable:
         mass_kg: ``(n,)`` of the links that the joints move; NaN where unknown.
         torque: ``(n,)`` largest ones of the joints, Nm or N; NaN where unknown.
         warnings: what a user should be told.
+        T_world_frame0: pose ``(4, 4)`` (m) of frame 0 in the world, where the file gives Khalil's Z; else it follows
+            from the height.
     """
 
     chain: Chain
@@ -63,6 +70,7 @@ class RobotTable:
     mass_kg: Array
     torque: Array
     warnings: tuple[str, ...]
+    T_world_frame0: Array | None = None
 
 
 def read_table(path: Path) -> RobotTable:
@@ -112,8 +120,9 @@ def read_table(path: Path) -> RobotTable:
     if drives := {key: document[key] for key in ("drive", "coupling") if key in document}:
         chain = replace(chain, encoders=drives_of(path, drives, chain.size).encoders)
     base = read_base(path, document["base"]) if "base" in document else None
-    tool = read_tool(path, document.get("tool", {}))
-    return RobotTable(chain, base, tool, read_height(path, document), mass_kg, torque, tuple(warnings))
+    tool = {**read_tool(path, document.get("tool", {})), **_khalil_tool(path, document, warnings)}
+    height_m, place = read_height(path, document), _place(path, document)
+    return RobotTable(chain, base, tool, height_m, mass_kg, torque, tuple(warnings), place)
 
 
 def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
@@ -133,6 +142,32 @@ def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
     limits = (chain.lower, chain.upper, chain.speed, chain.acceleration)
     found, _ = chain_from_axes(chain.name, chain.joint_names, chain.prismatic, axes, np.eye(4), last, limits)
     return found
+
+
+def _place(path: Path, document: Mapping[str, Any]) -> Array | None:
+    """The pose ``(4, 4)`` of frame 0 in the world that a section ``[Z]`` says; None where there is none."""
+    if "Z" not in document:
+        return None
+    if "height_mm" in document:
+        raise LabError(f"{path}: height_mm and [Z] both say where frame 0 is; keep one")
+    return pose_of(read_khalil_frame(f"{path}, [Z]", document["Z"]).values)
+
+
+def _khalil_tool(path: Path, document: Mapping[str, Any], warnings: list[str]) -> dict[str, Array]:
+    """Targets (m) of sections ``[E.<target>]``; a warning for one that is turned, of which the place is taken alone."""
+    sections = document.get("E", {})
+    if not isinstance(sections, dict) or not all(isinstance(each, dict) for each in sections.values()):
+        raise LabError(f"{path}: E is {sections!r}; write a section [E.p1] for each target")
+    tool = {}
+    for name, section in sections.items():
+        where = f"{path}, [E.{checked_name(f'{path}: [E]', name)}]"
+        if name in document.get("tool", {}):
+            raise LabError(f"{where}: [tool] has {name} too; keep one")
+        pose = pose_of(read_khalil_frame(where, section).values)
+        tool[name] = np.array(pose[:3, 3])
+        if np.abs(pose[:3, :3] - np.eye(3)).max() > _TURNED:
+            warnings.append(f"{where}: its orientation is not used: a measured one is identified from no idea of it")
+    return tool
 
 
 def _cell(reader: JointSection, name: str) -> float:

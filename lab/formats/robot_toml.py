@@ -9,6 +9,7 @@ from lab.core.errors import LabError
 from lab.core.limits import JOINTS, TARGETS, checked_name
 from lab.core.se3 import Array
 from lab.formats.toml import is_number
+from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, KhalilFrame, khalil_frame, pose_of
 
 __all__ = [
     "ANGLES",
@@ -19,6 +20,7 @@ __all__ = [
     "quoted",
     "read_base",
     "read_height",
+    "read_khalil_frame",
     "read_tool",
     "refuse_doubled_names",
     "written_base_and_tool",
@@ -185,6 +187,21 @@ def read_base(path: Path, section: Any) -> Array:
         if not isinstance(number, list) or len(number) != 3 or not all(is_number(v) for v in number):
             raise LabError(f"{path}: [base] {part} is {number!r}; give three numbers, [x, y, z]")
     return np.array(numbers, dtype=np.float64).ravel()
+
+
+def read_khalil_frame(where: str, section: Any) -> KhalilFrame:
+    """A section of six parameters, ``gamma_deg``, ``b_mm``, ``alpha_deg``, ``d_mm``, ``theta_deg``, ``r_mm``.
+
+    Returns:
+        The six as the pose that they make has them.
+
+    Raises:
+        LabError: one is missing, given twice or no number, or there is another key.
+    """
+    read = Section(where, section)
+    values = [read.value(name, ANGLES if turns else LENGTHS) for name, turns in zip(SYMBOLS, ANGULAR, strict=True)]
+    read.refuse_the_rest(", ".join(SYMBOLS) + ", with _deg or _rad, and _mm or _m")
+    return khalil_frame(pose_of(np.array(values)))
 
 
 def read_tool(path: Path, section: Any) -> dict[str, Array]:

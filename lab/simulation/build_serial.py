@@ -29,7 +29,9 @@ def table_model(path: Path, table: RobotTable) -> SerialModel:
     tree = link_tree(arm, arm.nominal(tool))
     spec = mujoco.MjSpec()
     spec.compiler.autolimits, spec.compiler.degree = True, False
-    T_world_frame0 = se3.pose(np.eye(3), np.array([0.0, 0.0, table.height_m or 0.0]))
+    T_world_frame0 = table.T_world_frame0
+    if T_world_frame0 is None:
+        T_world_frame0 = se3.pose(np.eye(3), np.array([0.0, 0.0, table.height_m or 0.0]))
     reach = reach_of(chain)
     body = base = _add_body(spec.worldbody, tree.base.name, T_world_frame0)
     if table.height_m is not None:

@@ -134,6 +134,9 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         assert "collimation" in {term.name for term in read_instrument(path).errors.stated}
     elif "points" in content:
         assert len(read_column_map(path).joints.joints) == 6
+    elif "Z" in content:
+        robot = read_table(path)
+        assert robot.T_world_frame0 is not None and set(robot.tool) == {"p1"}
     elif "frame" in content:
         assert main(["inspect", str(path), "--json"]) == 0
         names = read_mechanism(path).mechanism.names

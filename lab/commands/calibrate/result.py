@@ -233,6 +233,7 @@ class CalibrationResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder that is there."""
+        from lab.commands.calibrate.khalil_rows import khalil_rows
         from lab.commands.payload.known_payload import read_hand_load
         from lab.commands.run_folder import config, write_json
         from lab.formats.measurement_csv import write_measurements
@@ -240,7 +241,8 @@ class CalibrationResult(Result):
         robot, options = self.robot, self.options
         write_json(folder / "config.json", config(self.command, options, robot.sha256))
         write_measurements(folder / "measurements.csv", self.measurements, robot.chain.prismatic)
-        write_json(folder / "parameters.json", [row.to_dict() for row in self.parameters])
+        converted = khalil_rows(self.identification, self.nominal, self.exported)
+        write_json(folder / "parameters.json", [*(row.to_dict() for row in self.parameters), *converted])
         _write_covariance(folder / "covariance.csv", self.identification)
         if options.fitting.load is not None:
             read_hand_load(options.fitting.load, accept_edited=options.fitting.accept_edited).write(folder)

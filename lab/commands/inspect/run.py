@@ -21,7 +21,7 @@ from lab.commands.inspect.cell import cell_values
 from lab.commands.inspect.closed import closed_nominal, closed_shape
 from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.result import Inspection
-from lab.commands.inspect.serial import serial_nominal, serial_shape
+from lab.commands.inspect.serial import serial_frames, serial_nominal, serial_shape
 from lab.commands.keywords import options_of, takes
 from lab.commands.values import number
 from lab.core.errors import LabError
@@ -102,6 +102,9 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         "poses_needed": poses_needed(arm, nominal, structure),
         **shape,
     }
+    if not robot.chain.has_loops:
+        tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
+        values |= serial_frames(robot.T_world_frame0, tool)
     if robot.cell is not None:
         values["cell"] = cell_values(robot, robot.cell)
     unit = jacobian / np.linalg.norm(jacobian, axis=0)

@@ -1,19 +1,41 @@
 """The nominal model and the shape of a serial arm, as plain values."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from lab.commands.inspect.format import joint_kind, joint_limits, tidy
 from lab.commands.inspect.serial_shape import LEAST, shape_of
+from lab.core import se3
+from lab.core.se3 import Array
 from lab.kinematics.serial.chain import COLUMNS, Chain
+from lab.kinematics.serial.khalil_frames import ANGULAR, khalil_frame
 
-__all__ = ["serial_nominal", "serial_shape"]
+__all__ = ["serial_frames", "serial_nominal", "serial_shape"]
 
 
 def serial_nominal(chain: Chain) -> dict[str, Any]:
     """The table, its convention, and limits."""
     return {"convention": chain.convention, "joints": [_joint(chain, i) for i in range(chain.size)]}
+
+
+def serial_frames(T_world_frame0: Array, tool: Mapping[str, Array]) -> dict[str, Any]:
+    """Base and targets in Khalil and Kleinfinger's parameters, mm and degrees, with what is not determined.
+
+    Args:
+        T_world_frame0: ``(4, 4)`` m.
+        tool: positions ``(3,)`` m of the targets in the last frame.
+    """
+    poses = {"Z": T_world_frame0, **{f"E.{name}": se3.pose(np.eye(3), place) for name, place in tool.items()}}
+    return {"khalil": {name: _khalil(pose) for name, pose in poses.items()}}
+
+
+def _khalil(pose: Array) -> dict[str, Any]:
+    frame = khalil_frame(pose)
+    units = (("deg", 180 / np.pi) if angular else ("mm", 1e3) for angular in ANGULAR)
+    numbers = {f"{s}_{u}": tidy(f * x) for (s, x), (u, f) in zip(frame.named.items(), units, strict=True)}
+    return {**numbers, "note": frame.note or None}
 
 
 def serial_shape(chain: Chain) -> dict[str, Any]:

@@ -22,6 +22,7 @@ def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
         Table(("i", "θ", "d", "a", "α", "limits", "speed per s"), _rows(values["joints"])),
         Paragraph(f"reach {printed(values['reach_mm'])} mm from axis 1 to the last frame{solutions}"),
         *_singularities(values),
+        *_frames(values["khalil"]),
     )
 
 
@@ -35,6 +36,20 @@ def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
         lengths = printed(joint["a_mm"]), printed(joint["alpha_deg"])
         rows.append((str(i + 1), theta, d, *lengths, *limits_and_speed(joint)))
     return tuple(rows)
+
+
+def _frames(khalil: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
+    """Base and targets in Khalil and Kleinfinger's parameters, and what is not determined."""
+    rows = tuple((name, *(printed(each[key]) for key in each if key != "note")) for name, each in khalil.items())
+    notes = [f"{name}: {each['note']}".replace("-", "−") for name, each in khalil.items() if each["note"]]
+    return (
+        Paragraph(
+            "base in the world and targets in the last frame, Khalil and Kleinfinger: "
+            "Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r); mm and °"
+        ),
+        Table(("", "γ", "b", "α", "d", "θ", "r"), rows),
+        *((Bullets(tuple(notes)),) if notes else ()),
+    )
 
 
 def _singularities(values: Mapping[str, Any]) -> tuple[Block, ...]:
