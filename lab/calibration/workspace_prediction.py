@@ -117,18 +117,22 @@ def predict_over_workspace(
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, share)
 
 
-def predicted_errors(identification: Identification) -> tuple[Array, Array] | None:
+def predicted_errors(
+    identification: Identification, measured: MeasuredRange | None = None
+) -> tuple[Array, Array] | None:
     """Random poses of the workspace ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
 
-    It is that of the first target, by the parameters' covariance. None where that is not known, or no position is
-    measured.
+    It is that of the first target, by the parameters' covariance and what the model may lack beyond the measured joint
+    positions. None where the covariance is not known, or no position is measured.
     """
     model = identification.model
     if not observation_of(model).positions:
         return None
-    inputs = model.structure_joints(_POSES, rng_for(0, "structure"))
-    free = model.observe(inputs, identification.values)[1][:, 0][..., list(identification.fit.free)]
+    inputs, jacobian = _target_jacobian(model, identification.values)
+    free = jacobian[..., list(identification.fit.free)]
     squares = np.einsum("nif,fg,nig->n", free, identification.covariance, free)
+    if measured is not None and measured.is_worse_beyond:
+        squares = squares + (measured.unknown(model, inputs, identification.values)[:, 0] ** 2).sum(axis=(1, 2))
     known = np.isfinite(squares)
     return (inputs[known], np.sqrt(np.maximum(squares[known], 0.0))) if known.any() else None
 

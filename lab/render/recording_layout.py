@@ -13,6 +13,7 @@ from lab.render.style import RGB_BACKDROP, RGB_FLOOR
 __all__ = ["FAR", "SUMMARY", "backdrop", "bars", "close_view", "eye", "layout", "main_view"]
 
 SUMMARY = "summary"  # the entity of a recording's text
+_POSES_PER_SECOND = 2.0  # when it is played
 _CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
 _SHOULDER_RAD, _DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
 _FLAT, _DOWN_ON_FLAT = 0.15, 1.8  # an arm of which all is lower than this share of its width lies in a plane
@@ -24,7 +25,7 @@ def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blue
     """Two columns and nothing else, paused at the start of a timeline."""
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
-        rrb.TimePanel(timeline=timeline, play_state="paused", state="collapsed"),
+        rrb.TimePanel(timeline=timeline, play_state="paused", state="collapsed", fps=_POSES_PER_SECOND),
         collapse_panels=True,
         auto_views=False,
         auto_layout=False,
@@ -32,23 +33,23 @@ def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blue
 
 
 def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
-    """The arm and what is around it; ellipsoids have their own views."""
+    """The arm and what is around it; ellipsoids and what is magnified more have their own views."""
     return rrb.Spatial3DView(
         origin="world",
         name=name,
-        contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/focus/**"],
+        contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/magnified/**", "- /world/focus/**"],
         line_grid=_floor(),
         eye_controls=controls,
         background=backdrop(),
     )
 
 
-def close_view(ellipsoid: str, name: str, reach_m: float) -> rrb.Spatial3DView:
-    """The target with one ellipsoid; ``world/focus`` is where it looks."""
+def close_view(entities: str, name: str, reach_m: float) -> rrb.Spatial3DView:
+    """The target with one ellipsoid or what is magnified (below ``world``); ``world/focus`` is where it looks."""
     return rrb.Spatial3DView(
         origin="world/focus",
         name=name,
-        contents=["+ /world/arm/**", "+ /world/targets/measured", f"+ /world/ellipsoid/{ellipsoid}/**"],
+        contents=["+ /world/arm/**", "+ /world/targets/measured", f"+ /world/{entities}/**"],
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,

@@ -121,10 +121,10 @@ RGB_BACKDROP: Final[Rgb] = (30, 33, 40)
 RGB_FLOOR: Final = (120, 120, 130, 60)
 RGB_AXES: Final[tuple[Rgb, Rgb, Rgb]] = ((230, 70, 70), (90, 190, 90), (80, 130, 240))  # x, y, z
 RGB_MEASURED: Final[Rgb] = (250, 215, 70)
-RGB_BEFORE: Final[Rgb] = (235, 50, 90)
-RGB_AFTER: Final[Rgb] = (60, 205, 130)
+RGB_BEFORE: Final[Rgb] = (225, 70, 50)  # vermilion and light blue, as dark and as light as on a page
+RGB_AFTER: Final[Rgb] = (130, 205, 255)
 RGB_OUTLIER: Final[Rgb] = (235, 80, 245)
-RGB_MAPPING: Final[Rgb] = (95, 155, 255)
+RGB_MAPPING: Final[Rgb] = (40, 190, 160)
 RGB_UNCERTAINTY: Final[Rgb] = (190, 130, 255)
 RGB_BEAM: Final[Rgb] = (235, 60, 60)
 RGB_ROD: Final[Rgb] = (170, 175, 185)
@@ -135,7 +135,7 @@ RGB_CURRENT: Final[Rgb] = (255, 255, 255)  # where the tour is
 RGB_MUTED: Final[Rgb] = (150, 155, 165)
 RGB_FIRST: Final[Rgb] = (70, 110, 255)  # pose of a tour
 RGB_LAST: Final[Rgb] = RGB_MEASURED
-RGB_PAYLOAD: Final[Rgb] = RGB_AFTER
+RGB_PAYLOAD: Final[Rgb] = (60, 205, 130)
 RGB_WEIGHT: Final[Rgb] = RGB_BEAM
 
 # Pages.

@@ -53,3 +53,13 @@ def test_words_can_be_read(page: dict) -> None:
 def test_figures_use_the_colours_of_the_page() -> None:
     assert (style.PAGE_LIGHT["before"], style.PAGE_LIGHT["after"]) == (style.BEFORE, style.AFTER)
     assert style.HATCH_BEFORE != style.HATCH_AFTER and style.MARK_BEFORE != style.MARK_AFTER
+
+
+@pytest.mark.parametrize("eye", BLIND)
+def test_before_and_after_are_told_apart_in_recordings(eye: str) -> None:
+    """Arrows on a near black ground: by luminance, and by which of red and blue is more."""
+    before, after = (
+        seen_by("#{:02x}{:02x}{:02x}".format(*colour), eye) for colour in (style.RGB_BEFORE, style.RGB_AFTER)
+    )
+    assert contrast(before, after) >= (2.0 if eye == "nobody" else 1.5)
+    assert before[0] > before[2] and after[2] > after[0]

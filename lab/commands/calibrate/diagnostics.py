@@ -194,7 +194,7 @@ def uncertainty_map(result: CalibrationResult, range_m: tuple[float, float] | No
     Args:
         range_m: ends of the scale that it shares with maps of errors; None where there are none.
     """
-    found = predicted_errors(result.identification)
+    found = predicted_errors(result.identification, result.fit.measured)
     if found is None:
         return None
     inputs, sizes = found

@@ -46,7 +46,7 @@ def _predicted_map(result: CalibrationResult, range_m: tuple[float, float] | Non
     if found is None:
         return ()
     caption = (
-        "The error that the parameters' covariance predicts at random poses of the workspace. Crosses: a joint is "
+        "The predicted error (RMS) at random poses of the workspace. Crosses: a joint is "
         "beyond what was measured, so the model is extrapolated there, and what it leaves out may be larger."
     )
     return (Figure("uncertainty", size_maps(found), caption),)

@@ -38,6 +38,7 @@ from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, R
 
 __all__ = ["parameters_text", "record", "summary_text"]
 
+_LOG_ERRORS, _LEAST_MM = "error_log10_mm", 1e-9
 _PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "convergence"
 
 
@@ -74,12 +75,13 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
     known = outcome.identification.sigma_known
     unit = "their effects in standard deviations" if known else "all points have the same weight"
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
-    red, green = Strong("red"), Strong("green")
+    vermilion, blue = Strong("vermilion"), Strong("light blue")
     lines: list[Text] = [
-        (Strong("yellow"), ": measured points. Predicted ones: ", red, " before calibration, ", green, " after; "
+        (Strong("yellow"), ": measured points. Predicted ones: ", vermilion, " before calibration, ", blue, " after; "
          "zoom in to separate them"),
-        (Strong("arrows"), ": measured less predicted; ", red, f" before, {before}; ", green, f" after, {after}"),
-        (Strong("blue"), ": sensitivity ellipsoid, the image of the unit ball of scaled parameters under J "
+        (Strong("arrows"), ": measured less predicted; ", vermilion, " before and ", blue, f" after, both {before}; "
+         f"in a view of their own those after, {after}"),
+        (Strong("teal"), ": sensitivity ellipsoid, the image of the unit ball of scaled parameters under J "
          f"({unit}), {format_magnification(shown.mapping.factor)}"),
     ]  # fmt: skip
     if shown.uncertainty is not None:
@@ -96,12 +98,11 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
 
 def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     """The layout of a campaign's recording."""
-    before_mm, after_mm = (1e3 * float(np.nanmax(error)) for error in (shown.error_before, shown.error_after))
     unit = "in σ" if outcome.identification.sigma_known else "in mm"
     controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.T_world_instrument[:3, 3])
     left = rrb.Vertical(
         main_view("Arm, measured points, errors", controls),
-        rrb.Horizontal(_errors("before", before_mm), _errors("after", after_mm)),
+        _errors(),
         row_shares=[3, 1],
     )
     texts = rrb.Tabs(
@@ -118,20 +119,20 @@ def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
 
 
 def _close_views(shown: Scene) -> rrb.Horizontal:
-    """The target from near by, fixed in the middle, with one ellipsoid each."""
-    views = [close_view("mapping", "Sensitivity ellipsoid", shown.reach_m)]
+    """The target from near by, fixed in the middle, with the errors after calibration or one ellipsoid each."""
+    after = f"Errors after, {format_magnification(shown.factor_after)}"
+    views = [
+        close_view("magnified", after, shown.reach_m),
+        close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
+    ]
     if shown.uncertainty is not None:
-        views.append(close_view("uncertainty", "Uncertainty ellipsoid", shown.reach_m))
+        views.append(close_view("ellipsoid/uncertainty", "Uncertainty ellipsoid", shown.reach_m))
     return rrb.Horizontal(*views)
 
 
-def _errors(name: str, largest_mm: float) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=f"error_mm/{name}",
-        name=f"Error {name}, mm, by pose",
-        axis_y=rrb.ScalarAxis(range=(0.0, 1.08 * largest_mm)),
-        plot_legend=rrb.PlotLegend(visible=False),
-    )
+def _errors() -> rrb.TimeSeriesView:
+    """Both errors by one logarithmic scale."""
+    return rrb.TimeSeriesView(origin=_LOG_ERRORS, name="Error by pose, log10 of mm (0 is 1 mm, −2 is 0.01 mm)")
 
 
 def _identity(outcome: CalibrationResult) -> str:
@@ -188,32 +189,25 @@ def _outliers(recording: rr.RecordingStream, shown: Scene) -> None:
 
 
 def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
-    """Measured less predicted, magnified, from the predicted point, with the factors.
+    """Measured less predicted, from the predicted point, with the factor at the tip of the first target's arrow.
 
-    The factor of the arrow that points higher stands above the target, the other one's below.
+    Before and after calibration have one factor; with one of their own, those after are drawn once more, apart.
     """
     visible = np.isfinite(shown.measured).all(axis=2)
     lengths = visible.sum(axis=1)
-    height = shown.factor_before * (shown.measured - shown.before) - shown.factor_after * (shown.measured - shown.after)
-    above = np.where(height[:, 0, 2] < 0, -1.0, 1.0)[:, None] * np.array([0.0, 0.0, 0.2 * shown.reach_m])  # (m, 3)
-    for name, points, factor, colour, offset in (
-        ("before", shown.before, shown.factor_before, RGB_BEFORE, above),
-        ("after", shown.after, shown.factor_after, RGB_AFTER, -above),
+    for entity, name, points, factor, colour in (
+        ("errors/before", "before", shown.before, shown.factor_before, RGB_BEFORE),
+        ("errors/after", "after", shown.after, shown.factor_before, RGB_AFTER),
+        ("magnified/after", "after", shown.after, shown.factor_after, RGB_AFTER),
     ):
-        vectors = factor * (shown.measured - points)[visible]
-        columns = rr.Arrows3D.columns(origins=points[visible], vectors=vectors).partition(lengths)
-        recording.send_columns(f"world/errors/{name}", _poses(shown.at), columns)
+        vectors = factor * (shown.measured - points)
+        columns = rr.Arrows3D.columns(origins=points[visible], vectors=vectors[visible]).partition(lengths)
+        recording.send_columns(f"world/{entity}", _poses(shown.at), columns)
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
-        recording.log(f"world/errors/{name}", style, static=True)
+        recording.log(f"world/{entity}", style, static=True)
         text = f"{name} {format_magnification(factor)}"
-        draw_tag(
-            recording,
-            f"world/errors/{name}/factor",
-            _poses(shown.at),
-            shown.after[:, 0] + offset,
-            text,
-            colour,
-        )
+        tips = points[:, 0] + np.where(visible[:, :1], np.nan_to_num(vectors[:, 0]), 0.0)
+        draw_tag(recording, f"world/{entity}/factor", _poses(shown.at), tips, text, colour)
 
 
 def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
@@ -232,8 +226,13 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
         recording.send_columns(
             f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=1e3 * errors[used])
         )
-        line = rr.SeriesLines(colors=colour, names=f"{name}, mm", widths=2)
-        recording.log(f"error_mm/{name}", line, static=True)
+        logarithms = np.log10(np.maximum(1e3 * errors[used], _LEAST_MM))
+        recording.send_columns(
+            f"{_LOG_ERRORS}/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
+        )
+        for entity, words in (("error_mm", f"{name}, mm"), (_LOG_ERRORS, name)):
+            line = rr.SeriesLines(colors=colour, names=words, widths=2)
+            recording.log(f"{entity}/{name}", line, static=True)
     values = outcome.identification.fit.singular_values
     recording.log(
         _SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=RGB_MAPPING), static=True

@@ -134,7 +134,7 @@ def _document(plan: DesignResult, shown: PlanScene) -> Document:
             (Strong("white"), ": the target at this stop; ", Strong("red"),
              ": the tracker's beam, where the stop is measured"),
             ("timeline ", Strong("time"), ": the day as it goes, the arm at full speed, waiting where it is measured"),
-            (Strong("blue"), ", sensitivity ellipsoid: how the scaled parameters move the position, "
+            (Strong("teal"), ", sensitivity ellipsoid: how the scaled parameters move the position, "
              f"{format_magnification(shown.mapping.factor)}"),
             (Strong("violet"), ", uncertainty ellipsoid: predicted 1σ of the position after calibration, "
              f"{format_magnification(shown.uncertainty.factor)}"),
@@ -160,8 +160,8 @@ def _blueprint(shown: PlanScene) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand."""
     controls = eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
     close = rrb.Horizontal(
-        close_view("mapping", "Sensitivity ellipsoid", shown.reach_m),
-        close_view("uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
+        close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
+        close_view("ellipsoid/uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
     )
     texts = rrb.Tabs(
         rrb.TextDocumentView(origin=SUMMARY, name="Summary"),

@@ -88,20 +88,25 @@ def test_ellipsoids_are_those_computed(recording, outcome, name):
 
 def test_the_arrows_are_the_errors_times_the_factor_shown(recording, outcome):
     shown, fitted, identification = scene(outcome), outcome.fitted, outcome.identification
-    for name, values, factor in (
-        ("before", identification.nominal_aligned, shown.factor_before),
-        ("after", identification.values, shown.factor_after),
+    for entity, name, values, factor in (
+        ("errors/before", "before", identification.nominal_aligned, shown.factor_before),
+        ("errors/after", "after", identification.values, shown.factor_before),  # one factor: lengths can be compared
+        ("magnified/after", "after", identification.values, shown.factor_after),
     ):
-        vectors = np.array(column(recording, f"/world/errors/{name}", "Arrows3D:vectors")[1])[:, 0]
+        vectors = np.array(column(recording, f"/world/{entity}", "Arrows3D:vectors")[1])[:, 0]
         predicted = identification.model.points(fitted.joints, values)[:, 0]
         errors = in_world(outcome, fitted.points[:, 0]) - in_world(outcome, predicted)  # measured less predicted
         np.testing.assert_allclose(vectors, factor * errors, rtol=1e-6, atol=factor * 1e-14)
         lengths = np.linalg.norm(fitted.points[:, 0] - predicted, axis=1)
-        assert statics(recording, f"/world/errors/{name}/factor", "Points3D:labels") == [
+        tips = np.array(column(recording, f"/world/{entity}/factor", "Points3D:positions")[1])[:, 0]
+        np.testing.assert_allclose(tips, in_world(outcome, predicted) + factor * errors, atol=4 * FLOAT32)
+        assert statics(recording, f"/world/{entity}/factor", "Points3D:labels") == [
             f"{name} {format_magnification(factor)}"
         ]
         mm = np.array(column(recording, f"/error_mm/{name}", "Scalars:scalars")[1])[:, 0]
         np.testing.assert_allclose(mm, 1e3 * lengths, rtol=1e-12)  # scalars are float64
+        logarithms = np.array(column(recording, f"/error_log10_mm/{name}", "Scalars:scalars")[1])[:, 0]
+        np.testing.assert_allclose(logarithms, np.log10(mm), rtol=1e-12)
 
 
 def test_singular_values_and_convergence_are_the_fits(recording, outcome):
