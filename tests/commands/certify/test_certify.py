@@ -52,6 +52,7 @@ robot_temperature_k = { limit = 1 }
 expansion_ppm_per_k = 12
 """
 SCATTER_M = 10e-6
+thorough = pytest.mark.thorough  # runs of a measuring day stand behind these
 
 
 def visited(day: Measurements, times: int) -> Measurements:
@@ -92,6 +93,7 @@ def groups(found: Certificate) -> set[str]:
     return {line.quantity.group for line in found.budgets[0].lines}
 
 
+@thorough
 def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     found = certify(CertifyOptions(Path("known"), Path("details.toml")))
     told = found.to_dict()
@@ -111,6 +113,7 @@ def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     assert "calibration certificate 42" in page and "A <b>B</b>" in page and "Not measured: pose repeat" in page
 
 
+@thorough
 def test_a_file_of_a_certificate_is_what_its_schema_says_and_its_bytes_are_the_same(here: Path, capsys) -> None:
     schema = json.loads((ROOT / "docs" / "reference" / "schemas" / "certificate.schema.json").read_text())
     asked = ["certify", "known", "--details", "details.toml", "--json"]
@@ -127,6 +130,7 @@ def test_a_file_of_a_certificate_is_what_its_schema_says_and_its_bytes_are_the_s
         jsonschema.validate(told | {"conformity": told["conformity"] | {"decision": "surely"}}, schema)
 
 
+@thorough
 def test_decisions_have_exit_codes_and_say_their_rule(here: Path) -> None:
     found = certify(CertifyOptions(Path("known"), tolerance_mm=1e-3, statistic="max"))
     assert found.conformity is not None and found.conformity.decision == "does not conform" and found.exit_code == 1
@@ -138,6 +142,7 @@ def test_decisions_have_exit_codes_and_say_their_rule(here: Path) -> None:
     assert certify(CertifyOptions(Path("given"))).conformity is None  # its run had no gate
 
 
+@thorough
 def test_repeated_poses_give_the_repeatability(here: Path) -> None:
     """Four visits to 15 poses: 135 degrees of freedom, so within 3 x 6 %."""
     found = certify(CertifyOptions(Path("estimated"), instrument="tracker.toml"))
@@ -156,6 +161,7 @@ def test_repeated_poses_give_the_repeatability(here: Path) -> None:
     assert any("the instrument is not known" in said for said in unknown.warnings)
 
 
+@thorough
 def test_another_instrument_adds_what_the_run_did_not_know(here: Path) -> None:
     plain = certify(CertifyOptions(Path("given")))
     added = certify(CertifyOptions(Path("given"), instrument="tracker.toml"))
@@ -164,6 +170,7 @@ def test_another_instrument_adds_what_the_run_did_not_know(here: Path) -> None:
     assert len(certify(CertifyOptions(Path("given"))).to_dict()["missing"]) == 10
 
 
+@thorough
 def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_path: Path) -> None:
     cases = {
         ("nowhere",): "nowhere",
