@@ -33,7 +33,7 @@ __all__ = [
 _TOLD = 1e-3  # of a column that the model does not say already
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
 
-By = Literal["chi2", "repeats", "holdout", "joints", "nothing"]
+By = Literal["chi2", "repeats", "holdout", "joints", "distances", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class GoodnessOfFit:
     Attributes:
         adequate: None where it cannot be said.
         p: the chance of residuals as large as these if it were; NaN if nothing tells.
-        by: chi squared against a known sigma, F against repeats, F of held-out errors, or F of what varies with the
-            joints' positions.
+        by: chi squared against a known sigma, F against repeats, F of held-out errors, F of what varies with the
+            joints' positions, or F against distances between targets.
         words: a sentence for the report, with its figures.
     """
 

@@ -14,12 +14,12 @@ from scipy import stats
 from lab.calibration.gauss_newton import Fit, Observations
 from lab.calibration.statistics.linearized import FULL_RANK, LinearizedFit, SubsetFit, linearized
 from lab.core.linear_model import LinearModel, p_value_of_squares
-from lab.core.measurements import seen_mask
+from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
 from lab.kinematics.model import Model
 
-__all__ = ["Lag", "lagging"]
+__all__ = ["Lag", "lagging", "moves_before"]
 
 _SEVERAL = 2  # joints: one alone is as well an error of that joint
 
@@ -39,6 +39,23 @@ class Lag:
     p: float
     fractions: Array
     significant: NDArray[np.bool_]
+
+
+def moves_before(data: Measurements, ids: Sequence[str]) -> Array:
+    """``(n, joints)`` how far the joints moved from the pose measured before, in its session; zeros of the first.
+
+    Args:
+        data: all that was measured, in its order.
+        ids: n of its rows.
+    """
+    moves = np.zeros_like(data.joints)
+    for session in dict.fromkeys(data.sessions):
+        here = np.flatnonzero([name == session for name in data.sessions])
+        moves[here[1:]] = np.diff(data.joints[here], axis=0)
+    if tuple(ids) == data.ids:
+        return moves
+    row_of = {name: i for i, name in enumerate(data.ids)}
+    return np.asarray(moves[[row_of[name] for name in ids]])
 
 
 def lagging(

@@ -197,6 +197,8 @@ def _noise(result: CalibrationResult) -> str:
     if (shared := result.fit.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
         text += f" Beside it ({found_by}): {'; '.join(shared.words)}. Weights, intervals and tests are those of both."
+    if result.fit.instrument is not None and result.fit.adequacy.by != "distances":
+        text += f" {capital(result.fit.instrument.words)}."
     if np.isfinite(predicted):
         text += (
             f" The parameters' covariance alone predicts a position error of {short(1e3 * predicted)} mm "

@@ -16,10 +16,8 @@ from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.candidate_models import SelectionTask
-from lab.calibration.statistics.goodness_of_fit import (
-    GoodnessOfFit,
-    goodness_of_fit,
-)
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit
+from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.model_selection import Selection, follow, select
 from lab.calibration.statistics.outliers import HeldOut, Outliers, find_outliers, off_held_out
@@ -30,7 +28,7 @@ from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
 from lab.commands.calibrate.last_made import LastMade
 from lab.commands.calibrate.noise import noise_of
-from lab.commands.calibrate.residuals import beside_shared_errors, with_own_intervals
+from lab.commands.calibrate.residuals import beside_shared_errors, by_distances, with_own_intervals
 from lab.commands.calibrate.warnings import (
     of_export,
     of_groups,
@@ -211,7 +209,7 @@ class Fitter:
         warnings += of_size(found)
         if only_positions(observation):
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs)
-        warnings += of_joints(found, observations, clean, self._moves(clean), self.robot.chain.encoders)
+        warnings += of_joints(found, observations, clean, moves_before(self.data, clean.ids), self.robot.chain.encoders)
         warnings += of_twist(self.robot, found)
         warnings += of_export(self.robot, found, groups, observations.inputs)
         measured = measured_range(found, observations, self.robot.chain.prismatic)
@@ -340,10 +338,13 @@ class Fitter:
         observation = observation_of(found.model)
         observations, known = weighed(observation, rows, self.noise)
         labels = repeats(rows) if self.noise.shared is not None or not known else None
-        if self.noise.shared is not None and labels is not None and len(np.unique(labels)) == len(labels):
+        unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
+        if self.noise.shared is not None and unrepeated:
             alone = weighed(observation, rows, replace(self.noise, shared=None))[0]
             instrument = (alone, self._shape) if known else None
             return beside_shared_errors(found, observations, rows, self.noise.shared, instrument)
+        if unrepeated and (judged := by_distances(found, observations, rows)) is not None:
+            return judged
         return goodness_of_fit(
             found.model,
             observations,
@@ -354,17 +355,6 @@ class Fitter:
             held=weighed(observation, held, self.noise)[0] if held is not None and observation.positions else None,
             extra_residuals=found.extra_residuals,
         )
-
-    def _moves(self, rows: Measurements) -> Array:
-        """``(n, joints)`` from the pose that was measured before each row in its session; none to the first."""
-        moves = np.zeros_like(self.data.joints)
-        for session in dict.fromkeys(self.data.sessions):
-            here = np.flatnonzero([name == session for name in self.data.sessions])
-            moves[here[1:]] = np.diff(self.data.joints[here], axis=0)
-        if rows.ids == self.data.ids:
-            return moves
-        row_of = {name: i for i, name in enumerate(self.data.ids)}
-        return np.asarray(moves[[row_of[name] for name in rows.ids]])
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,13 @@
 """What a set of measurements was found to say."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
+from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
+from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
@@ -60,6 +63,13 @@ class FitReport:
     noise: NoiseSearch
     tail_dof: float
     measured: MeasuredRange | None = None
+
+    @cached_property
+    def instrument(self) -> InstrumentNoise | None:
+        """The instrument's noise as distances between targets say it; None where they say nothing."""
+        if not only_positions(observation_of(self.identification.model)):
+            return None
+        return instrument_noise(self.rows.points)
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:

@@ -7,7 +7,9 @@ from scipy import stats
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
+from lab.calibration.noise.rigid_distances import goodness_by_distances, instrument_noise
 from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import (
     GoodnessOfFit,
     goodness_beside_shared_errors,
@@ -23,7 +25,7 @@ from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.significance import UNSOLICITED_WARNING
 
-__all__ = ["beside_shared_errors", "with_own_intervals"]
+__all__ = ["beside_shared_errors", "by_distances", "with_own_intervals"]
 
 
 def beside_shared_errors(
@@ -57,6 +59,22 @@ def beside_shared_errors(
     if alone.adequate is not False:
         return judged
     return replace(alone, words=f"{alone.words}, as if {words}; only repeats could tell that from what the model lacks")
+
+
+def by_distances(found: Identification, observations: Observations, rows: Measurements) -> GoodnessOfFit | None:
+    """Whether residuals are more than the instrument's noise, where that is estimated from a tool's rigid distances.
+
+    None where there are none, or where the noise is not the same in all directions: then distances, which lie across
+    the line of sight as often as not, do not say what it is.
+    """
+    if found.sigma_known or not only_positions(observation_of(found.model)):
+        return None
+    instrument = instrument_noise(rows.points)
+    if instrument is None or not instrument.is_rigid or instrument.sigma_m < LEAST_SIGMA_M:
+        return None
+    if _is_of_the_instrument(found, observations):
+        return None
+    return goodness_by_distances(found.residual_sigma_m**2 * found.dof, found.dof, instrument)
 
 
 def with_own_intervals(

@@ -11,6 +11,7 @@ import numpy as np
 from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
@@ -180,6 +181,7 @@ class CalibrationResult(Result):
             "noise_known": identification.sigma_known,
             "noise_tail_freedom": number(self.fit.tail_dof),
             "noise_model": noise_model_to_dict(self.fit.noise.shared),
+            "instrument_noise": _instrument_to_dict(self.fit.instrument),
             "residual_mm": number(1e3 * identification.residual_sigma_m),
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
@@ -262,6 +264,18 @@ def _write_covariance(path: Path, identification: Identification) -> None:
     names = [identification.model.names[i] for i in identification.fit.free]
     rows = ([name, *map(repr, row)] for name, row in zip(names, identification.covariance.tolist(), strict=True))
     path.write_text("\n".join(",".join(row) for row in [["parameter", *names], *rows]) + "\n", encoding="utf-8")
+
+
+def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
+    """The noise that distances between targets say, in mm; None where they say nothing."""
+    if found is None:
+        return None
+    sizes = {"estimate_mm": found.sigma_m, "low_mm": found.low_m, "high_mm": found.high_m}
+    return {name: 1e3 * size for name, size in sizes.items()} | {
+        "freedom": found.dof,
+        "rigid": found.is_rigid,
+        "words": found.words,
+    }
 
 
 def _group_to_dict(group: GroupTrial) -> dict[str, Any]:

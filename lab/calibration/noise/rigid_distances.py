@@ -1,0 +1,126 @@
+"""The instrument's noise from distances between targets of one rigid tool, which no arm, base or drift changes.
+
+To first order the distance of two targets errs by u'(e_a - e_b), with u the direction from one to the other: distances
+d = c + G e of all poses have constants c and the covariance sigma^2 G G' (isotropic, independent noise e). Generalized
+least squares of c leaves squares that are sigma^2 times a chi squared. They are a part of the squares that any fit of a
+rigid arm leaves, and orthogonal to the rest: the rest is tested against them by F, as lack of fit is against pure error
+(Draper & Smith 1998, section 2.1).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
+from lab.core.linear_model import p_value_of_squares
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
+
+__all__ = ["InstrumentNoise", "goodness_by_distances", "instrument_noise"]
+
+_LEAST_TARGETS = 3
+_LEAST_POSES = 10
+_FLAT = 1e-3  # of targets in a line or in one place: the smallest singular value of G, of the largest
+
+
+@dataclass(frozen=True)
+class InstrumentNoise:
+    """Noise of one coordinate, as distances between targets say it.
+
+    Attributes:
+        sigma_m: estimated.
+        low_m, high_m: its 95 % interval.
+        dof: degrees of freedom.
+        moving_p: the chance of as large a change of the distances over the poses if the tool were rigid.
+    """
+
+    sigma_m: float
+    low_m: float
+    high_m: float
+    dof: int
+    moving_p: float
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the distances are as constant as noise lets them be; else they do not say what the noise is."""
+        return self.moving_p >= UNSOLICITED_WARNING
+
+    @property
+    def words(self) -> str:
+        """For a person."""
+        if not self.is_rigid:
+            return (
+                f"the distances between the targets change over the poses (F test, p = {self.moving_p:.1g}): the tool "
+                "is not rigid, or the targets were measured by instruments that drift apart"
+            )
+        sigma, low, high = (f"{1e6 * size:.3g}" for size in (self.sigma_m, self.low_m, self.high_m))
+        return (
+            f"the distances between the targets say that the instrument's noise per axis is {sigma} µm (95 % interval "
+            f"{low} to {high} µm, {self.dof} degrees of freedom)"
+        )
+
+
+def instrument_noise(points: Array) -> InstrumentNoise | None:
+    """The noise that distances between targets say; None of fewer than three targets or ten whole poses.
+
+    Args:
+        points: ``(n, k, 3)`` m, in the order in which they were measured, NaN where not seen.
+    """
+    whole = points[seen_mask(points).all(axis=1)]
+    n, k = whole.shape[:2]
+    if k < _LEAST_TARGETS or n < _LEAST_POSES:
+        return None
+    pairs = [(0, 1), (0, 2), (1, 2), *((a, b) for b in range(3, k) for a in range(3))]
+    apart = np.stack([whole[:, b] - whole[:, a] for a, b in pairs], axis=1)
+    lengths = np.linalg.norm(apart, axis=2)
+    if not lengths.min() > 0:
+        return None
+    slopes = np.zeros((n, len(pairs), k, 3))
+    for i, (a, b) in enumerate(pairs):
+        slopes[:, i, b] = apart[:, i] / lengths[:, i, None]
+        slopes[:, i, a] = -slopes[:, i, b]
+    slopes = slopes.reshape(n, len(pairs), -1)
+    sizes = np.linalg.svd(slopes, compute_uv=False)
+    if (sizes[:, -1] < _FLAT * sizes[:, 0]).any():
+        return None
+    white = np.linalg.inv(np.linalg.cholesky(slopes @ np.swapaxes(slopes, 1, 2)))  # of rows: one unit of sigma
+    numbers = (white @ lengths[..., None]).ravel()
+    along = np.linspace(-1, 1, n)[:, None, None]
+    shifted = white @ slopes[..., 3:]  # all targets against the first, as by two instruments with frames of their own
+    creeping = np.concatenate([along * white, shifted, along * shifted], axis=2)
+    constant, moving = (each.reshape(len(numbers), -1) for each in (white, creeping))
+    squares, dof = _left(constant, numbers), len(numbers) - len(pairs)
+    less, fewer = _left(np.concatenate([constant, moving], axis=1), numbers), dof - moving.shape[1]
+    p = p_value_of_squares(max(squares - less, 0.0), moving.shape[1], fewer, max(less, 1e-300) / fewer)
+    high, low = np.sqrt(squares / stats.chi2.ppf([0.025, 0.975], dof))
+    return InstrumentNoise(float(np.sqrt(squares / dof)), float(low), float(high), dof, float(p))
+
+
+def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise) -> GoodnessOfFit | None:
+    """Whether a fit leaves more than the instrument's noise; None where it leaves nothing to tell.
+
+    Args:
+        squares: the sum of its squared residuals (m^2), all of one weight.
+        dof: their degrees of freedom.
+    """
+    rest, own = dof - instrument.dof, instrument.sigma_m**2 * instrument.dof
+    if rest < 1 or not own > 0:
+        return None
+    variance = own / instrument.dof
+    beyond = max(squares - own, 0.0)
+    p = float(p_value_of_squares(beyond, rest, instrument.dof, variance))
+    ratio = np.sqrt(beyond / rest / variance)
+    test = f"(F test against distances between targets, {rest} and {instrument.dof} degrees of freedom, p = {p:.2g})"
+    if p < LACK_OF_FIT:
+        said = f"lack of fit: {instrument.words}, and the other residuals are {ratio:.3g} times that {test}"
+        return GoodnessOfFit(False, p, "distances", said)
+    said = f"no lack of fit detected: {instrument.words}, and the other residuals are consistent with that {test}"
+    return GoodnessOfFit(True, p, "distances", said)
+
+
+def _left(columns: Array, numbers: Array) -> float:
+    """The sum of squares that columns ``(r, p)`` leave of numbers ``(r,)``."""
+    middle = numbers - columns @ np.linalg.lstsq(columns, numbers, rcond=None)[0]
+    return float(middle @ middle)
