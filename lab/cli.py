@@ -151,17 +151,19 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
         from lab.commands.run_folder import free_name, input_files, run_folder
 
         command.load_options()
-    asked, place = parsed(command, arguments), None
+    asked = parsed(command, arguments)
     options = asked.options  # lab design has an option --check, so its own refusals are called otherwise
     if (check := getattr(options, "refuse_nonsense", None) or getattr(options, "check", None)) is not None:
         check()  # before there is a folder
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
-        if command.folder:
-            place = asked.out or free_name(Path("runs"), command.folder_name(asked.options))
+        place = asked.out
+        if place is None and command.folder:
+            place = free_name(Path("runs"), command.folder_name(asked.options))
+        if place is not None:
             folder = stack.enter_context(run_folder(place, input_files(asked.options), overwrite=asked.overwrite))
         result = command(asked.options)
-        if command.folder:
+        if place is not None:
             with status("writing the page and the other files"):
                 result.write(folder)
     for warning in result.warnings:

@@ -48,8 +48,9 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     given = tyro.conf.OmitArgPrefixes[kind]  # type: ignore[valid-type]
     options = ("options", given) if default is None else ("options", given, field(default=default))
     common: list[Any] = [("json", _JSON, field(default=False))]
-    if command.folder:
-        said = f"The run's folder: runs/{command.folder} by default, numbered if taken."
+    if "out" not in _names(kind):  # of a command that looks after its folder itself
+        default_folder = f"The run's folder: runs/{command.folder} by default, numbered if taken."
+        said = default_folder if command.folder else "A folder for the page and the result; by default none is written."
         out = ("out", Annotated[Path | None, tyro.conf.arg(help=said)], field(default=None))
         common = [out, ("overwrite", _OVERWRITE, field(default=False)), *common]
     made: Any = make_dataclass("Arguments", [options, *common])

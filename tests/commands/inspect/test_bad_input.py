@@ -275,3 +275,12 @@ def test_unnamed_parts_and_masses_of_meshes_do_not_matter(folder: Path, capfd: p
     assert run("calibrate --robot robot.xml --poses 12 --seed 1 --out run --json") == 0
     assert warnings_of(capfd.readouterr().err) == []
     assert run("inspect run/calibrated.xml --json") == 0
+
+
+def test_an_inspection_is_kept_where_that_is_asked_for(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run("inspect arm.toml --json --out looked") == 0
+    result = json.loads((folder / "looked" / "result.json").read_text())
+    assert result == json.loads(capfd.readouterr().out)
+    assert "<h1>" in (folder / "looked" / "report.html").read_text()
+    assert run("inspect arm.toml --out looked") == 2 and "holds an earlier run" in capfd.readouterr().err
+    assert run("inspect arm.toml") == 0 and not (folder / "runs").exists()
