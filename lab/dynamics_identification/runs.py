@@ -22,6 +22,7 @@ from lab.payload_identification.filtering import BAND_HZ, Band, band_of
 __all__ = ["DynamicModel", "ThinnedRun", "thinned_run"]
 
 _PART = 4000  # rows of a file that are worked out at a time
+_STILL = 1e-3  # rad or m
 _BETWEEN = 8  # kept rows between two parts of a run, so that no filter reaches from one into the other
 
 
@@ -120,11 +121,13 @@ def thinned_run(model: DynamicModel, samples: PayloadSamples, loaded: bool, band
     """One of the runs of a file.
 
     Raises:
-        LabError: there are no torques or times, or the run is too short.
+        LabError: there are no torques or times, nothing moves, or the run is too short.
     """
     run = samples.run(loaded)
     if run.torques is None or run.time_s is None:
         raise LabError("an arm is identified from torques along a motion: give time_s and the torques of every joint")
+    if float(np.ptp(run.joints, axis=0).max()) < _STILL:
+        raise LabError("the joints stand still: an arm's dynamics show in a motion alone")
     band = band_of(run.time_s, band_hz)
     motion = band.motion(run.joints)
     reach = len(band.impulse)

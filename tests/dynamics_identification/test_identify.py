@@ -96,6 +96,7 @@ def test_load_at_once_and_by_difference(found: DynamicsEstimate) -> None:
     assert found.load.half_width[0] < 1.1 * found.by_difference.half_width[0]
 
 
+@pytest.mark.thorough
 def test_a_load_that_is_known_is_taken_off() -> None:
     records = runs(NOISY)
     known = identify_dynamics(MODEL, records, known_load=LOAD.phi)
@@ -121,6 +122,7 @@ def test_missing_friction_is_told_by_its_name() -> None:
     assert found.verdict.adequate is False and "friction that the model leaves out" in found.verdict.words
 
 
+@pytest.mark.thorough
 def test_a_delay_is_estimated() -> None:
     """Without Coulomb friction, whose jumps fall between two samples at this rate."""
     late = identify_dynamics(MODEL, runs(replace(NOISY, lag_s=2e-3, coulomb_nm=0.0), None), delay=True)
@@ -138,6 +140,7 @@ def test_long_runs_are_worked_out_part_by_part(monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_allclose(np.diff(whole.times()), whole.band.every / RATE_HZ)
 
 
+@pytest.mark.thorough
 def test_the_nearest_arm_that_there_can_be(found: DynamicsEstimate) -> None:
     fit = nearest_physical_arm(MODEL, found)
     assert 0 < fit.distance < 5 and fit.p > 0.05 and not fit.physical
@@ -148,7 +151,7 @@ def test_the_nearest_arm_that_there_can_be(found: DynamicsEstimate) -> None:
         assert phi[0] > 0 and np.linalg.eigvalsh(np.diag(phi[4:7]))[0] > 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_an_arm_can_have_stays(found: DynamicsEstimate) -> None:
     sure = replace(found, values=truth(MODEL))
     again = nearest_physical_arm(MODEL, sure, link_inertias(TX40))

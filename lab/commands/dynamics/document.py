@@ -137,6 +137,8 @@ def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]
     if found.load is None:
         return ()
     ways = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
+    if not ways[0]:
+        return (Paragraph("The motion does not show what the load is."),)
     rows = []
     true = None if result.day is None or result.day.load is None else true_values(result.day.load)
     for name, value, width, unit in ways[0]:

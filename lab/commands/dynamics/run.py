@@ -30,6 +30,8 @@ from lab.simulation.payload import drawn_mounting
 
 __all__ = ["dynamics"]
 
+MOST_NAMED = 8  # base parameters in a warning
+
 
 @takes(DynamicsOptions)
 def dynamics(
@@ -150,5 +152,7 @@ def _warnings(estimate: DynamicsEstimate) -> list[str]:
         warnings.append(estimate.verdict.words)
     hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]
     if hidden:
-        warnings.append(f"the motion does not show {', '.join(hidden)}: move more joints at a time, and faster")
+        more = f" and {len(hidden) - MOST_NAMED} more" if len(hidden) > MOST_NAMED else ""
+        named = ", ".join(hidden[:MOST_NAMED])
+        warnings.append(f"the motion does not show {named}{more}: move more joints at a time, and faster")
     return warnings

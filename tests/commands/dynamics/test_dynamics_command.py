@@ -79,6 +79,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, di
     return code, json.loads(said.out) if said.out else {}, said.err
 
 
+@pytest.mark.thorough
 def test_torques_give_the_arm_and_its_load(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = (files / "both.csv", "--validate", files / "both.csv", "--out", tmp_path / "run")
     code, seen, _ = run(capsys, *arguments)
@@ -112,6 +113,9 @@ def test_bad_measurements_are_one_line(files: Path, tmp_path: Path, capsys: pyte
     text = (files / "currents.csv").read_text()
     (tmp_path / "both.csv").write_text(text.replace("current6_a", "tau6_nm", 1))
     (tmp_path / "still.csv").write_text(text.replace("time_s", "when", 1))
+    header, *rows = text.split("\n")
+    still = [",".join([row.split(",")[0], *["0.1"] * 6, *row.split(",")[7:]]) for row in rows if row]
+    (tmp_path / "unmoved.csv").write_text("\n".join([header, *still]) + "\n")
     (tmp_path / "short.csv").write_text("\n".join(text.split("\n")[:60]) + "\n")
     drives = ("--drives", files / "drives.toml")
     for arguments, says in (
@@ -121,6 +125,7 @@ def test_bad_measurements_are_one_line(files: Path, tmp_path: Path, capsys: pyte
         ((tmp_path / "both.csv", *drives), "missing"),
         ((tmp_path / "still.csv", *drives), "time_s"),
         ((tmp_path / "short.csv", *drives), "too short"),
+        ((tmp_path / "unmoved.csv", *drives), "stand still"),
         ((files / "currents.csv", *drives, "--holdout", 0.9), "--holdout"),
         (("--delay",), "give a FILE"),
     ):
@@ -151,11 +156,13 @@ def test_a_rehearsed_day_is_evaluated_from_its_own_files(tmp_path: Path, capsys:
     assert day["load"]["mass_kg"]["value"] is None  # two axes show first moments alone
 
 
+@pytest.mark.thorough
 def test_a_filter_of_the_rehearsal_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     spoilt = told(capsys, "dynamics", "--robot", "course2r", *QUICK, "--filter-hz", 5, "--out", tmp_path / "run")
     assert spoilt["adequate"] is False and ("filter" in spoilt["adequacy"] or "delay" in spoilt["adequacy"])
 
 
+@pytest.mark.thorough
 def test_a_rehearsal_with_drives_writes_currents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     drives, folder = tmp_path / "drives.toml", tmp_path / "day"
     write_drives(drives, Drives(np.array([-48.0, 32.0]), np.array([[1.0, 0], [0.5, 1]]), np.array([0.2, 0.1])))
