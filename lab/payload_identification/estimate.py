@@ -45,6 +45,7 @@ class LoadEstimate:
         rows: the numbers that were fitted, each of which counts as independent.
         sigma: ``(d,)`` noise of one reading: each joint's torque (Nm, N of a slide), sensor's axis, or coordinate (m).
         measured, residual: ``(n, d)`` what was to be explained, and what of that is left, in the channels' units.
+        moved: whether it was moved to what a body can have, by ``physical_consistency``.
         unidentified: sentences that say what is not identified, and which motion would show it.
         physical: whether a body can have these parameters; None where there is no mass to judge by.
     """
@@ -65,6 +66,7 @@ class LoadEstimate:
     unidentified: tuple[str, ...]
     nuisance: tuple[Nuisance, ...]
     verdict: ResidualVerdict
+    moved: bool = False
 
     @property
     def identified(self) -> tuple[str, ...]:

@@ -29,8 +29,8 @@ def physical_estimate(estimate: LoadEstimate) -> LoadEstimate:
     if estimate.physical:
         return estimate
     if not np.isfinite(estimate.phi).all():
-        return replace(estimate, phi=_positive_mass(estimate.phi, estimate.covariance))
-    return replace(estimate, phi=nearest_physical(estimate.phi, estimate.covariance))
+        return replace(estimate, phi=_positive_mass(estimate.phi, estimate.covariance), moved=True)
+    return replace(estimate, phi=nearest_physical(estimate.phi, estimate.covariance), moved=True)
 
 
 def nearest_physical(phi: Array, covariance: Array) -> Array:

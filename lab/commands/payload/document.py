@@ -122,7 +122,7 @@ def _payload(result: PayloadResult) -> tuple[Block, ...]:
         rows = tuple((*row, short(truth[row[0]])) for row in rows)
     caption = f"About and along the frame of the {result.estimate.frame}, with half-widths of 95 % intervals."
     physical = "No body has what least squares found: these are the nearest parameters that one has."
-    note = Paragraph(physical if result.estimate is not result.fitted else "", "note")
+    note = Paragraph(physical if result.estimate.moved else "", "note")
     return Table(columns, rows, caption), note
 
 
@@ -134,14 +134,14 @@ def _rounded(value: float, half_width: float) -> tuple[str, str]:
 
 def _cost(result: PayloadResult) -> str:
     """What the payload's uncertainty costs; nothing where its weight was not identified."""
-    if not np.isfinite(result.cost_m):
+    if not np.isfinite(result.cost.rms_m):
         return ""
-    soft = result.compliance[result.compliance > 0]
+    soft = result.cost.compliance[result.cost.compliance > 0]
     alike = len(soft) and np.ptp(soft) < 1e-9 * soft[0]
     stiffness = f"joints of {1 / soft[0]:g} Nm/rad" if alike else "joints of the identified stiffness"
     return (
-        f"Its uncertainty moves a point that is corrected for it by {1e6 * result.cost_m:.2g} µm (1σ, root mean square "
-        f"over the workspace, {stiffness})."
+        f"Its uncertainty moves a point that is corrected for it by {1e6 * result.cost.rms_m:.2g} µm (1σ, root mean "
+        f"square over the workspace, {stiffness})."
     )
 
 

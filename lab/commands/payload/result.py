@@ -24,10 +24,23 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["WILD", "PayloadResult", "channels_of", "wild_sample"]
+__all__ = ["WILD", "PayloadResult", "UncertaintyCost", "channels_of", "wild_sample"]
 
 LOAD_CSV, SENSOR_TOML = "load.csv", "sensor.toml"  # of a rehearsed day, in the run's folder
 WILD = 7.0  # standard deviations, which one in 4e11 samples passes
+
+
+@dataclass(frozen=True)
+class UncertaintyCost:
+    """How far a point that is corrected for a payload is off by the payload's uncertainty.
+
+    Attributes:
+        compliance: ``(joints,)`` rad/Nm (m/N).
+        rms_m: root mean square over the workspace (1 sigma); NaN where the weight was not identified.
+    """
+
+    compliance: Array
+    rms_m: float
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -38,11 +51,8 @@ class PayloadResult(Result):
         options: what was asked.
         samples: what was read; None where the payload was identified from sag.
         mounting: how the base and a wrist sensor stand.
-        fitted: by least squares; ``estimate`` is another, the nearest that a body can have, where that was asked for
-            and no body has these.
-        compliance: ``(joints,)`` rad/Nm (m/N), by which the cost is computed.
-        cost_m: root mean square over the workspace of how far a corrected point is off by the payload's uncertainty
-            (1 sigma); NaN where its weight was not identified.
+        estimate: by least squares, or the nearest that a body can have, where that was asked for (``moved``).
+        cost: what its uncertainty costs.
         targets: the tracked points, where the payload was identified from sag.
         implausible: why it cannot be what it was identified as.
         truth: ``(10,)`` phi of the virtual payload, where the measuring day was rehearsed.
@@ -52,10 +62,8 @@ class PayloadResult(Result):
     robot: Robot
     samples: PayloadSamples | None
     mounting: Mounting
-    fitted: LoadEstimate
     estimate: LoadEstimate
-    compliance: Array
-    cost_m: float
+    cost: UncertaintyCost
     warnings: tuple[str, ...]
     targets: tuple[str, ...] = ()
     implausible: tuple[Implausibility, ...] = ()
@@ -96,14 +104,14 @@ class PayloadResult(Result):
             "p": number(found.verdict.p),
             "implausible": [each.words for each in self.implausible],
             "physical": found.physical,
-            "made_physical": found is not self.fitted,  # least squares found what no body has
+            "made_physical": found.moved,  # least squares found what no body has
             "unseen": list(found.unidentified),
             "also_fitted": [_nuisance(each) for each in found.nuisance],
             "numbers": found.rows,
             "rows": None if samples is None else {"loaded": int(samples.loaded.sum()), "all": len(samples)},
             "noise": [number(sigma) for sigma in found.sigma],
-            "cost_um": number(1e6 * self.cost_m),
-            "stiffness_nm_per_rad": [number(1 / soft) if soft else None for soft in self.compliance],
+            "cost_um": number(1e6 * self.cost.rms_m),
+            "stiffness_nm_per_rad": [number(1 / soft) if soft else None for soft in self.cost.compliance],
             "warnings": list(self.warnings),
         } | ({} if self.truth is None else {"true": _true(self.truth)})
 

@@ -11,7 +11,7 @@ from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.options import PayloadOptions
-from lab.commands.payload.result import PayloadResult, wild_sample
+from lab.commands.payload.result import PayloadResult, UncertaintyCost, wild_sample
 from lab.commands.rehearsal.day import MeasuringBench, load_of_rehearsal
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import Mounting, PayloadSamples
@@ -101,19 +101,7 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | No
     compliance = _compliance(robot, options.stiffness_nm_per_rad)
     cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
     warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate, strange))
-    return PayloadResult(
-        options,
-        robot,
-        samples,
-        mounting,
-        fitted,
-        estimate,
-        compliance,
-        cost,
-        warnings,
-        implausible=strange,
-        truth=truth,
-    )
+    return PayloadResult(options, robot, samples, mounting, estimate, cost, warnings, implausible=strange, truth=truth)
 
 
 def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSamples, Mounting]:
@@ -202,9 +190,7 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
     warnings = (*run.warnings, *data.warnings, *_warnings(estimate, strange))
-    return PayloadResult(
-        options, robot, None, mounting, fitted, estimate, compliance, cost, warnings, data.targets, strange
-    )
+    return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, strange)
 
 
 def _size(robot: Robot) -> ArmSize:
@@ -239,13 +225,13 @@ def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
 
 def _cost(
     robot: Robot, arm: SerialArm, values: Array, compliance: Array, mounting: Mounting, estimate: LoadEstimate
-) -> float:
+) -> UncertaintyCost:
     covariance = HandLoad.of(estimate).covariance
     if not np.isfinite(covariance).all():
-        return float("nan")
+        return UncertaintyCost(compliance, float("nan"))
     joints = random_poses(robot.model, COSTED, rng_for(0, "fresh"))
     off = sag_uncertainty(arm, values, compliance, joints, mounting.gravity, covariance)
-    return float(np.sqrt((off**2).mean()))
+    return UncertaintyCost(compliance, float(np.sqrt((off**2).mean())))
 
 
 def _warnings(estimate: LoadEstimate, strange: Sequence[Implausibility]) -> list[str]:
