@@ -49,6 +49,7 @@ __all__ = [
 
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
 _MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
+_CREEPING = "the errors at their poses may be too large; --prior helps where the measurements say too little"
 FOLDS, LEAST_FOLDS = 5, 3
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
 UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
@@ -232,9 +233,11 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
         return Validation(None, None, (why,))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
+    stuck = 0
     for fold in range(count):
         test = np.flatnonzero(rows == fold)
         part = identify(data.take(np.flatnonzero(rows != fold)))
+        stuck += part.status != "converged"
         unobservable = {part.model.names[i] for i in part.unobservable}
         lost = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
         if len(unobservable) > 3 * len(lost):
@@ -243,7 +246,8 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
         errors = errors_of(part, data.take(test))
         errors.before[:, lost] = errors.after[:, lost] = np.nan  # targets that only this fold's poses measured
         before[test], after[test] = errors.before, errors.after
-    return Validation("cross-validation", Errors(before, after), rows=data)
+    said = (f"{stuck} of the {count} fits of the cross-validation did not converge: {_CREEPING}",) if stuck else ()
+    return Validation("cross-validation", Errors(before, after), said, rows=data)
 
 
 def validate_file(identification: Identification, model: Model, data: Measurements, refit: Sequence[str]) -> Validation:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration.identify import identify
+from lab.calibration.identify import Identification, identify
 from lab.calibration.validation import (
     Errors,
     Validation,
@@ -79,6 +79,20 @@ def test_cross_validation_judges_every_row_once_and_delivers_from_all() -> None:
     assert np.isfinite(validation.errors.after).all()
     residual = np.linalg.norm(whole.residuals, axis=2).mean()
     assert validation.errors.after.mean() > residual  # what was fitted looks better than what was not
+
+
+def test_folds_that_do_not_converge_are_told() -> None:
+    data, _ = campaign(60, 2)
+    whole, asked = fitted(data), []
+
+    def sometimes_stuck(part: Measurements) -> Identification:
+        asked.append(part)
+        found = fitted(part)
+        return replace(found, fit=replace(found.fit, status="not converged")) if len(asked) % 2 else found
+
+    assert validate_folds(fitted, whole, data, 0).warnings == ()
+    (said,) = validate_folds(sometimes_stuck, whole, data, 0).warnings
+    assert said.startswith("3 of the 5 fits of the cross-validation did not converge")
 
 
 @pytest.mark.parametrize(("poses", "judged"), [(16, False), (17, False), (18, True), (20, True)])

@@ -37,6 +37,7 @@ from lab.commands.calibrate.warnings import (
     of_outliers,
     of_prior,
     of_size,
+    of_stuck_search,
     of_twist,
     of_weakness,
 )
@@ -199,7 +200,7 @@ class Fitter:
             )
         if count := sum(pose.held_out for pose in off):
             warnings.append(f"{count} poses of the hold-out set are outliers: the error is with them")
-        warnings += of_groups(groups, selection, self.data)
+        warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
         if self.options.model == "auto":
             lacking = {name: self.unanswerable(name) for name in CANDIDATES}
             warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in lacking.items() if why]

@@ -32,6 +32,7 @@ __all__ = [
     "of_outliers",
     "of_prior",
     "of_size",
+    "of_stuck_search",
     "of_twist",
     "of_validation_beyond",
     "of_weakness",
@@ -79,6 +80,16 @@ def of_validation_beyond(found: Identification, measured: MeasuredRange | None, 
         f"{len(outside)} of {len(rows)} validation poses are beyond the fitted joint positions ({part.ids[0]} the "
         f"first): there the model may be off by up to {1e3 * size:.2g} mm more (1σ), as the edges of the measured "
         "range say"
+    ]
+
+
+def of_stuck_search(outliers: Outliers) -> list[str]:
+    """That the fit of the poses that are no outliers did not converge."""
+    if outliers.fit.status == "converged":
+        return []
+    return [
+        f"the fit without outliers did not converge in {outliers.fit.iterations} steps: which poses are off is not sure; "
+        "--prior helps where the measurements say too little"
     ]
 
 

@@ -10,6 +10,7 @@ from lab.calibration.observations.points import PointsKind
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.fit import Fitter
+from lab.commands.calibrate.warnings import of_stuck_search
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
@@ -126,3 +127,13 @@ def test_a_prior_that_holds_back_is_told() -> None:
     said = fitter(late, prior=True)(late).warnings
     assert any("link4.theta is 2" in warning and "tolerances from its nominal value" in warning for warning in said)
     assert not any("tolerances from its nominal value" in w for w in fitter(data, prior=True)(data).warnings)
+
+
+def test_a_search_for_outliers_that_does_not_converge_is_told() -> None:
+    data = simulated((), {}, random_joints(40, 3), {}, 4)
+    made = fitter(data)
+    found = made.identified(data, ())[0]
+    outliers = made.outliers_of(found, data)
+    assert of_stuck_search(outliers) == []
+    (said,) = of_stuck_search(replace(outliers, fit=replace(outliers.fit, status="not converged")))
+    assert "without outliers did not converge" in said
