@@ -88,8 +88,8 @@ def of_stuck_search(outliers: Outliers) -> list[str]:
     if outliers.fit.status == "converged":
         return []
     return [
-        f"the fit without outliers did not converge in {outliers.fit.iterations} steps: which poses are off is not sure; "
-        "--prior helps where the measurements say too little"
+        f"the fit without outliers did not converge in {outliers.fit.iterations} steps: which poses are off is not "
+        "sure; --prior helps where the measurements say too little"
     ]
 
 
