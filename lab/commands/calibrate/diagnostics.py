@@ -178,8 +178,9 @@ def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
         colours = [AFTER if fall >= 0 else BEFORE for fall in falls]
         axes.barh(at[1:], falls, left=errors[1:], color=colours, alpha=0.85)
         axes.vlines(errors[:-1], at[1:] - 0.4, at[:-1] + 0.4, color=INK, linewidth=0.8)
-        for place, error in zip(at, errors, strict=True):
-            axes.annotate(f" {short(error)}", (error, place), va="center", ha="left", fontsize=8)
+        for place, error, end in zip(at, errors, np.maximum(errors, np.roll(errors, 1)), strict=True):
+            right = error if place == at[0] else end
+            axes.annotate(f" {short(error)}", (right, place), va="center", ha="left", fontsize=8)
         axes.set_yticks(at, [each.name for each in tried])
         axes.set(xlabel="hold-out error, mm", xlim=(0, 1.18 * errors.max()))
         axes.grid(visible=False, axis="y")
