@@ -26,6 +26,7 @@ _TOUCHING_M = 1e-12
 _DIFFERENCE = 1e-6  # rad or m of a joint
 _LONGEST_STEP = 0.3  # rad or m of a joint
 _SETTLED_M = 1e-8  # of a gap before the last step
+_AROUND = 0.5  # rad or m of a joint: spread of the starts near a fixture
 _STEPS, _ROUNDS = 12, 60
 
 _NO_TEXTS: Mapping[str, tuple[str, ...]] = MappingProxyType({})
@@ -34,13 +35,19 @@ Gap = Callable[[Array, NDArray[np.int_]], Array]
 """How far ``(m, d)`` m points ``(m, 3)`` of some rows ``(m,)`` are from their fixtures."""
 
 
-def reachable_points(real: TrueRobot, count: int, rng: np.random.Generator) -> Array:
-    """Places ``(count, 3)`` m in the instrument's frame that the tool's point reaches, neither folded nor stretched."""
-    points = real.points(random_poses(real.robot, _DRAWN, rng), POINT)[:, 0]
+def reachable_points(real: TrueRobot, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Places that the tool's point reaches, neither folded nor stretched.
+
+    Returns:
+        Places ``(count, 3)`` m in the instrument's frame, and joint positions ``(count, joints)`` that lead there.
+    """
+    poses = random_poses(real.robot, _DRAWN, rng)
+    points = real.points(poses, POINT)[:, 0]
     T_tracker_base = inverse(real.T_world_tracker) @ real.robot.T_world_frame0
     order = np.argsort(np.linalg.norm(transform(inverse(T_tracker_base), points), axis=1))
     within = order[int(_NEAR * _DRAWN) : int(_FAR * _DRAWN)]
-    return np.asarray(points[rng.permutation(within)[:count]])
+    chosen = rng.permutation(within)[:count]
+    return points[chosen], poses[chosen]
 
 
 @dataclass(frozen=True)
@@ -51,23 +58,30 @@ class Contacts:
         conditions: what is set at each row, ``(n,)`` each.
         scatter: ``(n, joints)`` how far the joints stand off by chance.
         gap: what is to vanish.
+        near: ``(n, joints)`` that lead near each row's fixture.
     """
 
     real: TrueRobot
     conditions: Mapping[str, Array]
     scatter: Array
     gap: Gap
+    near: Array
 
     def joints(self, rng: np.random.Generator) -> Array:
-        """Joint positions ``(n, joints)`` in contact, within the limits and without a collision, from random poses.
+        """Joint positions ``(n, joints)`` in contact, within the limits and without a collision.
+
+        They are sought from random poses, and every other time around those that lead near.
 
         Raises:
             LabError: the arm cannot touch some fixture in other poses.
         """
         robot, count = self.real.robot, len(self.scatter)
         found, missing = np.empty_like(self.scatter), np.arange(count)
-        for _ in range(_ROUNDS):
-            moved = self._moved(random_poses(robot, len(missing), rng), missing)
+        for number in range(_ROUNDS):
+            start = random_poses(robot, len(missing), rng)
+            if number % 2:
+                start = self.near[missing] + _AROUND * rng.standard_normal(start.shape)
+            moved = self._moved(start, missing)
             far = np.abs(self._gaps(moved, missing)).max(axis=1)
             good = (far < _TOUCHING_M) & ~robot.chain.beyond_limits(moved, 0.0).any(axis=1)
             good[good] = ~collides(robot, moved[good])

@@ -34,7 +34,7 @@ def observe_planes(
     refuse_several_targets("plane", targets)
     chance, placing = Chance.of(real, instrument, (len(joints), 1), rng, readings), rng.spawn(1)[0]
     set_there = without_sessions(conditions)
-    on = reachable_points(real, setup.fixtures, placing)
+    on, near = reachable_points(real, setup.fixtures, placing)
     normals = placing.standard_normal(on.shape)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     heights, number = (normals * on).sum(axis=1), np.arange(len(joints)) % len(on)
@@ -44,7 +44,7 @@ def observe_planes(
         along = (normals[plane] * (points - chance.displaced[rows])).sum(axis=1)
         return np.asarray(along - heights[plane] - chance.noise[rows, 0])[:, None]
 
-    touching = Contacts(real, set_there, chance.scatter, gap).joints(placing)
+    touching = Contacts(real, set_there, chance.scatter, gap, near[number]).joints(placing)
     locations = tuple(str(1 + i) for i in number.tolist())
     data = fixture_measurements(real, touching, set_there, {"location": locations})
     placed = {

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.instruments import Instrument
-from lab.core.se3 import Array
+from lab.core.se3 import Array, inverse
 from lab.simulation.observations.contact import (
     Chance,
     Contacts,
@@ -38,18 +38,24 @@ def observe_sockets(
     chance, placing = Chance.of(real, instrument, (len(joints), 3), rng, readings), rng.spawn(1)[0]
     set_there = without_sessions(conditions)
     apart_m = _APART_M if setup.socket_distance_m is None else setup.socket_distance_m
-    first = reachable_points(real, setup.fixtures, placing)
-    towards = placing.standard_normal(first.shape)
-    second = first + apart_m * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    first, near = reachable_points(real, setup.fixtures, placing)
+    second = first + apart_m * _around(real, first) * placing.choice([-1.0, 1.0], (len(first), 1))
     centres = np.stack([first, second], axis=1).reshape(-1, 3)
     number = np.arange(len(joints)) % len(centres)
 
     def gap(points: Array, rows: NDArray[np.int_]) -> Array:
         return np.asarray(points - centres[number[rows]] - chance.noise[rows] - chance.displaced[rows])
 
-    touching = Contacts(real, set_there, chance.scatter, gap).joints(placing)
+    touching = Contacts(real, set_there, chance.scatter, gap, near[number // 2]).joints(placing)
     names = [(f"l{1 + i // 2}", _NAMES[i % 2]) for i in number.tolist()]
     locations, sockets = zip(*names, strict=True)
     data = fixture_measurements(real, touching, set_there, {"location": locations, "socket": sockets})
     placed = {f"socket.l{1 + i // 2}.{_NAMES[i % 2]}": centre for i, centre in enumerate(centres)}
     return SimulatedDay(data, chance.bad, placed)
+
+
+def _around(real: TrueRobot, points: Array) -> Array:
+    """Unit vectors ``(m, 3)`` around the base's axis at places ``(m, 3)`` m in the instrument's frame: within reach."""
+    T = inverse(real.T_world_tracker) @ real.robot.T_world_frame0
+    around = np.cross(T[:3, 2], points - T[:3, 3])
+    return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
