@@ -1,0 +1,99 @@
+"""Moves of plans and of corrected targets in cells: what the lab calls free is, by other code, ten times as densely."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.dense_check import DenseCheck
+
+from lab.campaign.reachability import free_home, reachability, stops_in_order
+from lab.campaign.robot import load_robot
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.pose_selection.tour import plan_tour, rated
+from lab.simulation.candidate_poses import path_check
+from lab.simulation.collisions import collides, random_poses
+from lab.simulation.model import RobotModel
+
+CELL = """clearance_mm = 20
+[[obstacle]]
+name = "table"
+shape = "box"
+size_mm = {}
+position_mm = {}
+[[obstacle]]
+name = "post"
+shape = "cylinder"
+radius_mm = 60
+height_mm = 1200
+position_mm = {}
+"""
+CELLS = {
+    "irb120": ([300, 900, 250], [480, 0, 125], [-250, 300, 600]),
+    "tx40": ([300, 600, 200], [450, 0, -100], [-200, 350, 600]),
+    "rx130": ([600, 1500, 300], [1000, 0, -150], [-500, 700, 600]),
+    "scara": ([200, 200, 100], [300, 200, -300], [-500, 300, 600]),
+    "scemi": ([300, 600, 200], [600, 0, 0], [-400, 500, 600]),
+}
+MANY = {"irb120": 300, "tx40": 1500, "rx130": 1200, "scara": 5500, "scemi": 1500}
+TOUR = 12  # poses of a plan; a correction goes through twice as many targets in their order
+
+
+def placed(name: str, folder: Path) -> RobotModel:
+    path = folder / "cell.toml"
+    path.write_text(CELL.format(*CELLS[name]))
+    return load_robot(name, path).model
+
+
+def moves(model: RobotModel, count: int) -> Iterator[tuple[Array, Array]]:
+    """So many moves, by turns of a plan's tour and of a way through targets in their order."""
+    made, seed, chain = 0, 0, rated(model.chain)[0]
+    while True:
+        rng = rng_for(seed, "poses")
+        poses = random_poses(model, 3 * TOUR, rng)
+        access = reachability(model, free_home(model, poses), poses, lambda joints: ~collides(model, joints))
+        poses = poses[access.reachable(poses)]
+        if seed % 2:
+            home, safe = access.hubs[0], access.hubs[1:]
+            stops = plan_tour(poses[:TOUR], chain.speed, chain.acceleration, access.free, rng, home, safe).stops
+        else:
+            stops = stops_in_order(chain, access, poses[: 2 * TOUR])[0]
+        for move in pairwise(stops):
+            yield move
+            made += 1
+            if made == count:
+                return
+        seed += 1
+
+
+def check(name: str, folder: Path, count: int) -> None:
+    model = placed(name, folder)
+    dense = DenseCheck(model)
+    found = [dense.closest(start, end) for start, end in moves(model, count)]
+    assert len(found) == count
+    touching = [each for each in found if each.apart_m < 0]
+    assert not touching, touching[:3]
+    # between two of the lab's looks a shape may come nearer than its clearance by less than half a step
+    assert min(each.kept_m for each in found) > -0.005
+
+
+@pytest.mark.parametrize("name", ["tx40"])
+def test_moves_are_free_by_other_code(name: str, tmp_path: Path) -> None:
+    check(name, tmp_path, 8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CELLS)
+def test_ten_thousand_moves_are_free_by_other_code(name: str, tmp_path: Path) -> None:
+    check(name, tmp_path, MANY[name])
+
+
+def test_both_find_what_collides(tmp_path: Path) -> None:
+    """Random moves without a look at collisions: where one of the two finds a contact, so does the other."""
+    model = placed("scara", tmp_path)
+    dense, free = DenseCheck(model), path_check(model)
+    poses = model.chain.random_joints(30, np.random.default_rng(1))
+    agreed = [(free(start, end), dense.closest(start, end).kept_m > 0) for start, end in pairwise(poses)]
+    assert set(agreed) == {(True, True), (False, False)}
