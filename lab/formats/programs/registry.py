@@ -10,6 +10,7 @@ from lab.formats.programs.jbi import Jbi
 from lab.formats.programs.krl import Krl
 from lab.formats.programs.protocol import Language, MeasuringTour, TargetMoves
 from lab.formats.programs.rapid import Rapid
+from lab.formats.programs.reading.numbers import values_of
 from lab.formats.programs.reading.program_text import Outside, ProgramText, refuse_unknown_frames
 from lab.formats.programs.urscript import UrScript
 from lab.formats.programs.val3 import Val3
@@ -108,6 +109,9 @@ def read_program(
                 else "none is there"
             )
             raise LabError(f"no target of this {language.name} program can be read ({said})")
+        for each in read.targets:
+            with error_context(f"line {each.line}: {each.name}"):
+                values_of(each.numbers)
         refuse_unknown_frames(read.targets, read.frames, language.spelling)
     return language, read
 

@@ -9,6 +9,7 @@ from helpers.controller_programs import END, EULER, LANGUAGES, PULSES, Written, 
 from helpers.robots import IRB120
 from scipy.spatial.transform import Rotation
 
+from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.programs.reading.numbers import Number, replaced, values_of, written
 from lab.formats.programs.reading.program_text import Outside, ProgramText, TargetText
@@ -182,3 +183,37 @@ def test_numbers_that_are_aligned_to_the_right_stay_so() -> None:
         "X =   100.500  mm, Y =   -99.500  mm, Z=-11.5"
     )
     assert values_of(numbers).tolist() == [99.5, -100.5, 1.5]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_spoilt_programs_are_read_or_told_in_a_line(language: str) -> None:
+    """Bytes left out, doubled and put elsewhere: never a defect, and what is read comes back the same."""
+    spoil(language, 12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_thousands_of_spoilt_programs_are_read_or_told_in_a_line(language: str) -> None:
+    spoil(language, 2000)
+
+
+def spoil(language: str, count: int) -> None:
+    rng, read_again = np.random.default_rng(9), 0
+    made = random_program(language, 5)
+    for _ in range(count):
+        content = bytearray(made.content)
+        for _ in range(int(rng.integers(1, 4))):
+            at, other, length = (int(rng.integers(0, most)) for most in (len(content), len(content), 30))
+            piece = content[at : at + length]
+            if rng.random() < 0.5:
+                del content[at : at + length]
+            content[other:other] = piece if rng.random() < 0.7 else bytes(rng.integers(1, 256, 3).tolist())
+        text = bytes(content).decode("latin-1")
+        try:
+            found = read_program(Path("a" + END[language]), text, IRB120.chain, None, outside(made))[1]
+        except LabError as error:
+            assert "\n" not in str(error) and str(error).startswith("a.")
+            continue
+        read_again += 1
+        assert rewritten(text, found, np.eye(4)) == text
+    assert read_again > count / 3

@@ -119,7 +119,7 @@ def _allowed(inner: str) -> Allowed | None:
     found = _CONFIG.search(inner)
     if not found:
         return None
-    in_front, turns = found[1] == "T", [int(each) for each in found.groups()[1:]]
+    in_front, turns = found[1] == "T", [float(each) for each in found.groups()[1:]]
 
     def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
         fits = shape.in_front(joints) == in_front

@@ -228,8 +228,8 @@ def _allowed(position: _Position) -> Allowed | None:
     """The signs of the axes, and the side of axis 1."""
     if "T" not in position.parts and "S" not in position.parts:
         return None
-    status = int(position.parts["S"].value) if "S" in position.parts else None
-    turn = int(position.parts["T"].value) if "T" in position.parts else None
+    status = int(values_of([position.parts["S"]])[0]) if "S" in position.parts else None
+    turn = int(values_of([position.parts["T"]])[0]) if "T" in position.parts else None
 
     def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
         fits = np.ones(len(joints), dtype=np.bool_)

@@ -9,12 +9,14 @@ from itertools import pairwise
 
 import numpy as np
 
+from lab.core.errors import LabError
 from lab.core.se3 import Array
 
 __all__ = ["NUMBER", "Number", "line_of", "masked", "replaced", "values_of", "written"]
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _MOST_DIGITS = 12  # behind the point: what is finer says nothing
+_LARGEST = 1e10  # mm, degrees or pulses; axes that are not there are 9e9
 _NOTHING = 1e-9  # m, mm, rad, degrees or pulses: a change that is none
 _ALIGNED = "  "  # before a number that is aligned to the right
 
@@ -45,8 +47,16 @@ class Number:
 
 
 def values_of(numbers: Sequence[Number]) -> Array:
-    """What they say."""
-    return np.array([each.value for each in numbers])
+    """What they say.
+
+    Raises:
+        LabError: one is so large that it is no number of a position.
+    """
+    values = np.array([each.value for each in numbers])
+    if not (np.abs(values) <= _LARGEST).all():
+        odd = next(each.text for each in numbers if not abs(each.value) <= _LARGEST)
+        raise LabError(f"{odd if len(odd) < 40 else odd[:37] + '...'} is too large for a position; mend the program")
+    return values
 
 
 def written(number: Number, value: float, digits: int) -> str:

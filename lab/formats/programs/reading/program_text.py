@@ -69,10 +69,14 @@ class Move:
 
 @dataclass(frozen=True)
 class Uncorrected:
-    """A line of a program that stays as it is, and why."""
+    """A line of a program that stays as it is, and why, in one line."""
 
     line: int
     reason: str
+
+    def __post_init__(self) -> None:
+        """Parts of a text that are in the reason may have line ends."""
+        object.__setattr__(self, "reason", " ".join(self.reason.split()))
 
 
 @dataclass(frozen=True)
@@ -136,7 +140,8 @@ def refuse_unknown_frames(targets: Sequence[TargetText], known: Mapping[str, Arr
     Raises:
         LabError: with the names of all of them, and how to give them.
     """
-    names = dict.fromkeys(name for each in targets for name in (each.tool, each.base) if name and name not in known)
+    asked = (name for each in targets for name in (each.tool, each.base) if name and name not in known)
+    names = dict.fromkeys(" ".join(name.split()) for name in asked)
     if names:
         example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
         raise LabError(

@@ -264,7 +264,7 @@ def _work_object(value: Value) -> Array | None:
 
 def _allowed(configuration: Sequence[Number]) -> Allowed:
     """The quarter turns of axes 1, 4 and 6, the sign of axis 5, and the side of axis 1."""
-    quarters, cfx = values_of(configuration[:3]), int(configuration[3].value)
+    quarters, cfx = values_of(configuration[:3]), int(values_of(configuration)[3])
 
     def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
         fits = np.ones(len(joints), dtype=np.bool_)
