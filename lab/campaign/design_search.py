@@ -35,8 +35,11 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
 
 
 def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
-    """A design among the candidates to which a free way leads; those without are left out as they are chosen."""
-    left = np.arange(len(problem.pool))
+    """A design among the candidates to which a free way leads.
+
+    Those without are left out as they are chosen; others take their places, and the exchange goes on from there.
+    """
+    left, first = np.arange(len(problem.pool)), None
     while True:
         design = exchange(
             problem.candidates.joints[left],
@@ -46,8 +49,15 @@ def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Des
             rng,
             starts=1,
             measured=problem.measured,
+            first=first,
         )
         cut_off = ~problem.access.reachable(design.joints)
         if not cut_off.any():
             return Design(left[design.rows], design.joints, design.jacobian, design.score)
+        kept = left[design.rows[~cut_off]]
         left = np.delete(left, design.rows[cut_off])
+        if len(left) < count:
+            first = None  # which the exchange refuses
+            continue
+        others = rng.choice(np.setdiff1d(left, kept), int(cut_off.sum()), replace=False)
+        first = np.searchsorted(left, np.concatenate([kept, others]))

@@ -59,6 +59,7 @@ def exchange(
     *,
     starts: int = 4,
     measured: Array | None = None,
+    first: NDArray[np.int_] | None = None,
 ) -> Design:
     """The best of several Fedorov exchanges: each pose in turn gives way to the best candidate.
 
@@ -67,6 +68,8 @@ def exchange(
         jacobian: theirs, ``(m, r, p)``.
         count: how many poses to choose, no candidate twice.
         measured: information ``(p, p)`` of poses that were measured already.
+        first: rows ``(count,)`` that the first start begins with, e.g. those of a design that has lost some; by chance
+            if not given.
 
     Raises:
         LabError: there are too few candidates, or no choice of ``count`` shows every parameter.
@@ -78,8 +81,9 @@ def exchange(
     if measured is None and count * rows < p:
         raise LabError(f"{count} poses cannot show {p} parameters: ask for {-(-p // rows)} or more")
     best: Design | None = None
-    for _ in range(starts):
-        chosen, score = _exchanged(jacobian, rng.choice(m, count, replace=False), goal, held, rng)
+    for start in range(starts):
+        begun = first.copy() if first is not None and start == 0 else rng.choice(m, count, replace=False)
+        chosen, score = _exchanged(jacobian, begun, goal, held, rng)
         if best is None or score > best.score:
             best = Design(chosen, joints[chosen], jacobian[chosen], score)
     assert best is not None
