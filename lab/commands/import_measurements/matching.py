@@ -181,13 +181,13 @@ def _by_time(options: ImportOptions, points: TrackerPoints, log: JointLog, stops
             f"{points.path}: its times and those of {log.path} count from different moments; counted from the first "
             f"of each, {_offset_hint(at, starts, ends)}"
         )
-    at = at - (options.clock_offset_s or 0.0)
+    said_at, at = at, at - (options.clock_offset_s or 0.0)
     where = _window_of(at, starts, ends, exact=not _is_log(log))
     inside = where >= 0
     if not inside.any() or np.nanmax(at) < starts[0] or np.nanmin(at) > ends[-1]:
         raise LabError(
             f"{points.path}: no point was measured while the arm of {log.path} stood still; "
-            f"{_offset_hint(at, starts, ends)}"
+            f"{_offset_hint(said_at, starts, ends)}"
         )
     left = [
         LeftOut(
