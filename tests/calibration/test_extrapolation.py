@@ -88,7 +88,7 @@ def test_a_kink_at_the_edges_of_one_joint_is_that_joints_slope() -> None:
     moved[:, 1] += kink * (np.maximum(joints[:, 1] - high, 0) - np.maximum(low - joints[:, 1], 0))
     points = ARM.points(moved, NOMINAL) + 2e-6 * rng.standard_normal((200, 1, 3))
     slope = ranged(measured(IRB120.chain.joint_names, joints, ("p1",), points))[1].slope
-    assert slope[1] == pytest.approx(kink, rel=0.25) and (np.delete(slope, 1) < 0.6 * kink).all()
+    assert 0.98 * kink < slope[1] < 1.15 * kink and (np.delete(slope, 1) < 0.6 * kink).all()
 
 
 def test_the_range_is_written_and_read() -> None:
