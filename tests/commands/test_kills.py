@@ -28,7 +28,7 @@ STUDY = """\
 name = "small"
 robots = 2
 draws = 2
-fresh_poses = 20
+fresh = 20
 [factors]
 poses = [20, 25]
 """
@@ -36,7 +36,7 @@ COMMANDS = {
     "calibrate": "calibrate --robot irb120 --poses 30 --seed 1",
     "identify": "identify day/measurements.csv --instrument uniform-8um",
     "verify": "verify day day/measurements.csv --force",
-    "compensate": "compensate day goals.csv --no-check --accept-bad",
+    "compensate": "compensate few.csv --run day --no-check",
     "trajectory": "trajectory goals.csv --robot irb120",
     "compare": "compare day day2",
 }
@@ -49,6 +49,7 @@ def made(folder: Path) -> Path:
     assert run("calibrate --robot irb120 --poses 30 --seed 8 --out day2") == 0
     lines = (folder / "day" / "measurements.csv").read_text().splitlines()
     (folder / "goals.csv").write_text("\n".join(line.rsplit(",", 3)[0] for line in lines[:4]) + "\n")
+    (folder / "few.csv").write_text("\n".join(lines[:4]) + "\n")
     (folder / "study.toml").write_text(STUDY)
     return folder
 
