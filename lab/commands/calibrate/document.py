@@ -24,7 +24,7 @@ from lab.commands.calibrate.figures import (
 from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs
 from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import model_name, standing
-from lab.commands.calibrate.result import CalibrationResult
+from lab.commands.calibrate.result import CalibrationResult, errors_without_outliers, outliers_found
 from lab.commands.provenance import provenance_section
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.kinematics.parameter import Parameter
@@ -142,7 +142,7 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
     title, before, after = "Before and after calibration", result.before, result.after
     if before is None or after is None:
         return Section(title, (Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
-    robust = result.after_without_outliers
+    robust = errors_without_outliers(result)
     stated = [("before", before), ("after", after), *([] if robust is None else [("after, without outliers", robust)])]
     rows = tuple(
         (name, *(short(value) for value in (each.mean, each.rms, each.p95, each.max)), f"{each.count:,}")
@@ -218,7 +218,7 @@ def _truth(result: CalibrationResult) -> str:
         f"{100 * comparison.coverage_95:.0f} % of the 95 % intervals contain the true value."
     )
     if result.bad:
-        text += f" {result.outliers_found} of {len(result.bad)} simulated outliers are detected."
+        text += f" {outliers_found(result)} of {len(result.bad)} simulated outliers are detected."
     return text
 
 

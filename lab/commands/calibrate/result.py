@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["CalibrationResult"]
+__all__ = ["CalibrationResult", "errors_without_outliers", "outliers_found"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -131,11 +131,6 @@ class CalibrationResult(Result):
         return None if self.validation.errors is None else error_statistics(self.validation.errors.after)
 
     @property
-    def after_without_outliers(self) -> ErrorStatistics | None:
-        """The same without the poses that the test of outliers names; None where it names none of them."""
-        return None if (robust := self.validation.robust) is None else error_statistics(robust.after)
-
-    @property
     def groups(self) -> tuple[GroupTrial, ...]:
         """What each group of parameters is worth; none where geometry alone was asked for."""
         return () if self.fit.selection is None else self.fit.selection.groups
@@ -152,7 +147,7 @@ class CalibrationResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-        identification, before, after = self.identification, self.before, self.after
+        identification, after, robust = self.identification, self.after, errors_without_outliers(self)
         from lab.commands.run_folder import SCHEMA
 
         result: dict[str, Any] = {
@@ -173,9 +168,9 @@ class CalibrationResult(Result):
             "gate_mm": self.options.gate_mm,
             "answers": {name: asdict(each) for name, each in self.verdict.answers.items()},
             "judged_by": self.validation.judged_by,
-            "before_mm": None if before is None else before.to_dict(),
+            "before_mm": None if (before := self.before) is None else before.to_dict(),
             "after_mm": None if after is None else after.to_dict(),
-            "after_without_outliers_mm": None if (robust := self.after_without_outliers) is None else robust.to_dict(),
+            "after_without_outliers_mm": None if robust is None else robust.to_dict(),
             "noise_mm": number(1e3 * identification.sigma_m),
             "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
             "noise_known": identification.sigma_known,
@@ -207,14 +202,9 @@ class CalibrationResult(Result):
                 "coverage_95": number(comparison.coverage_95),
                 "max_abs_error": number(np.abs(comparison.error).max()),
                 "bad_readings": len(self.bad),
-                "bad_named": self.outliers_found,
+                "bad_named": outliers_found(self),
             }
         return result
-
-    @property
-    def outliers_found(self) -> int:
-        """How many of the simulated outliers the test of outliers names."""
-        return len(self.bad & {pose.id for pose in self.fit.outliers})
 
     def document(self) -> "Document":
         """What a person reads."""
@@ -257,6 +247,16 @@ class CalibrationResult(Result):
 
             record(folder / "recording.rrd", self)
         self.report(folder / "report.html")
+
+
+def outliers_found(result: CalibrationResult) -> int:
+    """How many of the simulated outliers the test of outliers names."""
+    return len(result.bad & {pose.id for pose in result.fit.outliers})
+
+
+def errors_without_outliers(result: CalibrationResult) -> ErrorStatistics | None:
+    """Errors after, without the poses that the test of outliers names; None where it names none of them."""
+    return None if (robust := result.validation.robust) is None else error_statistics(robust.after)
 
 
 def _write_covariance(path: Path, identification: Identification) -> None:
