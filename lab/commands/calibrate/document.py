@@ -113,9 +113,15 @@ def _lead(result: CalibrationResult, words: ObservationWords) -> str:
     if before is None or after is None:
         return f"{begun} The accuracy at other poses was not validated."
     return (
-        f"{begun} The mean {words.error} {_validated_on(result)} was {short(before.mean)} mm with the nominal model "
-        f"and is {short(after.mean)} mm with the calibrated one."
+        f"{begun} The mean {_judged_error(result, words)} {_validated_on(result)} was {short(before.mean)} mm with "
+        f"the nominal model and is {short(after.mean)} mm with the calibrated one."
     )
+
+
+def _judged_error(result: CalibrationResult, words: ObservationWords) -> str:
+    """What the validation's errors are: a virtual arm that fixtures placed is judged by its positions."""
+    judged_by_points = result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame
+    return "position error, the base placed anew," if judged_by_points else words.error
 
 
 def _validated_on(result: CalibrationResult) -> str:
@@ -148,7 +154,8 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
         (name, *(short(value) for value in (each.mean, each.rms, each.p95, each.max)), f"{each.count:,}")
         for name, each in stated
     )
-    caption = f"{capital(words.error)}, mm, {_validated_on(result)}"
+    error = _judged_error(result, words)
+    caption = f"{capital(error.rstrip(','))}, mm, {_validated_on(result)}"
     note = (
         f"Before: the nominal model, with {words.placed} fitted to the same measurements. After: all parameters "
         "estimated."
@@ -165,7 +172,7 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
                 ("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after", "quiet")[: len(rows)]
             ),
             Paragraph(note, "note", shown_in=PAGE),
-            Figure("errors-figure", error_histograms(result, words.error), spread),
+            Figure("errors-figure", error_histograms(result, error.rstrip(",")), spread),
         ),
     )
 
