@@ -81,7 +81,7 @@ def test_more_poses_leave_arm_and_fresh_poses_as_they_were(seven: Path, tmp_path
 
 
 def test_the_calibrated_arm_predicts_what_was_identified(seven: Path) -> None:
-    parameters = json.loads((seven / "parameters.json").read_text())
+    parameters = [row for row in json.loads((seven / "parameters.json").read_text()) if row["status"] != "converted"]
     arm = SerialArm(IRB120.chain)
     assert [row["name"] for row in parameters] == list(arm.names)
     values = np.array([row["estimate"] for row in parameters])
@@ -239,7 +239,7 @@ def test_a_robot_given_as_a_table_comes_back_as_a_table(tmp_path, capsys) -> Non
     code, result = run(capsys, "identify", data_file("ur10_ipa_D.csv"), "--robot", table, "--out", out)
     assert code == 0 and result["rank"] == 27 and result["judged_by"] == "cross-validation"
     assert any("rx_deg" in warning for warning in result["warnings"])
-    rows = json.loads((out / "parameters.json").read_text())
+    rows = [row for row in json.loads((out / "parameters.json").read_text()) if row["status"] != "converted"]
     values = {row["name"]: row["exported"] for row in rows}
     back = read_table(out / "calibrated.toml")
     arm = SerialArm(back.chain)
