@@ -123,6 +123,7 @@ def answer(options: Options) -> Answer:
     found["worst_hit_mm"] = max(day["worst_hit_mm"] for day in days)
     found["uncorrected_mm"] = float(np.median([day["uncorrected_mm"] for day in days]))
     found["touched"] = sum(day["touched"] for day in days)
+    found["not_corrected"] = sum(day["not_corrected"] for day in days)
     found["verified"] = sum(day["verified"] for day in days)
     return Answer(found, Document("An engineer's day with a UR5e", paragraphs(named_values(found))))
 
@@ -161,7 +162,8 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
     )  # fmt: skip
     run = result.save(folder / f"run{seed}")
     corrected, places = _corrected(cell, run, targets, seed)
-    hits, before = (_off(day, joints, corrected.wanted.positions) for joints in places)
+    wanted = corrected.wanted.positions[corrected.found.converged]
+    hits, before = (_off(day, joints, wanted) for joints in places)
     errors, floor = result.validation.errors, known.validation.errors
     assert errors is not None and floor is not None
     return {
@@ -170,6 +172,7 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
         "after_mm": 1e3 * float(errors.after.mean()),
         "worst_hit_mm": 1e3 * float(hits.max()),
         "uncorrected_mm": 1e3 * float(before.mean()),
+        "not_corrected": int((~corrected.found.converged).sum()),
         "touched": int(_touched(cell.robot, corrected)),
         "verified": int(_is_verified(day, run, cell, seed)),
         "groups": list(result.fit.groups),
