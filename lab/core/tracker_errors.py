@@ -148,7 +148,8 @@ class TrackerErrors:
         elevation = np.arctan2(points[..., 2], np.hypot(points[..., 0], points[..., 1]))
         _, sideways, upwards = _directions(azimuth, elevation)
         c, s = np.cos(turn)[..., None], np.sin(turn)[..., None]
-        return (c * offset[0] - s * offset[1]) * sideways + (s * offset[0] + c * offset[1]) * upwards
+        moved: Array = (c * offset[0] - s * offset[1]) * sideways + (s * offset[0] + c * offset[1]) * upwards
+        return moved
 
 
 TERMS = (

@@ -112,7 +112,11 @@ def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], known_load: Arr
         raise LabError("the path to predict carries a load that the fitted one did not: give it, or an unloaded run")
     measured = np.concatenate([run.measured(late) for run in runs])
     predicted = np.concatenate(
-        [run.rows()[..., _SIZE:] @ parameters + (run.rows()[..., :_SIZE] @ load if run.loaded else 0.0) for run in runs]
+        [
+            run.rows()[..., _SIZE:] @ parameters
+            + (run.rows()[..., :_SIZE] @ load if run.loaded and load is not None else 0.0)
+            for run in runs
+        ]
     )
     left = measured - predicted
     squares, sizes = (left**2).mean(axis=0), (measured**2).mean(axis=0)

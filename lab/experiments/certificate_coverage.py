@@ -162,7 +162,7 @@ def of_one_robot(case: Case, seed: int, draws: int) -> dict[str, Array]:
 def _bench(case: Case, seed: int) -> _Bench:
     robot = load_robot("irb120")
     real = perturbed_arm(robot, VirtualCampaign(seed=seed))
-    arm = SerialArm(robot.chain, ("p1", "p2", "p3"))
+    arm = robot.serial_arm(("p1", "p2", "p3"))
     truth = real.truth(arm.targets)
     assert truth is not None
     poses = random_poses(real.robot, POSES[case], rng_for(seed, "poses"))
@@ -201,6 +201,6 @@ def study(case: Case, options: Options) -> dict[str, float]:
 
 def answer(options: Options) -> Answer:
     """All cases, one after another."""
-    results = {case: study(case, options) for case in options.cases}
+    results: dict[str, dict[str, float]] = {case: study(case, options) for case in options.cases}
     sections = (Section(case, paragraphs(named_values(result))) for case, result in results.items())
     return Answer(results, Document("Does a certificate's 95 % cover the true error?", tuple(sections)))

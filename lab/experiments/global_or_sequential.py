@@ -154,10 +154,8 @@ def _measured_arm(robot: Robot, options: Options, number: int) -> tuple[Array, A
     T_world_instrument = robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values))
     real = true_robot_from_table(robot.serial_model, arm, values, T_world_instrument)
     draw = partial(random_poses, robot.model) if options.free else robot.chain.random_joints
-    joints, validation = (
-        draw(count, rng_for(options.seed, purpose, number))
-        for purpose, count in (("poses", options.poses), ("fresh", options.fresh))
-    )
+    joints = draw(options.poses, rng_for(options.seed, "poses", number))
+    validation = draw(options.fresh, rng_for(options.seed, "fresh", number))
     points, there = (real.points(poses, ("p1",))[:, 0] for poses in (joints, validation))
     return joints, points, target_rotations(real, joints, "p1"), validation, there
 

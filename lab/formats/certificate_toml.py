@@ -151,7 +151,7 @@ def _section(path: Path, name: str, values: Any) -> Any:
     if not isinstance(values, dict):
         raise LabError(f"{where} is to be a section")
     plain = {key: value.isoformat() if isinstance(value, date) else value for key, value in values.items()}
-    found = structured(where, _SECTIONS[name], plain)
+    found: Any = structured(where, _SECTIONS[name], plain)
     _check_texts(where, plain)
     return found
 

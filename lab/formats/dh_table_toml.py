@@ -117,7 +117,8 @@ def read_table(path: Path) -> RobotTable:
     )
     if "corrections" in document:
         chain = _corrected(path, chain, document["corrections"])
-    if drives := {key: document[key] for key in ("drive", "coupling") if key in document}:
+    drives: dict[str, Any] = {key: document[key] for key in ("drive", "coupling") if key in document}
+    if drives:
         chain = replace(chain, encoders=drives_of(path, drives, chain.size).encoders)
     base = read_base(path, document["base"]) if "base" in document else None
     tool = {**read_tool(path, document.get("tool", {})), **_khalil_tool(path, document, warnings)}

@@ -120,7 +120,7 @@ class _LoadReader(PoseReader):
             raise LabError(f"{self.path}: line 1: {found}; give one of the two: {names}")
         if "time_s" not in self.header:
             raise LabError(f"{self.path}: line 1: no column time_s; an arm's dynamics show in a motion alone")
-        loaded = self._runs() if "run" in self.header else np.zeros(len(self.rows), dtype=np.bool_)
+        loaded = self._runs() if "run" in self.header else np.zeros(len(joints), dtype=np.bool_)
         time_s = self.numbers("time_s")
         for run, name in ((True, RUNS[0]), (False, RUNS[1])):
             rows = np.flatnonzero(loaded == run)

@@ -239,7 +239,8 @@ class _Reader:
             f"{self.table.path}: column {self.table.name(column)} is taken for the uncertainty of the whole position; "
             "that of a coordinate is its 1/√3"
         )
-        return self._uncertainty(column, scale) / np.sqrt(3.0)
+        one: Array = self._uncertainty(column, scale) / np.sqrt(3.0)
+        return one
 
     def _uncertainty(self, column: int, scale: float) -> Array:
         headings = self.table.headings

@@ -92,7 +92,8 @@ class JointSpec:
 
     def beyond_limits(self, joints: Array, slack: float | Array) -> NDArray[np.bool_]:
         """Which joint positions ``(m, n)`` are beyond the limits by more than ``slack``, ``(n,)`` or one, rad or m."""
-        return (joints < self.lower - slack) | (joints > self.upper + slack)
+        beyond: NDArray[np.bool_] = (joints < self.lower - slack) | (joints > self.upper + slack)
+        return beyond
 
     def shown(self, joint: int, value: float) -> str:
         """A joint position (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""

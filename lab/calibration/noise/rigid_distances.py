@@ -81,8 +81,7 @@ def instrument_noise(points: Array) -> InstrumentNoise | None:
     for i, (a, b) in enumerate(pairs):
         slopes[:, i, b] = apart[:, i] / lengths[:, i, None]
         slopes[:, i, a] = -slopes[:, i, b]
-    slopes = slopes.reshape(n, len(pairs), -1)
-    sizes = np.linalg.svd(slopes, compute_uv=False)
+    sizes = np.linalg.svd(slopes.reshape(n, len(pairs), -1), compute_uv=False)
     if (sizes[:, -1] < _FLAT * sizes[:, 0]).any():
         return None
     white = np.linalg.inv(np.linalg.cholesky(slopes @ np.swapaxes(slopes, 1, 2)))  # of rows: one unit of sigma

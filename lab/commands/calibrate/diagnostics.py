@@ -41,7 +41,7 @@ def residual_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     seen = residuals[np.isfinite(residuals)]
     if len(seen) < _FEWEST:
         return ()
-    band = half_width_95(np.inf) * 1e3 * found.sigma_m
+    band = float(half_width_95(np.inf)) * 1e3 * found.sigma_m
     return (_in_order(result, residuals, band), _by_joint(result, residuals, band), _quantiles(seen))
 
 

@@ -187,8 +187,8 @@ def _sticks(axes: "Axes", arm: ArmPoses, plane: tuple[int, int]) -> None:
                 capstyle="round",
             )
         )
-        size = 3.5 if first else 1.8
-        axes.plot(*joints.reshape(-1, 2).T, "o", color=colour, markersize=size, zorder=4 if first else 1)
+        dot = 3.5 if first else 1.8
+        axes.plot(*joints.reshape(-1, 2).T, "o", color=colour, markersize=dot, zorder=4 if first else 1)
 
 
 def _instrument(axes: "Axes", head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:

@@ -55,7 +55,7 @@ def _rows(owner: str, index: Sequence[int], found: Identification, others: tuple
     rows = []
     for i, symbol in enumerate(SYMBOLS):
         estimate, deviation = float(frame.values[i]), None if frame.note else number(float(std[i]))
-        row = {
+        row: dict[str, Any] = {
             "name": f"{owner}.{symbol}",
             "unit": "rad" if ANGULAR[i] else "m",
             "nominal": float(nominal[i]),

@@ -193,7 +193,7 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
 
     Before and after calibration have one factor; with one of their own, those after are drawn once more, apart.
     """
-    visible = np.isfinite(shown.measured).all(axis=2)
+    visible = np.asarray(np.isfinite(shown.measured).all(axis=2))
     lengths = visible.sum(axis=1)
     for entity, name, points, factor, colour in (
         ("errors/before", "before", shown.before, shown.factor_before, RGB_BEFORE),

@@ -95,7 +95,8 @@ def _found(calibrated: Calibrated, fitted: FittedRows) -> RobotFound:
     return RobotFound(
         pose_characteristics(measured - before, labels),
         pose_characteristics(measured - after, labels),
-        *pairs,
+        pairs[0],
+        pairs[1],
         of_fitted_rows=fitted.judged is None,
     )
 

@@ -193,7 +193,8 @@ def open_program(options: CompensateOptions, run: Calibrated) -> OpenProgram:
     if options.pulses_per_deg and language.name != "JBI":
         raise LabError(f"--pulses-per-deg is for JBI; {path} is in {language.name}")
     nominal = run.nominal_inverse(0)
-    beyond = run.robot.chain.beyond_limits(np.array([each.joints for each in read.targets]), 1e-9).any(axis=1)
+    given = np.array([each.joints for each in read.targets])
+    beyond = np.asarray(run.robot.chain.beyond_limits(given, 1e-9).any(axis=1))
     left = [
         Uncorrected(each.line, f"{each.name}: its joint positions are beyond the limits of the robot's model")
         for each, out in zip(read.targets, beyond, strict=True)

@@ -131,10 +131,10 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     for i in np.flatnonzero(measured & ~sees):
         faults.setdefault(stops.ids[i], f"the instrument does not see {', '.join(options.targets)} there")
     free = path_check(robot.model)
-    for i in range(1, len(stops)):
-        ends = {stops.ids[i - 1], stops.ids[i]}
-        if not ends & set(faults) and not free(stops.joints[i - 1], stops.joints[i]):
-            faults.setdefault(stops.ids[i], f"the way to it from {stops.ids[i - 1]} is not free of collisions")
+    for end in range(1, len(stops)):
+        ends = {stops.ids[end - 1], stops.ids[end]}
+        if not ends & set(faults) and not free(stops.joints[end - 1], stops.joints[end]):
+            faults.setdefault(stops.ids[end], f"the way to it from {stops.ids[end - 1]} is not free of collisions")
     order = {name: i for i, name in enumerate(stops.ids)}
     found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
     moving = rest_to_rest_seconds(np.diff(stops.joints, axis=0), chain.speed, chain.acceleration).sum()

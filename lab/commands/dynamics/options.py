@@ -60,7 +60,7 @@ class DynamicsOptions:
             if stray := [name for name, value in both.items() if value is not None]:
                 raise LabError(f"--simulate makes the measurements itself: leave {stray[0]} out")
             return
-        given = {"--load": self.load, "--validate": self.validate, "--sensor": self.sensor}
+        given: dict[str, object] = {"--load": self.load, "--validate": self.validate, "--sensor": self.sensor}
         given |= {"--holdout": self.holdout or None, "--delay": self.delay or None, "--physical": self.physical or None}
         if self.file is None and (stray := [name for name, value in given.items() if value is not None]):
             raise LabError(f"{stray[0]} is for measurements: give a FILE, or --simulate")
