@@ -15,6 +15,7 @@ from lab.experiments.closed_loop import PATH_POINTS, close_loop, reachable_cube
 from lab.experiments.closed_loop_recording import record_loop
 from lab.experiments.closed_loop_scene import HOLD, loop_scene
 from lab.render.format import format_magnification
+from lab.render.style import RGB_AFTER, RGB_BEFORE
 from lab.simulation.meshes import body_poses
 from lab.simulation.model import FLANGE
 
@@ -22,7 +23,6 @@ pytestmark = pytest.mark.usefixtures("strict_recordings")
 
 TARGETS = 20
 STEPS = [*range(2 * PATH_POINTS), *range(2 * PATH_POINTS, 2 * PATH_POINTS + 5 * HOLD, HOLD)]
-BEFORE, AFTER = (235, 50, 90), (60, 205, 130)
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +194,7 @@ def test_the_summary_has_every_number_and_the_colours(recording, outcome, loop):
 
 
 def test_the_colours_are_the_campaigns(recording):
-    for when, (r, g, b) in (("before", BEFORE), ("after", AFTER)):
+    for when, (r, g, b) in (("before", RGB_BEFORE), ("after", RGB_AFTER)):
         for entity, name in (
             (f"/world/attained/{when}/circle", "LineStrips3D:colors"),
             (f"/world/attained/{when}/poses", "Arrows3D:colors"),

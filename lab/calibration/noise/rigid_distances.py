@@ -77,11 +77,12 @@ def instrument_noise(points: Array) -> InstrumentNoise | None:
     lengths = np.linalg.norm(apart, axis=2)
     if not lengths.min() > 0:
         return None
-    slopes = np.zeros((n, len(pairs), k, 3))
+    slopes: Array = np.zeros((n, len(pairs), k, 3))
     for i, (a, b) in enumerate(pairs):
         slopes[:, i, b] = apart[:, i] / lengths[:, i, None]
         slopes[:, i, a] = -slopes[:, i, b]
-    sizes = np.linalg.svd(slopes.reshape(n, len(pairs), -1), compute_uv=False)
+    slopes = slopes.reshape(n, len(pairs), -1)
+    sizes = np.linalg.svd(slopes, compute_uv=False)
     if (sizes[:, -1] < _FLAT * sizes[:, 0]).any():
         return None
     white = np.linalg.inv(np.linalg.cholesky(slopes @ np.swapaxes(slopes, 1, 2)))  # of rows: one unit of sigma
