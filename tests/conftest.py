@@ -4,6 +4,7 @@ On a busy machine small matrices wait a hundred times longer for a second thread
 """
 
 import os
+from collections import Counter
 from collections.abc import Generator, Iterator
 from contextlib import nullcontext
 
@@ -16,6 +17,18 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 settings.register_profile("quick", max_examples=25, derandomize=True, deadline=None, database=None)
 settings.load_profile("quick")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked ``sampled(n)`` every n-th case is of the default suite, and the others are thorough."""
+    seen: Counter[str] = Counter()
+    for item in items:
+        if marker := item.get_closest_marker("sampled"):
+            name = item.nodeid.partition("[")[0]
+            if seen[name] % marker.args[0]:
+                item.add_marker(pytest.mark.thorough)
+            seen[name] += 1
 
 
 @pytest.hookimpl(wrapper=True)

@@ -101,6 +101,7 @@ def test_a_campaign_is_the_same_in_any_company(frozen: bool) -> None:
     np.testing.assert_array_equal(alone.points, turned.points[5:6])
 
 
+@pytest.mark.thorough
 def test_a_frozen_jacobian_has_the_same_statistics() -> None:
     values, turned, full = solved(400, 8e-6)
     _, _, chord = solved(400, 8e-6, frozen=True)
@@ -169,6 +170,7 @@ def test_robots_and_noise_are_the_same_in_every_cell() -> None:
     assert len(set(first["fresh_mean_mm"])) == 6 and len(set(first["before_mm"])) == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["uniform-8um", "leica-at960", "optical-cmm", "exact"])
 def test_every_instrument_reaches_its_floor(name: str) -> None:
     study = Study(
@@ -185,6 +187,7 @@ def test_every_instrument_reaches_its_floor(name: str) -> None:
     assert (rows["before_mm"] > 20 * rows["fresh_mean_mm"]).all()
 
 
+@pytest.mark.thorough
 def test_what_is_not_fitted_and_what_is_not_geometry_costs() -> None:
     content = {
         "robots": 3,

@@ -103,6 +103,7 @@ def test_what_inspection_says_is_held() -> None:
     assert plain["held"] == plain["told_apart"] == []
 
 
+@pytest.mark.thorough
 def test_what_is_held_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     print(inspect(IRB120, targets=("p1",), fix=("tool.*",)))
     said = " ".join(capsys.readouterr().out.split())

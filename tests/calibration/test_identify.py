@@ -27,6 +27,7 @@ RRP = chain_of("rrp", "distal", "RRP", [-90, 90, 0], [0, 0, 0], [0, 0, 0], [0.3,
 RRRP = chain_of("rrrp", "craig", "RRRP", [0, -90, 0, 90], [0, 0, 0.4, 0.1], [0, 0, 0, 0], [0, 0.1, 0, 0])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN, RRP, RRRP], ids=lambda chain: chain.name)
 def test_exact_measurements_give_the_truth(chain) -> None:
     """Every canonical parameter to 1e-11 m or rad, from a base turned and moved anyhow, in few steps."""
@@ -61,6 +62,7 @@ def test_near_half_a_turn_the_covariance_belongs_to_the_values() -> None:
     assert np.mean(nees) == pytest.approx(1.0, abs=0.15)  # 30 means of 27: 3 sigma is 0.15
 
 
+@pytest.mark.thorough
 def test_the_base_is_found_from_anywhere() -> None:
     """Targets 0.2 m from where the drawing has them and poses in a plane change nothing."""
     for seed in range(60):
@@ -116,6 +118,7 @@ def test_an_estimated_sigma_takes_students_t() -> None:
     assert np.mean(narrow) < 0.93
 
 
+@pytest.mark.thorough
 def test_spherical_weights_beat_equal_ones() -> None:
     """leica-at960 has ranges 30 times better than directions: its weights use that."""
     weighed, plain = [], []

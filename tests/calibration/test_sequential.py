@@ -41,6 +41,7 @@ def fresh_mm(values: Array, true: Array, seed: int) -> float:
     return 1e3 * float(np.linalg.norm(off, axis=2).mean())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arm", [ARM, SerialArm(IRB120.chain)], ids=["craig", "distal"])
 def test_exact_poses_come_out_exactly(arm: SerialArm) -> None:
     """Where the literal 16 angles and then 14 lengths leave 0.22 mm."""
@@ -63,6 +64,7 @@ def test_orientations_see_fifteen_angles_and_not_the_sixteenth() -> None:
     assert moved["link2.theta"] == pytest.approx(-moved["link3.theta"], abs=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma_rad", [pytest.param(each, marks=[pytest.mark.slow] * (each != 1e-3)) for each in TABLE])
 def test_the_table_of_noises(sigma_rad: float) -> None:
     """Global against sequential, 60 poses, 0.1 mm: facts-robots.md, section 3, from fewer robots."""
@@ -102,6 +104,7 @@ def test_it_takes_orientations() -> None:
         fit_sequentially(observation, seen, range(30), observation.nominal(ARM.nominal()))
 
 
+@pytest.mark.thorough
 def test_on_a_measured_arm_it_is_worse() -> None:
     """UR10, 632 poses in cubes, where the hand hardly turns: orientations alone do not hold the angles there."""
     robot = table_robot("ur10.toml")

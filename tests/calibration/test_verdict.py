@@ -28,6 +28,7 @@ KINDS: dict[str, type[Fixtures]] = {"cable": Cable, "socket": Sockets, "plane": 
 FITS = Validation("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_poses_at_fixtures_are_good(kind) -> None:
     observation = many(kind, 3)

@@ -159,6 +159,7 @@ TABLE = {
 }  # fmt: skip
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", TABLE)
 def test_the_table(name: str) -> None:
     row = TABLE[name]

@@ -1,6 +1,7 @@
 """A design's problem: candidates and sensitivities, and the search among them."""
 
 import numpy as np
+import pytest
 
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
@@ -10,6 +11,7 @@ from lab.pose_selection.exchange import information
 OPTIONS = DesignOptions(candidates=120, starts=1, poses=12)
 
 
+@pytest.mark.thorough
 def test_the_pool_is_the_sensitivity_of_the_candidates_and_a_design_beats_the_first_of_them() -> None:
     problem = pose_problem(OPTIONS)
     joints = problem.candidates.joints

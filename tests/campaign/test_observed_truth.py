@@ -15,6 +15,7 @@ def result() -> lab.CalibrationResult:
     return lab.calibrate("irb120", observe="socket", **{**DAY, "poses": 40})
 
 
+@pytest.mark.thorough
 def test_a_scaled_arm_touches_the_scaled_sockets(result: lab.CalibrationResult) -> None:
     """The truth that contacts show keeps one length nominal; its points are the true ones, all in proportion."""
     assert result.real is not None

@@ -112,6 +112,7 @@ def test_the_air_is_that_of_the_updated_formula_of_edlen() -> None:
     assert pytest.approx(-0.93e-6, abs=0.01e-6) == AIR_INDEX_PER_K
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("term", PLACEMENT, ids=lambda term: str(term.name))
 def test_the_placement_of_the_reflector_has_the_covariance_that_weighs_it(term: ErrorTerm) -> None:
     errors, count = TrackerErrors(**{term.name: Uncertain(5e-6)}), 4000

@@ -59,6 +59,7 @@ def test_rerun_verifies_it(recording, home):
     assert recording.stat().st_size < 4e6
 
 
+@pytest.mark.thorough
 def test_every_step_is_there(recording):
     for entity, name in [
         ("/world/arm/link3", "Transform3D:translation"),

@@ -124,6 +124,7 @@ def test_the_table_of_the_facts(table) -> None:
     assert table[0]["ratio"] == pytest.approx(1, abs=1e-3) and table[-1]["ratio_lower"] > 2
 
 
+@pytest.mark.thorough
 def test_the_prediction_comes_true(table) -> None:
     """Within three standard errors of a hundred arms."""
     for row in table:

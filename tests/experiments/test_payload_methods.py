@@ -63,6 +63,7 @@ def test_every_bias_is_seen_and_cured(biases: dict) -> None:
         assert row["centre_mm"] > 10 * row["centre_mm_cured"] and row["cost_um"] > row["cost_um_cured"]
 
 
+@pytest.mark.thorough
 def test_the_sizes_of_biases(biases: dict) -> None:
     """Friction makes a random path's mass wrong by percents; a sensor turned by w sees the centre about -w x c."""
     assert 0.3 < abs(biases["friction of 5 %", script.RANDOM]["mass_percent"]) < 10

@@ -158,6 +158,7 @@ def test_a_file_as_it_should_be_is_read(kind: str, tmp_path: Path) -> None:
     assert reader(tmp_path / name) is not None
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_changed_file_is_read_or_refused(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

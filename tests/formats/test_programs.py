@@ -7,6 +7,7 @@ from typing import get_args
 import pytest
 from helpers.robots import IRB120, SCARA
 
+from lab.formats.description import IdentifiedRobot
 from lab.formats.programs.registry import (
     LANGUAGES,
     Controller,
@@ -15,6 +16,7 @@ from lab.formats.programs.registry import (
     program_file_names,
     refusal,
 )
+from lab.formats.urdf import identified_urdf
 
 
 def test_each_language_moves_the_joints_or_says_why_not() -> None:
@@ -51,7 +53,6 @@ def test_a_makers_language_is_told_by_the_robots_name(robot: str, language: str 
 
 def test_the_urdf_of_a_robot_has_its_joints() -> None:
     arm = IRB120.arm(("p1",))
-    text = IRB120.description(next(name for name in IRB120.description_files if name.endswith("urdf")), ("p1",),
-                              arm.nominal(IRB120.tool))  # fmt: skip
+    text = identified_urdf(IdentifiedRobot("irb120", arm, arm.nominal(IRB120.tool), None, None))
     joints = [joint.get("name") for joint in ET.fromstring(text).iter("joint") if joint.get("type") == "revolute"]
     assert tuple(joints) == IRB120.chain.joint_names

@@ -217,6 +217,7 @@ def test_thinning_looks_later_and_differentiates():
         assert_allclose(band.kept(motion[0], order=order), band.kept(motion[order]), atol=1e-3)
 
 
+@pytest.mark.thorough
 def test_noise_of_channels_is_found_and_intervals_are_student_s():
     rng = np.random.default_rng(2)
     columns = rng.normal(size=(40, 3, 4))
@@ -322,6 +323,7 @@ def test_an_unloaded_run_tells_of_the_offsets():
     assert all(a.half_width < b.half_width for a, b in zip(both.nuisance, alone.nuisance, strict=True))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stiffness", [1e5, 5e3])
 def test_sag_shows_mass_and_centre_of_mass_of_a_soft_arm(stiffness):
     soft = CompliantArm(np.full(6, 1 / stiffness), loads_of(TX40))

@@ -211,12 +211,14 @@ def test_the_slope_of_the_walls() -> None:
         assert slope[cell] == pytest.approx(numeric, rel=1e-5, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_one_seed_gives_one_path() -> None:
     first, again, other = toy(0), usual(), toy(2)
     np.testing.assert_array_equal(first.path.coefficients, again.path.coefficients)
     assert not np.array_equal(first.path.coefficients, other.path.coefficients)
 
 
+@pytest.mark.thorough
 def test_a_path_goes_around_what_is_forbidden() -> None:
     free, around = usual(), toy(feasible=outside_a_disc)
     times = np.linspace(0, 5, 2000)

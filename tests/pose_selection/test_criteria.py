@@ -58,6 +58,7 @@ def test_a_design_that_misses_a_parameter_is_worth_nothing() -> None:
     assert goal.score(flat.T @ flat) < goal.score(whole.T @ whole) - 10
 
 
+@pytest.mark.thorough
 def test_o1_ranks_in_all_units_alike_and_the_others_do_not() -> None:
     """Over 200 designs, in raw units, unit columns, a characteristic length, and tolerances."""
     designs = np.stack([jacobian(15, seed) for seed in range(200)])

@@ -44,6 +44,7 @@ def pool(size: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return joints, sensitivity(joints)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CRITERIA)
 def test_exchange_finds_the_best_of_a_small_pool(name: str) -> None:
     """Eleven candidates, four columns: all 330 choices of four are tried."""
@@ -57,6 +58,7 @@ def test_exchange_finds_the_best_of_a_small_pool(name: str) -> None:
         assert len(set(found.rows.tolist())) == 4
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", CRITERIA)
 def test_the_ascent_never_falls_and_stays_feasible(name: str) -> None:
     joints, jacobian = pool(150)
@@ -147,6 +149,7 @@ def test_extending_chooses_what_the_measured_poses_lack() -> None:
     assert exchange(joints, jacobian, 3, goal, rng, measured=measured).joints.shape == (3, 6)
 
 
+@pytest.mark.thorough
 def test_a_small_measured_set_is_extended(tmp_path) -> None:
     """Three measured poses leave six to add at the least; rows that are skipped or were not seen do not count."""
     joints, _ = pool(6, 12)
@@ -310,6 +313,7 @@ def test_plans_of_any_kind_keep_what_they_predict(options: DesignOptions) -> Non
     assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.12)
 
 
+@pytest.mark.thorough
 def test_a_plan_is_feasible_path_and_all(twenty: DesignResult) -> None:
     plan = twenty
     assert feasibility(MODEL, ("p1",), instrument("uniform-8um"), margin=0.0)(plan.joints).all()

@@ -49,6 +49,7 @@ def floor_ratios(robot: str, seeds: range) -> list[float]:
     return ratios
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", RANKS)
 def test_a_campaign_ends_at_the_statistical_floor(name: str, tmp_path: Path) -> None:
     assert max(floor_ratios(path_of(name, tmp_path), range(1, 4))) < 1.6

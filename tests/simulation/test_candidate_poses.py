@@ -168,6 +168,7 @@ def test_line_of_sight_against_geometry_without_mujocos_rays() -> None:
     np.testing.assert_array_equal(visible(MODEL, joints, ("p1",), EXACT), expected)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", INSTRUMENTS)
 def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> None:
     device, chain = INSTRUMENTS[name], MODEL.chain
@@ -206,6 +207,7 @@ def test_one_seed_gives_one_list_and_more_keeps_the_first() -> None:
     assert np.abs(few - other).max() > 0.1
 
 
+@pytest.mark.thorough
 def test_ten_thousand_candidates_take_seconds() -> None:
     started = time.process_time()
     found = draw_candidates(MODEL, ("p1",), LEICA, 10_000, rng_for(0, "candidates"))
@@ -249,6 +251,7 @@ def test_nothing_thicker_than_a_step_is_stepped_over(tmp_path) -> None:
         assert free(*ends) and not blocked(*ends) and not blocked(*ends[::-1])
 
 
+@pytest.mark.thorough
 def test_paths_agree_with_a_dense_look(tmp_path) -> None:
     """Random moves of the IRB 120 among two posts, each at 1,500 points."""
     robot = among_posts(tmp_path)

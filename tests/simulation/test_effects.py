@@ -401,6 +401,7 @@ def test_readings_lag_and_points_do_not() -> None:
     np.testing.assert_allclose(data.joints[1:], 0.99 * JOINTS[1:] + 0.01 * JOINTS[:-1], atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_campaign_and_one_effect_leaves_the_others() -> None:
     first, again, other = (random_effects(FACTS, ALL, np.random.default_rng(seed)) for seed in (5, 5, 6))
     rng = np.random.default_rng(5)

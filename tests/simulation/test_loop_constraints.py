@@ -210,6 +210,7 @@ def test_a_tree_without_loops_is_a_serial_arm():
     np.testing.assert_allclose(points, arm.points(joints, values), rtol=0, atol=ROUNDING_M)
 
 
+@pytest.mark.thorough
 def test_a_delta_is_settled_from_its_drawn_position():
     case = described("delta/mechanism")
     joints = case.joints(2000)

@@ -122,6 +122,7 @@ def test_a_ratio_that_is_the_same_everywhere_is_exact() -> None:
     assert apart.effect == pytest.approx((values[1] - values[0]).mean(), rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_holm_keeps_the_error_of_the_family() -> None:
     """Four equal cells, 400 times: one of six pairs told in 5 % (3 sigma 3.3 %) at most; uncorrected in 20 %."""
     rng = np.random.default_rng(6)
@@ -234,6 +235,7 @@ def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
     write_csv(tmp_path, found)
 
 
+@pytest.mark.thorough
 def test_pictures_of_one_robot_have_marks_without_intervals(tmp_path: Path) -> None:
     pictures = study_pictures(analysis(1, 2, ("scaling",)), METRIC)
     assert len(pictures) == 3

@@ -360,6 +360,7 @@ def test_the_command_on_a_cluster(
     assert contents(Path("runs/study-small")) == contents(Path("runs/study-small-2"))
 
 
+@pytest.mark.thorough
 def test_bad_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("lab.studies.executors.CONNECTING_S", 0.5)

@@ -369,6 +369,7 @@ BAD = [
 ]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("arguments", "says"), BAD)
 def test_bad_input_is_one_line(runs: Path, capsys, monkeypatch, arguments: str, says: str) -> None:
     header, *rows = (runs / "good.csv").read_text().splitlines()

@@ -118,6 +118,7 @@ def test_what_is_there_is_taken_and_nothing_else(parts: Components, kind: str) -
         assert [trial.kind for trial in trials if trial.taken] == [kind]
 
 
+@pytest.mark.thorough
 def test_variances_are_estimated_without_bias() -> None:
     rng = np.random.default_rng(4)
     of, parts = shapes(rng, 40), Components(scatter=2.0)

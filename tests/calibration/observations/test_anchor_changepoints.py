@@ -18,6 +18,7 @@ ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
 
 
+@pytest.mark.thorough
 def test_anchors_that_moved_are_found() -> None:
     """From residuals alone, with rows 201 and 950 among them; and nothing is found where nothing moved."""
     arm, data = cable_file()

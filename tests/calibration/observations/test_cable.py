@@ -43,6 +43,7 @@ def test_a_draw_wire() -> None:
     assert 0.25e-3 < limit.rms_m < 0.28e-3
 
 
+@pytest.mark.thorough
 def test_sessions_that_are_found_begin_at_rows_of_the_file() -> None:
     """Rows without a length are no part of the search, and count in the file all the same."""
     arm, data = cable_file()

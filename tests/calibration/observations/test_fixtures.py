@@ -43,6 +43,7 @@ RANKS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "places", "distance"), RANKS)
 def test_ranks_at_fixtures(kind: str, places: int, distance: float | None) -> None:
     more = {} if distance is None else {"distance_m": distance}

@@ -94,6 +94,7 @@ def test_the_ratio_of_the_noises_is_found() -> None:
     assert np.std(ratios) < 0.5
 
 
+@pytest.mark.thorough
 def test_the_ratio_matters_and_exact_poses_leave_it() -> None:
     observation, data, _ = measured_poses(ARM, 30, 0)
     assert balanced(observation, data, ARM.nominal()).ratio == observation.ratio

@@ -31,6 +31,7 @@ def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
     assert np.isfinite(each.inputs).all()
 
 
+@pytest.mark.thorough
 def test_a_twist_along_the_joints_own_axis_is_said_to_be_its_compliance() -> None:
     real = perturbed_arm(DAY.robot, VirtualCampaign(seed=1))
     found = DAY.identified(DAY.measured(real, 1), ("torsion",))

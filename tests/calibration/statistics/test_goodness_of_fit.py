@@ -56,6 +56,7 @@ def three_sigma(share: float, count: int) -> float:
     return 3 * float(np.sqrt(share * (1 - share) / count))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("device", "shape", "poses"),
     [
@@ -185,6 +186,7 @@ def test_a_sandwich_covers_parameter_by_parameter() -> None:
     assert np.std(plain / 300) > 1.4 * np.std(mended / 300)
 
 
+@pytest.mark.thorough
 def test_a_sandwich_is_unbiased_where_the_weights_are_right() -> None:
     """CR2 by its definition: the mean over noise is s^2 (J'J)^-1."""
     truth, joints, rng = robot(3, 30)

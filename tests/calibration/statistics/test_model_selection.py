@@ -88,6 +88,7 @@ def row(selection: Selection, name: str):
 ESTIMATED = pytest.param(False, marks=pytest.mark.slow, id="sigma estimated")
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("known", [pytest.param(True, id="sigma known"), ESTIMATED])
 @pytest.mark.parametrize("group", [name for name in CANDIDATES if name != "torsion"])  # which one target does not show
 def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None:
@@ -109,6 +110,7 @@ def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None
         assert other.parameters > 0 and other.bic > taken.bic - 10
 
 
+@pytest.mark.thorough
 def test_a_rigid_arm_stays_rigid() -> None:
     for seed in range(5):
         found = select(irb120, example((), seed=seed), nominal, Noise(None, SIGMA))
@@ -305,6 +307,7 @@ def test_masses_and_columns_that_are_missing() -> None:
     )
 
 
+@pytest.mark.thorough
 def test_wishes_hold_for_every_model() -> None:
     """Patterns of a group's parameters as well; names that no model has are an error."""
     data = example(["compliance"])
@@ -346,6 +349,7 @@ def measured_arm(file: str, robot: Robot) -> Selection:
     return select(lambda g: robot.arm_with(data.targets, g), data, lambda m: m.nominal(robot.tool))
 
 
+@pytest.mark.thorough
 def test_a_measured_irb120_gives_way_to_gravity() -> None:
     """36 poses with three targets (Liao et al.): two compliances nearly halve the error at poses held out."""
     found = measured_arm("irb120_liaowu_calib36.csv", IRB120)

@@ -125,6 +125,7 @@ def false_alarms(noise: str, targets: tuple[str, ...], seeds: range, poses: int)
     return count
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("noise", "targets"), KINDS)
 def test_a_rigid_arm_is_given_nothing(noise: str, targets: tuple[str, ...]) -> None:
     """At a level of 0.5 %, 12 campaigns have 2 or more false alarms once in 600."""
@@ -154,6 +155,7 @@ def test_what_is_there_is_found_and_nothing_else(seed: int) -> None:
     assert first.bic > second.bic
 
 
+@pytest.mark.thorough
 def test_repeats_of_a_pose_are_one_witness() -> None:
     """A pose that is measured twenty times with one error of its own shows nothing of the arm."""
     data = campaign(3, {}, 40, noise="plain")

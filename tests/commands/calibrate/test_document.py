@@ -90,6 +90,7 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
     assert [row[0] for row in pairs] == [" and ".join(each["parameters"]) for each in result["correlated"]]
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_the_same_seed_gives_the_same_bytes(drawn_run: Path, seven, tmp_path: Path) -> None:
     written(tmp_path / "again.html", replace(seven, seconds=99.0))

@@ -45,6 +45,7 @@ def random_joints(count: int, seed: int) -> np.ndarray:
     return IRB120.chain.random_joints(count, np.random.default_rng(seed))
 
 
+@pytest.mark.thorough
 def test_repeats_from_the_other_side_or_session_are_no_repeats() -> None:
     """Twice the same joints, approached from both sides or before and after a bump, are not the noise of one pose."""
     joints = np.repeat(random_joints(40, 0), 2, axis=0)
@@ -75,6 +76,7 @@ def test_what_is_named_is_what_is_left_out(prior: bool) -> None:
         assert fit.identification.sigma_m < 1.5 * SIGMA
 
 
+@pytest.mark.thorough
 def test_a_few_poses_that_alone_show_an_effect_are_no_outliers() -> None:
     """5 of 60 poses from the other side: without backlash they look bad, with it they are not."""
     joints = random_joints(60, 3)

@@ -68,6 +68,7 @@ def without_tool(text: str) -> str:
     return json.dumps([row for row in json.loads(text) if not row["name"].startswith("tool.")])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [

@@ -79,6 +79,7 @@ def test_every_leg_joins_the_bodies_that_it_is_between(recorded, home):
     assert np.ptp(drawn[:, :, 1], axis=0).max() > 0.1  # m: it moves
 
 
+@pytest.mark.thorough
 def test_legs_are_as_long_as_identified(recorded):
     """Of a rod its length at every pose, of a leg its reading and the offset: not the drawing's."""
     path, outcome = recorded

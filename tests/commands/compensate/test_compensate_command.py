@@ -182,6 +182,7 @@ def copied(run: Path, tmp_path: Path, name: str, change) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("verdict", "words"), [("bad", "'bad'"), ("not judged", "'not judged'")])
 def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, capsys, verdict: str, words: str) -> None:
     changed = copied(run, tmp_path, "result.json", lambda text: json.dumps({**json.loads(text), "verdict": verdict}))

@@ -136,6 +136,7 @@ def test_a_robot_that_is_as_drawn_keeps_its_program(
     assert result.program.content == made.content
 
 
+@pytest.mark.thorough
 def test_a_program_is_written_beside_its_result_and_checked(
     calibrated: Calibrated, seven_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -303,6 +304,7 @@ OPTIONS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("arguments", "words"), OPTIONS, ids=[" ".join(each[0]) for each in OPTIONS])
 def test_wrong_options_are_told_in_a_line_and_nothing_is_written(
     arguments: list[str], words: str, calibrated: Calibrated, folder: Path, monkeypatch: pytest.MonkeyPatch,

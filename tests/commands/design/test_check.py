@@ -46,6 +46,7 @@ def checked(plan: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> tupl
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.thorough
 def test_a_plan_can_be_run_where_it_was_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with nothing_drawn():
         made = planned_day(DesignOptions("course2r", candidates=40, starts=1, poses=8))

@@ -212,6 +212,7 @@ def test_a_set_measured_already_is_added_to(folder: Path, tmp_path: Path, capsys
     assert ids == [str(POSES + i) for i in range(1, 6)]  # one file can hold both
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_the_recording_is_the_tour(drawn: Path, plan, home) -> None:
     path, shown = drawn / "recording.rrd", plan_scene(plan)

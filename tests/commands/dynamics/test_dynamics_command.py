@@ -97,6 +97,7 @@ def test_torques_give_the_arm_and_its_load(files: Path, tmp_path: Path, capsys: 
     assert "by difference of the runs" in page and "relative σ" in page
 
 
+@pytest.mark.thorough
 def test_motor_currents_of_a_coupled_wrist(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = (files / "currents.csv", "--drives", files / "drives.toml", "--holdout", 0.3, "--out", tmp_path / "run")
     code, seen, _ = run(capsys, *arguments)
@@ -141,6 +142,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.thorough
 def test_a_rehearsed_day_is_evaluated_from_its_own_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, again = tmp_path / "day", tmp_path / "again"
     day = told(capsys, "dynamics", "--robot", "course2r", *QUICK, "--payload-kg", 1, "--out", folder)

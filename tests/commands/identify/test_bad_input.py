@@ -257,6 +257,7 @@ def test_each_case_is_its_own() -> None:
     assert_cases_differ(CASES, 100)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
 def test_bad_input_is_told_in_one_line(case: Case, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert_told_in_one_line(case, folder, capfd)
@@ -285,6 +286,7 @@ READ_RIGHT = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("text", READ_RIGHT.values(), ids=READ_RIGHT)
 def test_every_way_to_write_a_file_gives_the_same_arm(
     text: str, folder: Path, capfd: pytest.CaptureFixture[str]

@@ -233,6 +233,7 @@ def test_each_case_is_its_own() -> None:
     assert_cases_differ(CASES, 70)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
 def test_bad_input_is_told_in_one_line(case: Case, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert_told_in_one_line(case, folder, capfd)

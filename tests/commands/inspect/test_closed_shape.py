@@ -41,6 +41,7 @@ def test_freedoms_and_modes(shapes: Shapes) -> None:
     }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_extents_hold_every_place_that_is_named_or_drawn(name: str, shapes: Shapes) -> None:
     """No nearest pose and no random one is outside; and of many more random ones hardly one comes as far."""
@@ -145,10 +146,12 @@ def test_what_can_be_identified(what: str, capsys: pytest.CaptureFixture[str]) -
     assert len(found["identifiable"]) == rank
 
 
+@pytest.mark.thorough
 def test_the_drawing_of_a_delta_of_six_rods_hides_what_its_copies_show(capsys: pytest.CaptureFixture[str]) -> None:
     assert seen(capsys, str(MODELS / "delta/six_rods.toml"))["rank"] == 38
 
 
+@pytest.mark.thorough
 def test_what_a_delta_s_platform_hides(capsys: pytest.CaptureFixture[str]) -> None:
     hidden = seen(capsys, "delta")["aliases"]
     for axis in "xyz":  # it does not turn
@@ -156,6 +159,7 @@ def test_what_a_delta_s_platform_hides(capsys: pytest.CaptureFixture[str]) -> No
         assert hidden[f"wrist1.{axis}"] == {f"arm1.{axis}": pytest.approx(-1.0)}
 
 
+@pytest.mark.thorough
 def test_it_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", "delta", *FRAMED]) == 0
     said = " ".join(capsys.readouterr().out.split())

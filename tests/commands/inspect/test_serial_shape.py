@@ -22,6 +22,7 @@ ARMS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ARMS)
 def test_reach_ways_and_determinant(name: str) -> None:
     reach_mm, ways, determinant = ARMS[name]
@@ -30,6 +31,7 @@ def test_reach_ways_and_determinant(name: str) -> None:
     assert shape.ways == ways and shape.determinant.startswith(determinant)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [name for name in ARMS if ARMS[name][1]])
 def test_at_each_example_a_combination_of_joints_moves_nothing(name: str) -> None:
     chain = load_robot(name).chain

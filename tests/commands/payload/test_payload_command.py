@@ -148,6 +148,7 @@ def test_the_load_is_drawn_as_the_ellipsoid_that_has_its_inertia() -> None:
     np.testing.assert_allclose(ball, 0.05)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("arguments", "fragments"),
     {
@@ -213,6 +214,7 @@ def test_a_load_whose_centre_was_not_told_is_refused(tmp_path: Path, capsys) -> 
     assert "were not identified there" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_an_arm_that_sags_tells_mass_and_centre(tmp_path: Path, capsys) -> None:
     """Tracked with and without the load, and the compliances that a run identified."""
     arm = ("--robot", "tx40", "--model", "compliance", "--stiffness-nm-per-rad", 2e4, "--payload-kg", "0,2")
@@ -235,6 +237,7 @@ def test_an_arm_that_sags_tells_mass_and_centre(tmp_path: Path, capsys) -> None:
     assert {path.name for path in (tmp_path / "sag").iterdir()} >= {"load.json", "report.html", "result.json"}
 
 
+@pytest.mark.thorough
 def test_a_wild_reading_is_told_and_not_believed(files: Path, tmp_path: Path, capsys) -> None:
     lines = (files / "moving.csv").read_text().splitlines()
     cells = lines[1200].split(",")

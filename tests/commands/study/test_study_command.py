@@ -67,6 +67,7 @@ def test_the_page_says_it_and_needs_nothing_else(done, tmp_path) -> None:
         assert words in page
 
 
+@pytest.mark.thorough
 def test_again_it_prints_and_writes_the_same(done, capsys) -> None:
     before = {path: path.read_bytes() for path in (done / "out").rglob("*") if path.is_file()}
     flags = ["study", str(done / "grid.toml"), "--out", str(done / "out"), "--resume", "--workers", "1"]

@@ -35,6 +35,7 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_the_joint_that_moved_is_named_and_dated(history: Path) -> None:
     found = trend(TrendOptions(history))
     assert [each.date for each in found.runs] == [date.fromisoformat(each) for each in DAYS]  # not as folders sort

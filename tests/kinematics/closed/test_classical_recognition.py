@@ -38,6 +38,7 @@ def missed(mechanism: Mechanism, poses: int) -> tuple[float, float]:
     return float(direct.max()), float(inverse.max())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "what"),
     [("rpr2/mechanism", "2-RPR"), ("rpr3/mechanism", "3-RPR"), ("delta/mechanism", "Delta"), ("delta/small", "Delta")],
@@ -115,6 +116,7 @@ def hips_turned_over(mechanism: Mechanism) -> Mechanism:
 CHANGES = (on_a_foot, hips_turned_over, counted_otherwise, rods_reversed, slides_swapped, arms_from_elsewhere)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", ["rpr2/mechanism", "rpr3/mechanism", "delta/mechanism"])
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
 def test_wherever_and_however_it_is_described(name: str, change: Callable[[Mechanism], Mechanism]) -> None:

@@ -185,6 +185,7 @@ def test_without_noise_an_imperfect_copy_is_found_to_rounding(name: str) -> None
         assert np.isfinite(missed).all(axis=(1, 2)).mean() > 0.99
 
 
+@pytest.mark.thorough
 def test_six_rods_are_found_with_a_prior_though_their_drawing_hides_them() -> None:
     for seed in range(3):
         rng = np.random.default_rng(seed)

@@ -178,6 +178,7 @@ def test_torques_are_those_of_mujoco() -> None:
         np.testing.assert_allclose(force[pose], pushed[speeds], atol=1e-11)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN], ids=lambda chain: chain.name)
 def test_torques_are_what_the_weight_loses(chain: Chain) -> None:
     """Of a mass on the last link alone, m g . dp/dq by the kinematics; slides too; and the Hessian."""

@@ -86,6 +86,7 @@ def turned_targets(chain: Chain, tilt_rad: float, seed: int) -> tuple[SerialArm,
     return arm, values, PoseTarget(Ts[:, :3, 3], away @ Ts[:, :3, :3]).take(np.flatnonzero(clear)), joints[clear]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FEW)
 @pytest.mark.parametrize("tilt_rad", [0.0, 1e-3, 0.02, 0.5])
 def test_the_place_is_met_and_the_rotation_as_near_as_can_be(name: str, tilt_rad: float) -> None:

@@ -340,6 +340,7 @@ def test_no_move_takes_no_time() -> None:
 # Limits and ends of every kind of move
 
 
+@pytest.mark.thorough
 def test_moves_of_all_kinds_keep_the_limits_and_arrive() -> None:
     rng = np.random.default_rng(8)
     for i in range(400):
@@ -429,6 +430,7 @@ def test_a_blend_misses_its_via_point_by_what_is_allowed() -> None:
     assert_arrives(chain, found, points[-1], np.zeros(2))
 
 
+@pytest.mark.thorough
 def test_blends_never_miss_by_more_and_do_not_overlap() -> None:
     rng = np.random.default_rng(11)
     shorter, shares = 0, []

@@ -36,6 +36,7 @@ def campaign(name: str, **options) -> lab.CalibrationResult:
 SLOW = ("points", "pose", "pose as angles", "socket of unknown distance")  # others show the same in the default run
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES])
 def test_without_noise_an_arm_is_found_as_it_truly_is(name: str) -> None:
     """The truth is read off MuJoCo's joint axes and sites, the errors are of MuJoCo's own points."""

@@ -194,6 +194,7 @@ def scanned(legs: ThreeLegs, lengths: Array, steps: int = 20_000) -> int:
     return count + int(sum(gaps[0][k] * gaps[1][k] < 0 for k in ends))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["six modes", "scalene", "both in line", "alike, turned by 60 degrees"])
 def test_no_mode_is_left_out(name: str) -> None:
     legs = PLANAR[name]

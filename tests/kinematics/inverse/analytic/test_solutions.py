@@ -128,6 +128,7 @@ def test_signs_zeros_and_offsets_do_not_matter(name: str) -> None:
         assert apart(chain, found.joints, joints[:, None]).min(axis=1).max() < 1e-6  # near a double root
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", ALL)
 def test_newton_from_anywhere_finds_no_other_solution(name: str) -> None:
     chain, arm = ALL[name], SerialArm(ALL[name])
@@ -186,6 +187,7 @@ SINGULAR = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("away", [0.0, 1e-9, 1e-6])
 @pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("name", "kind", "joint"), SINGULAR)
