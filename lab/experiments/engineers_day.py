@@ -123,6 +123,7 @@ def answer(options: Options) -> Answer:
     found["worst_hit_mm"] = max(day["worst_hit_mm"] for day in days)
     found["uncorrected_mm"] = float(np.median([day["uncorrected_mm"] for day in days]))
     found["touched"] = sum(day["touched"] for day in days)
+    found["ways_not_free"] = sum(day["ways_not_free"] for day in days)
     found["not_corrected"] = sum(day["not_corrected"] for day in days)
     found["verified"] = sum(day["verified"] for day in days)
     return Answer(found, Document("An engineer's day with a UR5e", paragraphs(named_values(found))))
@@ -165,6 +166,7 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
     wanted = corrected.wanted.positions[corrected.found.converged]
     hits, before = (_off(day, joints, wanted) for joints in places)
     errors, floor = result.validation.errors, known.validation.errors
+    untold, told = _touched(cell.robot, corrected)
     assert errors is not None and floor is not None
     return {
         "error_over_floor": float(np.sqrt(np.mean(errors.after**2) / np.mean(floor.after**2))),
@@ -173,7 +175,8 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
         "worst_hit_mm": 1e3 * float(hits.max()),
         "uncorrected_mm": 1e3 * float(before.mean()),
         "not_corrected": int((~corrected.found.converged).sum()),
-        "touched": int(_touched(cell.robot, corrected)),
+        "touched": untold,
+        "ways_not_free": told,
         "verified": int(_is_verified(day, run, cell, seed)),
         "groups": list(result.fit.groups),
     }
@@ -216,11 +219,25 @@ def _off(day: MeasuringDay, joints: Array, wanted: Array) -> Array:
     return np.asarray(np.linalg.norm(seen.points[:, 0] - wanted, axis=1))
 
 
-def _touched(robot: Robot, corrected: CompensationResult) -> int:
-    """At how many of the points of the ways between the corrected targets the arm touches something or is too near."""
-    joints = corrected.stops.joints
-    share = np.linspace(0.0, 1.0, LOOKS)[:, None]
-    return sum(int(collides(robot.model, start + share * (end - start)).sum()) for start, end in pairwise(joints))
+def _touched(robot: Robot, corrected: CompensationResult) -> tuple[int, int]:
+    """On how many ways between corrected targets the arm touches something or is too near and it was not said.
+
+    Returns:
+        That number; and on how many ways it was said.
+    """
+    program, found = corrected.program, corrected.found
+    assert program is not None
+    joints = np.full((len(program.targets), robot.chain.size), np.nan)
+    joints[program.rows[found.converged]] = found.joints[found.converged]
+    share, said = np.linspace(0.0, 1.0, LOOKS)[:, None], {line for line, _ in program.ways}
+    untold = [
+        target.name
+        for target, (start, end) in zip(program.targets[1:], pairwise(joints), strict=True)
+        if np.isfinite([start, end]).all()
+        and target.line not in said
+        and collides(robot.model, start + share * (end - start)).any()
+    ]
+    return len(untold), len(said)
 
 
 def _is_verified(day: MeasuringDay, run: Path, cell: Cell, seed: int) -> bool:
