@@ -66,8 +66,9 @@ def _name(argument: Any) -> str:
 
 
 def _described(argument: Any) -> str:
-    """A missing argument, and of what kind it is."""
-    return f"{argument.field.intern_name} ({argument.lowered.metavar})"
+    """A missing argument or flag, and of what kind it is."""
+    name = argument.field.intern_name if argument.is_positional() else argument.lowered.name_or_flags[0]
+    return f"{name} ({argument.lowered.metavar})"
 
 
 def _unknown(tokens: Sequence[str], flags: Sequence[str]) -> str:
