@@ -6,20 +6,36 @@ import json
 import runpy
 import subprocess
 import sys
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from typing import Any
 
 import pytest
 
 from helpers.robots import ROOT
 
+_TAKING = ("lab.studies.executors", "lab.studies.progress", "lab.commands.study.run")
+
+
+@contextlib.contextmanager
+def threads_for_processes() -> Iterator[None]:
+    """Processes, which would load every library again, are a thread.
+
+    All modules that take the executor are loaded before it is replaced: one that is loaded meanwhile would keep the
+    thread for good.
+    """
+    taking = [import_module(name) for name in _TAKING]
+    with pytest.MonkeyPatch.context() as patch:
+        for module in taking:
+            patch.setattr(module, "local_executor", lambda *_: ThreadPoolExecutor(1))
+        yield
+
 
 def answer_of(name: str, *flags: object) -> Any:
     """What a script prints with these flags and ``--json``, the work of its processes done by a thread."""
     script, printed, errors = ROOT / "scripts" / name, io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch:
-        for module in ("executors", "progress"):
-            patch.setattr(f"lab.studies.{module}.local_executor", lambda *_: ThreadPoolExecutor(1))
+    with threads_for_processes(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", [name, *map(str, flags), "--json"])
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors):
             runpy.run_path(str(script), run_name="__main__")

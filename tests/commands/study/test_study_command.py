@@ -4,10 +4,10 @@ import csv
 import json
 import re
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from helpers.drawing import nothing_drawn
+from helpers.run_script import threads_for_processes
 
 from lab.cli import main
 
@@ -29,10 +29,8 @@ def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     (folder / "grid.toml").write_text(GRID)
     command = ["study", str(folder / "grid.toml"), "--out", str(folder / "out"), "--workers", "1", "--json"]
-    with nothing_drawn(), pytest.MonkeyPatch.context() as patch:
+    with nothing_drawn(), threads_for_processes(), pytest.MonkeyPatch.context() as patch:
         patch.setattr("lab.studies.campaigns.CANDIDATES", 200)  # of 1000
-        for module in ("executors", "progress"):  # a thread in place of a process, which would load everything again
-            patch.setattr(f"lab.studies.{module}.local_executor", lambda *_: ThreadPoolExecutor(1))
         assert main(command) == 0
     return folder
 
