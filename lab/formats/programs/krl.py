@@ -17,10 +17,10 @@ from lab.formats.programs.reading.spelling import MOVING_ZYX
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
-    ascii_words,
-    checked_words,
+    move_notes,
     move_steps,
     numbers,
+    tour_notes,
     tour_steps,
 )
 
@@ -47,8 +47,7 @@ class Krl(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A module ``measure_poses``: home, every pose with a wait, home."""
         head = [
-            f"; {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
-            f"; {checked_words(tour.checked)}",
+            *(f"; {note}" for note in tour_notes(tour)),
             "; Axis zeros and signs are the model's: compare one pose with the pendant before the first run.",
             "; Declare the tool's load before.",
         ]
@@ -57,8 +56,7 @@ class Krl(SixAxisLanguage):
     def target_moves(self, moves: TargetMoves) -> bytes:
         """A module ``move_to_targets`` through axis positions, with the tool and the base that they are of."""
         head = [
-            f"; {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the axes.",
-            f"; {checked_words(moves.checked)}",
+            *(f"; {note}" for note in move_notes(moves, "axes")),
             "; $TOOL and $BASE suit the controller's nominal links best. They hold where its flange is the last",
             "; frame of the lab's table, and its robot root is frame 0 of it. Declare the tool's load before.",
         ]

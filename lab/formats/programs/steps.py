@@ -9,7 +9,10 @@ from lab.core.se3 import Array
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["SixAxisLanguage", "Step", "ascii_words", "checked_words", "move_steps", "numbers", "tour_steps"]
+__all__ = [
+    "SixAxisLanguage", "Step", "ascii_words", "checked_words", "move_notes", "move_steps", "numbers", "tour_notes",
+    "tour_steps",
+]  # fmt: skip
 
 _CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
 _UNCHECKED = "NOT CHECKED FOR COLLISIONS: run it slowly first."
@@ -61,6 +64,26 @@ class SixAxisLanguage:
             return None
         kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
         return f"no {self.name} program: its joint positions have six revolute axes, robot {joints.name} has {kinds}"
+
+
+def tour_notes(tour: MeasuringTour) -> list[str]:
+    """What a measuring tour is, and whether it was checked, for comments."""
+    return [
+        f"{len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
+        checked_words(tour.checked),
+    ]
+
+
+def move_notes(moves: TargetMoves, positions: str = "joints") -> list[str]:
+    """What moves to corrected targets are, and whether they were checked, for comments.
+
+    Args:
+        positions: what the language calls joint positions.
+    """
+    return [
+        f"{len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the {positions}.",
+        checked_words(moves.checked),
+    ]
 
 
 def checked_words(checked: bool) -> str:

@@ -15,10 +15,10 @@ from lab.formats.programs.reading.urscript import read_urscript
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
-    ascii_words,
-    checked_words,
+    move_notes,
     move_steps,
     numbers,
+    tour_notes,
     tour_steps,
 )
 
@@ -45,8 +45,7 @@ class UrScript(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A function ``measure_poses``: home, every pose with a wait, home."""
         head = [
-            f"  # {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
-            f"  # {checked_words(tour.checked)}",
+            *(f"  # {note}" for note in tour_notes(tour)),
             "  # Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
         ]
         return _script("measure_poses", head, tour_steps(tour))
@@ -54,8 +53,7 @@ class UrScript(SixAxisLanguage):
     def target_moves(self, moves: TargetMoves) -> bytes:
         """A function ``move_to_targets`` through joint positions, with the tool and the frame that they are of."""
         head = [
-            f"  # {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the joints.",
-            f"  # {checked_words(moves.checked)}",
+            *(f"  # {note}" for note in move_notes(moves)),
             "  # Tool and frame suit the controller's nominal links best. They hold where its flange is the last frame",
             "  # of the lab's table, and its base is frame 0 of it.",
             f"  set_tcp({_pose(moves.T_last_tool)})",

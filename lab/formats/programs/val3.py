@@ -16,10 +16,10 @@ from lab.formats.programs.reading.val3 import read_val3
 from lab.formats.programs.steps import (
     SixAxisLanguage,
     Step,
-    ascii_words,
-    checked_words,
+    move_notes,
     move_steps,
     numbers,
+    tour_notes,
     tour_steps,
 )
 
@@ -48,8 +48,7 @@ class Val3(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A program ``measurePoses``: home, every pose with a wait, home."""
         head = [
-            f"  // {len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
-            f"  // {checked_words(tour.checked)}",
+            *(f"  // {note}" for note in tour_notes(tour)),
             "  // Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
         ]
         return _program("measurePoses", {"jTo": "joint"}, head, tour_steps(tour))
@@ -57,8 +56,7 @@ class Val3(SixAxisLanguage):
     def target_moves(self, moves: TargetMoves) -> bytes:
         """A program ``moveToTargets`` through joint positions, with the tool and the frame that they are of."""
         head = [
-            f"  // {len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the joints.",
-            f"  // {checked_words(moves.checked)}",
+            *(f"  // {note}" for note in move_notes(moves)),
             "  // Tool and frame suit the controller's nominal links best. They hold where its flange is the last",
             "  // frame of the lab's table, and its world is frame 0 of it.",
             f"  trTool={_frame(moves.T_last_tool)}",

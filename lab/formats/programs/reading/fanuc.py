@@ -21,6 +21,7 @@ from lab.formats.programs.reading.program_text import (
     Motion,
     Move,
     Outside,
+    ProgramReader,
     ProgramText,
     TargetText,
     Uncorrected,
@@ -41,13 +42,10 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 
 @dataclass
-class _Reader:
+class _Reader(ProgramReader):
     """A listing being read."""
 
-    text: str
     code: str
-    outside: Outside
-    uncorrected: list[Uncorrected] = field(default_factory=list)
     reached: dict[int, list[tuple[int, Motion]]] = field(default_factory=dict)
     relative: set[int] = field(default_factory=set)
 
@@ -67,9 +65,6 @@ class _Reader:
                 targets.append(target)
         moves.sort(key=lambda move: move.line)
         return ProgramText(tuple(targets), tuple(moves), frames, tuple(self.uncorrected))
-
-    def _leave(self, offset: int, reason: str) -> None:
-        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
     def _move(self, kind: str, what: str, number: str, options: str, at: int) -> None:
         name, plain = f"{what}[{number}]", re.match(r"\s*(\d+)\s*(?::|$)", number)
@@ -111,7 +106,7 @@ def read_fanuc(text: str, outside: Outside) -> ProgramText:
     Raises:
         LabError: frames that are given have not the numbers of FANUC's.
     """
-    return _Reader(text, masked(text, r"(?<=[:\s])![^\r\n]*"), outside).read()
+    return _Reader(text, outside, masked(text, r"(?<=[:\s])![^\r\n]*")).read()
 
 
 def _allowed(inner: str) -> Allowed | None:

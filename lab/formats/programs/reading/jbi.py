@@ -22,9 +22,9 @@ from lab.formats.programs.reading.program_text import (
     Motion,
     Move,
     Outside,
+    ProgramReader,
     ProgramText,
     TargetText,
-    Uncorrected,
 )
 from lab.formats.programs.reading.spelling import FIXED_XYZ
 
@@ -39,13 +39,10 @@ _QUARTER = np.pi / 2
 
 
 @dataclass
-class _Reader:
+class _Reader(ProgramReader):
     """A job being read, line by line."""
 
-    text: str
-    outside: Outside
     targets: dict[str, TargetText] = field(default_factory=dict)
-    uncorrected: list[Uncorrected] = field(default_factory=list)
     moves: list[tuple[int, str, Motion]] = field(default_factory=list)
     relative: set[str] = field(default_factory=set)
     state: dict[str, str] = field(default_factory=dict)
@@ -65,9 +62,6 @@ class _Reader:
         order = list(self.targets)
         moves = tuple(Move(line, order.index(name), how) for line, name, how in self.moves if name in self.targets)
         return ProgramText(tuple(self.targets.values()), moves, frames, tuple(self.uncorrected))
-
-    def _leave(self, offset: int, reason: str) -> None:
-        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
     def _pseudo(self, key: str, value: str) -> None:
         """What holds for the positions that follow."""

@@ -22,6 +22,7 @@ from lab.formats.programs.reading.program_text import (
     Motion,
     Move,
     Outside,
+    ProgramReader,
     ProgramText,
     TargetText,
     Uncorrected,
@@ -64,17 +65,14 @@ class _Position:
 
 
 @dataclass
-class _Reader:
+class _Reader(ProgramReader):
     """A module being read, line by line: KRL's statements end with the line."""
 
-    text: str
     code: str
-    outside: Outside
     tool: str = "$TOOL"
     base: str = "$BASE"
     frames: dict[str, Array] = field(default_factory=dict)
     positions: dict[str, _Position] = field(default_factory=dict)
-    uncorrected: list[Uncorrected] = field(default_factory=list)
     assigned: set[str] = field(default_factory=set)
 
     def read(self) -> ProgramText:
@@ -92,9 +90,6 @@ class _Reader:
             elif (given := _GIVEN.match(found[0])) and given[2].upper() in ("$TOOL", "$BASE"):
                 self._take(given[2][1:], given[3], found.start() + given.start(3))
         return self._targets()
-
-    def _leave(self, offset: int, reason: str) -> None:
-        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
     def _take(self, what: str, source: str, at: int = 0) -> None:
         """The tool or the base from here on."""
@@ -216,7 +211,7 @@ def read_krl(text: str, outside: Outside) -> ProgramText:
     Raises:
         LabError: frames that are given have not the numbers of KRL's.
     """
-    return _Reader(text, masked(text, r"[;&][^\r\n]*"), outside).read()
+    return _Reader(text, outside, masked(text, r"[;&][^\r\n]*")).read()
 
 
 def _named(name: str) -> str:

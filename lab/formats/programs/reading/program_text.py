@@ -10,10 +10,20 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.reading.numbers import Number, values_of
+from lab.formats.programs.reading.numbers import Number, line_of, values_of
 from lab.formats.programs.reading.spelling import PoseSpelling
 
-__all__ = ["Allowed", "Motion", "Move", "Outside", "ProgramText", "TargetText", "Uncorrected", "refuse_unknown_frames"]
+__all__ = [
+    "Allowed",
+    "Motion",
+    "Move",
+    "Outside",
+    "ProgramReader",
+    "ProgramText",
+    "TargetText",
+    "Uncorrected",
+    "refuse_unknown_frames",
+]
 
 Allowed = Callable[[ArmShape, Array], NDArray[np.bool_]]  # joint positions (k, 6) rad: which are of a configuration
 Motion = Literal["joints", "line"]
@@ -132,6 +142,25 @@ class Outside:
         """The frame that is meant by a name: another one where that is given, else itself."""
         meant = self.frames.get(name)
         return meant if isinstance(meant, str) else name
+
+
+@dataclass
+class ProgramReader:
+    """A program being read; each language has its own.
+
+    Attributes:
+        text: as it is written.
+        outside: what it does not hold.
+        uncorrected: lines that stay as they are.
+    """
+
+    text: str
+    outside: Outside
+    uncorrected: list[Uncorrected] = field(default_factory=list, init=False)
+
+    def _leave(self, offset: int, reason: str) -> None:
+        """The line at an offset of the text stays as it is."""
+        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
 
 def refuse_unknown_frames(targets: Sequence[TargetText], known: Mapping[str, Array], spelling: PoseSpelling) -> None:

@@ -22,6 +22,7 @@ from lab.formats.programs.reading.program_text import (
     Motion,
     Move,
     Outside,
+    ProgramReader,
     ProgramText,
     TargetText,
     Uncorrected,
@@ -60,16 +61,13 @@ class _Declared:
 
 
 @dataclass
-class _Reader:
+class _Reader(ProgramReader):
     """A module being read: its text without comments, and without strings too."""
 
-    text: str
     data: str
     code: str
-    outside: Outside
     declared: dict[str, _Declared] = field(default_factory=dict)
     frames: dict[str, Array] = field(default_factory=dict)
-    uncorrected: list[Uncorrected] = field(default_factory=list)
 
     def read(self) -> ProgramText:
         self.frames = {"tool0": np.eye(4), "wobj0": np.eye(4), **_lower(self.outside.posed(QUATERNION))}
@@ -85,9 +83,6 @@ class _Reader:
 
     def _line(self, offset: int) -> int:
         return line_of(self.text, offset)
-
-    def _leave(self, offset: int, reason: str) -> None:
-        self.uncorrected.append(Uncorrected(self._line(offset), reason))
 
     def _declare(self, found: "re.Match[str]", assigned: bool) -> None:
         kind, name = found[1].lower(), found[2]
@@ -213,7 +208,7 @@ def read_rapid(text: str, outside: Outside) -> ProgramText:
         LabError: frames that are given have not the numbers of RAPID's.
     """
     data = masked(text, r"![^\r\n]*")
-    return _Reader(text, data, masked(data, '"[^"\r\n]*"', kept="$^"), outside).read()
+    return _Reader(text, outside, data, masked(data, '"[^"\r\n]*"', kept="$^")).read()
 
 
 def _lower(frames: dict[str, Array]) -> dict[str, Array]:

@@ -14,7 +14,15 @@ import numpy as np
 from lab.core.se3 import Array
 from lab.formats.programs.reading.aggregate import arguments, numbers_in, read_value
 from lab.formats.programs.reading.numbers import Number, line_of, masked, values_of
-from lab.formats.programs.reading.program_text import Motion, Move, Outside, ProgramText, TargetText, Uncorrected
+from lab.formats.programs.reading.program_text import (
+    Motion,
+    Move,
+    Outside,
+    ProgramReader,
+    ProgramText,
+    TargetText,
+    Uncorrected,
+)
 from lab.formats.programs.reading.spelling import ROTATION_VECTOR
 
 __all__ = ["read_urscript"]
@@ -38,18 +46,15 @@ class _Literal:
 
 
 @dataclass
-class _Reader:
+class _Reader(ProgramReader):
     """A script being read."""
 
-    text: str
     code: str
-    outside: Outside
     tool: str = "tcp"
     frames: dict[str, Array] = field(default_factory=dict)
     named: dict[str, list[_Literal]] = field(default_factory=dict)
     inline: list[_Literal] = field(default_factory=list)
     computed: set[str] = field(default_factory=set)
-    uncorrected: list[Uncorrected] = field(default_factory=list)
 
     def read(self) -> ProgramText:
         self.frames = {_BASE: np.eye(4), **self.outside.posed(ROTATION_VECTOR)}
@@ -64,9 +69,6 @@ class _Reader:
             if not re.search(r"\bdef[ \t]+$", self.code[: found.start()]):
                 self._call(found[1], arguments(self.code, found.end(), end), found.start())
         return self._targets()
-
-    def _leave(self, offset: int, reason: str) -> None:
-        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
     def _literal(self, at: int, name: str) -> _Literal | None:
         """The six numbers of a pose or a list that begins at a character."""
@@ -155,7 +157,7 @@ def read_urscript(text: str, outside: Outside) -> ProgramText:
         LabError: frames that are given have not the numbers of URScript's.
     """
     code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', kept="$^")
-    return _Reader(text, code, outside).read()
+    return _Reader(text, outside, code).read()
 
 
 def _closing(code: str, start: int) -> int:

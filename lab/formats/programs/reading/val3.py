@@ -22,9 +22,9 @@ from lab.formats.programs.reading.program_text import (
     Motion,
     Move,
     Outside,
+    ProgramReader,
     ProgramText,
     TargetText,
-    Uncorrected,
 )
 from lab.formats.programs.reading.spelling import MOVING_XYZ
 
@@ -43,18 +43,15 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 
 @dataclass
-class _Reader:
+class _Reader(ProgramReader):
     """A file of an application being read."""
 
-    text: str
     code: str
-    outside: Outside
     listed: str  # its code with brackets for braces
     fathers: dict[str, tuple[str, Array]] = field(default_factory=dict)
     tools: list[str] = field(default_factory=list)
     points: list[tuple[str, dict[str, str], dict[str, Number], int]] = field(default_factory=list)
     targets: list[TargetText] = field(default_factory=list)
-    uncorrected: list[Uncorrected] = field(default_factory=list)
 
     def read(self) -> ProgramText:
         frames = {"world": np.eye(4), "flange": np.eye(4), **self.outside.posed(MOVING_XYZ)}
@@ -72,9 +69,6 @@ class _Reader:
             self.targets.append(TargetText(name, line, values, MOVING_XYZ, tool, base, allowed=_allowed(words)))
         moves = tuple(self._program())
         return ProgramText(tuple(self.targets), moves, frames, tuple(self.uncorrected))
-
-    def _leave(self, offset: int, reason: str) -> None:
-        self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
     def _data(self, head: dict[str, str], data: "re.Match[str]") -> None:
         """The values of a variable."""
@@ -118,11 +112,9 @@ class _Reader:
     def _program(self) -> list[Move]:
         """Joint positions that a program assigns, and its moves."""
         moves = list[Move]()
+        declared = map(dict, map(_ATTRIBUTE.findall, _LOCAL.findall(self.code)))
+        kinds = {each.get("name"): each.get("type") for each in declared}
         for code in _CODE.finditer(self.code):
-            kinds = {
-                each.get("name"): each.get("type")
-                for each in map(dict, map(_ATTRIBUTE.findall, _LOCAL.findall(self.code)))
-            }
             given: dict[str, int] = {}
             events = [*_GIVEN.finditer(self.code, *code.span(1)), *_MOVE.finditer(self.code, *code.span(1))]
             for found in sorted(events, key=lambda each: each.start()):
@@ -130,9 +122,7 @@ class _Reader:
                     self._given(found, kinds.get(found[1]), given)
                 elif (target := given.get(found[2].strip())) is not None:
                     motion: Motion = "joints" if found[1] == "movej" else "line"
-                    moves.append(
-                        Move(line_of(self.text, found.start()), target, "line" if motion == "line" else "joints")
-                    )
+                    moves.append(Move(line_of(self.text, found.start()), target, motion))
                 else:
                     self._leave(found.start(), f"{found[2].strip()} is not in this file, or computed")
         return moves
@@ -143,7 +133,7 @@ class _Reader:
         numbers = None if read is None else numbers_in(read[0], 6)
         given.pop(found[1], None)
         if numbers is None or kind not in ("joint", "jointRx") or found[2]:
-            if kind not in ("trsf",) or found[2]:
+            if kind != "trsf" or found[2]:
                 self._leave(found.start(1), f"{found[1]}{found[2]} is computed, or has no frame here")
             return
         given[found[1]] = len(self.targets)
@@ -158,7 +148,7 @@ def read_val3(text: str, outside: Outside) -> ProgramText:
         LabError: frames that are given have not the numbers of VAL 3's.
     """
     comments = masked(text, r"<!--.*?-->|(?<!:)//[^\r\n]*", kept='"[^"\r\n]*"')
-    return _Reader(text, comments, outside, comments.replace("{", "[").replace("}", "]")).read()
+    return _Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
 
 
 def _plain(name: str) -> str:
