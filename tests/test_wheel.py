@@ -20,7 +20,7 @@ def test_the_wheel_inspects_a_robot_from_an_empty_folder(tmp_path) -> None:
     assert wheel.stat().st_size < 3_000_000
     zipfile.ZipFile(wheel).extractall(site)
     environment = {**os.environ, "PYTHONPATH": str(site), "COLUMNS": "100"}
-    where = "import lab, lab.campaign.robot as r; print(lab.__file__, r.models_folder(), sep='\\n')"
+    where = "import lab, lab.campaign.model_files as r; print(lab.__file__, r.models_folder(), sep='\\n')"
     inspect = "from lab.cli import main; main(['inspect', 'irb120'])"
     command = [sys.executable, "-c", f"{where}; {inspect}"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=empty, env=environment)

@@ -11,15 +11,18 @@ from typing import Self
 import numpy as np
 
 from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
-from lab.core.errors import LabError
+from lab.campaign.model_files import is_own, own_models, sha256_of
+from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.cell_toml import Cell, read_cell
 from lab.formats.description import IdentifiedRobot
 from lab.formats.dh_table_toml import read_table
+from lab.formats.links_toml import described_links, links_of
 from lab.formats.mechanism_toml import is_mechanism, read_mechanism
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.dynamics.link_loads import refuse_without_length
 from lab.kinematics.effects.arm import Arm, affected
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import effect
@@ -43,9 +46,7 @@ from lab.simulation.true_robot import (
     true_robot_from_table,
 )
 
-__all__ = ["ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual", "models_folder"]
-
-_DESCRIPTION = "mechanism.toml"
+__all__ = ["ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual"]
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,11 @@ class Robot(ABC):
     def T_world_frame0(self) -> Array:
         """Pose ``(4, 4)`` (m) of the base's frame (frame 0) in the world of the MuJoCo model."""
         return self.model.T_world_frame0
+
+    @property
+    def link_compliances(self) -> Array | None:
+        """``(n, 4)`` of its links (``beam.COMPLIANCES``), as its description has them; None where it has none."""
+        return None
 
     @property
     @abstractmethod
@@ -205,6 +211,11 @@ class SerialRobot(Robot):
         """Its model."""
         return self.model
 
+    @property
+    def link_compliances(self) -> Array | None:
+        """``(n, 4)`` of its links, as its description has them; None where it has none."""
+        return None if self.model.links is None else self.model.links.compliances
+
     def arm(self, targets: tuple[str, ...]) -> SerialArm:
         """The arm as equations, with these targets."""
         return self.serial_arm(targets)
@@ -286,23 +297,6 @@ class ClosedRobot(Robot):
         return {each.file: each for each in CLOSED_FORMATS}[file].text(identified)
 
 
-def models_folder() -> Path:
-    """Where the robots live: in the installed package, or beside it in a checkout."""
-    installed = Path(__file__).resolve().parents[1] / "models"
-    return installed if installed.is_dir() else installed.parent.parent / "models"
-
-
-def _models() -> dict[str, Path]:
-    """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else a mechanism's folder describes."""
-    found = {}
-    for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
-        files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
-        found[folder.name] = next((path for path in files if path.is_file()), folder)
-        if found[folder.name].name == _DESCRIPTION:
-            found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
-    return found
-
-
 def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """Load a robot: its nominal model, and what else is known of it before anything is measured.
 
@@ -325,16 +319,16 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
 
 
 def _loaded(robot: str) -> Robot:
-    models = _models()
+    models = own_models()
     path = models.get(robot, Path(robot))
     if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
         raise LabError(
             f"robot '{robot}': no such model or file; there are {', '.join(models)}, or give a path to .xml, .urdf or "
             ".toml"
         )
-    if _is_own(path):
-        return _own(path, _sha256(path))
-    return _read(path, _sha256(path))
+    if is_own(path):
+        return _own(path, sha256_of(path))
+    return _read(path, sha256_of(path))
 
 
 @cache
@@ -344,6 +338,8 @@ def _own(path: Path, sha256: str) -> Robot:
 
 
 def _read(path: Path, sha256: str) -> Robot:
+    if path.suffix == ".toml" and (links := described_links(path)) is not None:
+        return _with_links(path, sha256, *links)
     if path.suffix == ".toml" and is_mechanism(path):
         described = read_mechanism(path)
         return ClosedRobot(closed_model(path, described), sha256, described.warnings)
@@ -359,7 +355,29 @@ def _read(path: Path, sha256: str) -> Robot:
     if model.held:
         warnings = (*warnings, f"{', '.join(model.held)} are taken for a gripper's, and held at zero")
     loads = None if model.masses_assumed else _some(loads_of(model))
+    if model.links is not None:
+        with error_context(path):
+            refuse_without_length(loads_of(model), model.links)
     return SerialRobot(model, sha256, warnings, loads)
+
+
+def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
+    """Another robot, with what a file says of its links."""
+    beside = path.parent / base if (path.parent / base).is_file() else Path(base)
+    if beside.suffix == ".toml" and beside.is_file() and described_links(beside) is not None:
+        raise LabError(f"{path}: robot {base} names another robot in its turn; give that one")
+    known = _loaded(str(beside))
+    with error_context(path):
+        model = known.serial_model
+        if model.links is not None:
+            raise LabError(f"robot {base} has [[link]] sections of its own; change those")
+    links = links_of(path, sections, model.chain.size)
+    model = replace(model, links=links)
+    with error_context(path):
+        refuse_without_length(loads_of(model), links)
+    loads = None if known.loads is None else loads_of(model)
+    both = hashlib.sha256(f"{known.sha256} {sha256}".encode()).hexdigest()
+    return replace(known, model=model, sha256=both, loads=loads)
 
 
 def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
@@ -378,17 +396,3 @@ def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
 def _some(loads: Loads) -> Loads | None:
     """Masses, if there are any."""
     return loads if loads.mass_kg.any() else None
-
-
-def _is_own(path: Path) -> bool:
-    return path.parent.parent == models_folder()
-
-
-def _sha256(path: Path) -> str:
-    """Of a model's folder of the lab without its README, else of the file alone."""
-    digest = hashlib.sha256()
-    own = _is_own(path)
-    files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if own else [path]
-    for file in files:
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()

@@ -41,7 +41,7 @@ USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     """The virtual arm of these options, before its tracker, with its effects."""
-    arm = ArmFacts(robot.chain, robot.loads)
+    arm = ArmFacts(robot.chain, robot.loads, sections=robot.link_compliances)
     effects = random_effects(arm, options.effects, rng_for(options.seed, "effects"))
     return _geometry(robot, options).with_effects(effects)
 

@@ -17,6 +17,7 @@ from lab.core.limits import checked_name
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.drives_toml import Drives, drives_lines, drives_of
+from lab.formats.links_toml import links_of
 from lab.formats.robot_toml import (
     ANGLES,
     LENGTHS,
@@ -32,6 +33,7 @@ from lab.formats.robot_toml import (
 )
 from lab.formats.toml import read_toml
 from lab.formats.ur_calibration import read_corrections
+from lab.kinematics.dynamics.sections import LinkSections
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes
 from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
@@ -45,7 +47,9 @@ _KNOWN = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
     "(of a slide _mm or _m), speed with _per_s and acceleration with _per_s2 after that, torque_nm (force_n), mass_kg"
 )
-_TOP_KEYS = {"name", "convention", "height_mm", "joint", "base", "tool", "corrections", "drive", "coupling", "Z", "E"}
+_TOP_KEYS = {
+    "name", "convention", "height_mm", "joint", "base", "tool", "corrections", "drive", "coupling", "link", "Z", "E"
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,7 @@ class RobotTable:
         warnings: what a user should be told.
         T_world_frame0: pose ``(4, 4)`` (m) of frame 0 in the world, where the file gives Khalil's Z; else it follows
             from the height.
+        links: its elastic links; None where the file has none.
     """
 
     chain: Chain
@@ -71,6 +76,7 @@ class RobotTable:
     torque: Array
     warnings: tuple[str, ...]
     T_world_frame0: Array | None = None
+    links: LinkSections | None = None
 
 
 def read_table(path: Path) -> RobotTable:
@@ -123,7 +129,8 @@ def read_table(path: Path) -> RobotTable:
     base = read_base(path, document["base"]) if "base" in document else None
     tool = {**read_tool(path, document.get("tool", {})), **_khalil_tool(path, document, warnings)}
     height_m, place = read_height(path, document), _place(path, document)
-    return RobotTable(chain, base, tool, height_m, mass_kg, torque, tuple(warnings), place)
+    links = links_of(path, document["link"], chain.size) if "link" in document else None
+    return RobotTable(chain, base, tool, height_m, mass_kg, torque, tuple(warnings), place, links)
 
 
 def _corrected(path: Path, chain: Chain, file: Any) -> Chain:

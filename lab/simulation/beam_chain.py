@@ -1,8 +1,9 @@
 """Elastic links as chains of rigid pieces on springs: a truth for beams that knows nothing of beam theory.
 
-An elastic link of length L is N + 1 rigid pieces, half ones at its ends, with N sprung joints between them, L/N apart:
-hinges of stiffness EI N/L and GJ N/L, and a slide of EA N/L. Each piece has its share of the link's mass, beside the
-line as the link's centre of mass is. For N to infinity that is the beam, with an error in N^-2. Its rest under gravity,
+A straight part, of length L, of an elastic link is N + 1 rigid pieces, half ones at its ends, with N sprung joints
+between them, L/N apart: hinges of stiffness EI N/L and GJ N/L, and a slide of EA N/L. At a corner of a link's line the
+half pieces of two parts are welded. Each piece has its share of the link's mass, beside the line as the link's centre
+of mass is. For N to infinity that is the beam, with an error in N^-2. Its rest under gravity,
 a payload and the inertia of a motion is quasi-static: each spring gives way to what MuJoCo says that its joint bears.
 """
 
@@ -31,8 +32,9 @@ _SPRINGS = (("hinge", 1, "y"), ("hinge", 2, "z"), ("hinge", 0, "x"), ("slide", 0
 
 @dataclass(frozen=True)
 class _Pieces:
-    """A straight elastic link: how long, how its segment's axes (rows) are in the link's, and what it weighs."""
+    """A straight part of an elastic link: where it begins and how its axes (rows) are in the link's, what it weighs."""
 
+    near: Array
     length: float
     axes: Array
     beside: Array
@@ -54,11 +56,11 @@ class BeamChain:
 
         Args:
             sections: ``(n, 4)`` each link's compliances (``beam.COMPLIANCES``).
-            pieces: N.
+            pieces: N of each straight part of a link.
             payload_at_m: ``(3,)`` m, payloads' centre in the last frame; at its origin if not given.
 
         Raises:
-            LabError: an elastic link has no length, or is not straight.
+            LabError: an elastic link has no length.
         """
         self.spec = mujoco.MjSpec()
         self.spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
@@ -137,14 +139,13 @@ class BeamChain:
             line.append(int(self._source.body_parentid[line[-1]]))
         return line
 
-    def _elastic(self, sections: Array) -> dict[int, _Pieces]:
+    def _elastic(self, sections: Array) -> dict[int, list[_Pieces]]:
         found, robot = link_loads(loads_of(self._robot)), self._robot
         elastic = {}
         for link in np.flatnonzero(sections.any(axis=1)).tolist():
-            beam = found.beams.get(link)
-            if beam is None or len(beam.path) != 2:
-                raise LabError(f"robot {robot.chain.name}: link {link + 1} is not straight, or has no length")
-            elastic[link] = _straight(beam)
+            if link not in found.beams:
+                raise LabError(f"robot {robot.chain.name}: link {link + 1} has no length, so it does not bend")
+            elastic[link] = _straight_parts(found.beams[link])
         return elastic
 
     def _copy(self, body: int, into: mujoco.MjsBody) -> None:
@@ -168,28 +169,25 @@ class BeamChain:
             holder.add_site(name=self._source.site(site).name, pos=place)
 
     def _grow(
-        self, body: mujoco.MjsBody, link: int, pieces: _Pieces, section: Array, compliances: dict[str, float]
+        self, body: mujoco.MjsBody, link: int, parts: list[_Pieces], section: Array, compliances: dict[str, float]
     ) -> tuple[mujoco.MjsBody, Array]:
         """Put the pieces of a link on its body; the last one, and its pose ``(4, 4)`` in the body."""
-        step = pieces.length / self._pieces
-        rotation = self._link_in_body(link) @ pieces.axes.T
-        near = self._near_in_body(link)
-        T_body_piece = se3.pose(rotation, near)
-        _weigh(body, T_body_piece, pieces, step / 2)
-        T_body_piece = se3.pose(rotation, near + rotation[:, 0] * step / 2)
-        last = _added(body, f"link{link + 1} piece 1", T_body_piece)
-        for i in range(1, self._pieces + 1):
-            if i > 1:
-                ahead = se3.pose(np.eye(3), np.array([step, 0.0, 0.0]))
-                last, T_body_piece = _added(last, f"link{link + 1} piece {i}", ahead), T_body_piece @ ahead
-            for (kind, axis, symbol), compliance in zip(_SPRINGS, section, strict=True):
-                if compliance > 0:
-                    name = f"link{link + 1} {symbol}{i}"
-                    kinds = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
-                    last.add_joint(name=name, type=kinds[kind], axis=np.eye(3)[axis], stiffness=1 / (compliance * step))
-                    compliances[name] = float(compliance) * step
-            _weigh(last, np.eye(4), pieces, step if i < self._pieces else step / 2)
-        return last, T_body_piece
+        T_body_link = se3.pose(self._link_in_body(link), self._near_in_body(link))
+        last, T_body_last = body, np.eye(4)
+        for part, pieces in enumerate(parts):
+            step, T_body_part = pieces.length / self._pieces, T_body_link @ se3.pose(pieces.axes.T, pieces.near)
+            if part:
+                last = _added(last, f"link{link + 1} corner {part}", se3.inverse(T_body_last) @ T_body_part)
+                T_body_last = T_body_part
+            _weigh(last, se3.inverse(T_body_last) @ T_body_part, pieces, step / 2)
+            for i in range(self._pieces):
+                T_body_piece = T_body_part @ se3.pose(np.eye(3), np.array([(i + 0.5) * step, 0.0, 0.0]))
+                number = part * self._pieces + i + 1
+                last = _added(last, f"link{link + 1} piece {number}", se3.inverse(T_body_last) @ T_body_piece)
+                T_body_last = T_body_piece
+                compliances |= _springs(last, link, number, section * step)
+                _weigh(last, np.eye(4), pieces, step if i + 1 < self._pieces else step / 2)
+        return last, T_body_last
 
     def _link_in_body(self, link: int) -> Array:
         """How a link's axes are turned in its body, ``(3, 3)``."""
@@ -223,19 +221,36 @@ class BeamChain:
         load.mass, load.ipos, load.inertia, load.explicitinertial = _LEAST, np.zeros(3), np.full(3, _LEAST), True
 
 
-def _straight(beam: Beam) -> _Pieces:
-    """The axes of a straight link: x along it, z across it in the plane of x and of the joint's axis."""
-    along = beam.path[1] - beam.path[0]
-    x = along / np.linalg.norm(along)
-    z = np.array([0.0, 0.0, 1.0]) - x[2] * x
-    if np.linalg.norm(z) < 1e-6:
-        y = np.array([1.0, 0.0, 0.0])
-        z = np.cross(x, y)
-    else:
-        z /= np.linalg.norm(z)
-        y = np.cross(z, x)
-    axes = np.stack([x, y, z])
-    return _Pieces(float(np.linalg.norm(along)), axes, axes @ (beam.centre_m - beam.path.mean(axis=0)), beam.mass_kg)
+def _straight_parts(beam: Beam) -> list[_Pieces]:
+    """The straight parts of a link: x along each, z across it in the plane of x and of the joint's axis."""
+    corners, parts = beam.path, []
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    middle = lengths @ (corners[1:] + corners[:-1]) / 2 / lengths.sum()
+    for near, far, length in zip(corners[:-1], corners[1:], lengths.tolist(), strict=True):
+        x = (far - near) / length
+        z = np.array([0.0, 0.0, 1.0]) - x[2] * x
+        if np.linalg.norm(z) < 1e-6:
+            y = np.array([1.0, 0.0, 0.0])
+            z = np.cross(x, y)
+        else:
+            z /= np.linalg.norm(z)
+            y = np.cross(z, x)
+        axes = np.stack([x, y, z])
+        mass = beam.mass_kg * length / float(lengths.sum())
+        parts.append(_Pieces(near, length, axes, axes @ (beam.centre_m - middle), mass))
+    return parts
+
+
+def _springs(piece: mujoco.MjsBody, link: int, number: int, compliances: Array) -> dict[str, float]:
+    """The sprung joints of a piece of a link, by their names, with compliances ``(4,)`` (rad/Nm, m/N of the slide)."""
+    made = {}
+    for (kind, axis, symbol), compliance in zip(_SPRINGS, compliances.tolist(), strict=True):
+        if compliance > 0:
+            name = f"link{link + 1} {symbol}{number}"
+            kinds = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
+            piece.add_joint(name=name, type=kinds[kind], axis=np.eye(3)[axis], stiffness=1 / compliance)
+            made[name] = compliance
+    return made
 
 
 def _added(parent: mujoco.MjsBody, name: str, T_parent_body: Array) -> mujoco.MjsBody:

@@ -58,6 +58,7 @@ def table_model(path: Path, table: RobotTable) -> SerialModel:
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=tuple(bodies),
         base_body=tree.base.name, tool=tool, shapes_assumed=True, masses_assumed=weighed,
+        links=table.links,
     )  # fmt: skip
 
 

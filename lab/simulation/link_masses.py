@@ -33,7 +33,8 @@ def loads_of(robot: SerialModel) -> Loads:
         for i, T_frame0_link in enumerate(links)
     ]
     gravity = robot.T_world_frame0[:3, :3].T @ model.opt.gravity
-    return Loads(chain, mass, np.array(placed), gravity)
+    paths = {} if robot.links is None else robot.links.paths
+    return Loads(chain, mass, np.array(placed), gravity, link_paths=paths)
 
 
 def link_inertias(robot: SerialModel) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.dynamics.sections import LinkSections
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.model import RobotModel, at_zero, body_pose, coordinates, flange_body
@@ -22,10 +23,12 @@ class SerialModel(RobotModel):
     Attributes:
         chain: its distal Denavit-Hartenberg table.
         bodies: the jointed bodies, base outward.
+        links: what its description says of elastic links; None where it says nothing.
     """
 
     chain: Chain
     bodies: tuple[str, ...]
+    links: LinkSections | None = None
 
     @property
     def carrier(self) -> str:

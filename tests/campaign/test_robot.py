@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
-from lab.campaign.robot import ClosedRobot, SerialRobot, load_robot, load_virtual, models_folder
+from lab.campaign.model_files import models_folder
+from lab.campaign.robot import ClosedRobot, SerialRobot, load_robot, load_virtual
 from lab.core.errors import LabError
 
 

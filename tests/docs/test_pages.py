@@ -16,7 +16,7 @@ from helpers.pages import PAGES, README, Page
 from helpers.robots import ROOT
 
 import lab
-from lab.campaign.robot import load_virtual
+from lab.campaign.robot import load_robot, load_virtual
 from lab.cli import main
 from lab.commands.registry import COMMANDS
 from lab.core.load_samples import Mounting
@@ -134,6 +134,8 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         assert "collimation" in {term.name for term in read_instrument(path).errors.stated}
     elif "points" in content:
         assert len(read_column_map(path).joints.joints) == 6
+    elif "link" in content:
+        assert load_robot(str(path)).link_compliances is not None
     elif "Z" in content:
         robot = read_table(path)
         assert robot.T_world_frame0 is not None and set(robot.tool) == {"p1"}

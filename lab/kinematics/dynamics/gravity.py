@@ -1,5 +1,6 @@
 """What gravity does to an arm's joints: the generalized forces of link masses and a payload, in closed form."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,6 +60,7 @@ class Loads:
         centre_m: ``(n, 3)``, their centres in the frames of the table that turn with them.
         gravity: ``(3,)`` m/s^2 in frame 0.
         payload_at_m: ``(3,)``, a payload's centre of mass in the last frame.
+        link_paths: by link (from 0), its line as a beam (``dynamics.sections.LinkSections``); others are straight.
     """
 
     chain: Chain
@@ -66,6 +68,7 @@ class Loads:
     centre_m: Array
     gravity: Array
     payload_at_m: Array = field(default_factory=lambda: np.zeros(3))
+    link_paths: Mapping[int, Array] = field(default_factory=dict)
 
     def forces(self, joints: Array, payload_kg: Array) -> tuple[Array, Array]:
         """Gravity's generalized forces and their derivatives by the joints.

@@ -7,7 +7,6 @@ it has a path of its own. A slide's link begins where the slide stands.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
@@ -16,12 +15,12 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import Beam, loads_on
 from lab.kinematics.dynamics.gravity import LinkFrames, Loads
+from lab.kinematics.dynamics.sections import LinkSections
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["SHORTEST_M", "LinkLoads", "link_ends", "link_loads"]
+__all__ = ["SHORTEST_M", "LinkLoads", "link_ends", "link_loads", "refuse_without_length"]
 
 SHORTEST_M = 0.01  # a link that is shorter does not bend
-NO_PATHS: Mapping[int, Array] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -113,27 +112,38 @@ class LinkLoads:
         return np.stack(found[::-1], axis=1)
 
 
-def link_loads(loads: Loads, paths: Mapping[int, Array] = NO_PATHS) -> LinkLoads:
+def link_loads(loads: Loads) -> LinkLoads:
     """The links of an arm as beams.
 
     Args:
-        loads: the arm's masses.
-        paths: by link (from 0), ``(k, 3)`` m: corners of its line in its own axes (``Beam``), its far end last.
+        loads: the arm's masses, with the lines of links that are not straight.
 
     Raises:
-        LabError: a path is of no link, or does not end where the link does.
+        LabError: a path is of no link, or does not begin and end where the link does.
     """
-    ends, chain = link_ends(loads.chain), loads.chain
+    ends, chain, paths = link_ends(loads.chain), loads.chain, loads.link_paths
     for link, path in paths.items():
-        if not 0 <= link < chain.size or np.abs(path[-1] - ends[link]).max() > 1e-6:
-            at = "no such link" if not 0 <= link < chain.size else f"it ends at {np.round(ends[link], 6).tolist()} m"
-            raise LabError(f"robot {chain.name}: the path of link {link + 1}: {at}; end the path there")
+        if not 0 <= link < chain.size or np.abs(path[-1] - ends[link]).max() > 1e-6 or np.abs(path[0]).max() > 1e-9:
+            mm = np.round(1e3 * ends[link], 6) + 0.0 if 0 <= link < chain.size else ()
+            at = f"it runs from 0, 0, 0 to {', '.join(f'{each:g}' for each in mm)} mm" if len(mm) else "no such link"
+            raise LabError(
+                f"robot {chain.name}: the path of link {link + 1}: {at} in the link's axes; let the path too"
+            )
     beams = {}
     for link, end in enumerate(ends):
         line = paths.get(link, np.stack([np.zeros(3), end]))
         if link in paths or np.linalg.norm(end) > SHORTEST_M:
             beams[link] = Beam(line, float(loads.mass_kg[link]), _centre(loads, link, end))
     return LinkLoads(loads, beams, ends)
+
+
+def refuse_without_length(loads: Loads, sections: LinkSections) -> None:
+    """A LabError for a description of links that no beams can have: an elastic one without a length, a wrong path."""
+    beams = link_loads(loads).beams
+    if short := [link for link in np.flatnonzero(sections.compliances.any(axis=1)).tolist() if link not in beams]:
+        raise LabError(
+            f"link {short[0] + 1} of robot {loads.chain.name} has no length, so it does not bend; leave it out"
+        )
 
 
 def link_ends(chain: Chain) -> Array:

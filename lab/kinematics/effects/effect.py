@@ -63,11 +63,19 @@ NO_SESSIONS = SessionInfo()
 
 @dataclass(frozen=True)
 class ArmFacts:
-    """What an effect may know of the arm that it is of: the nominal joints, the masses, how the campaign went."""
+    """What an effect may know of the arm that it is of.
+
+    Attributes:
+        chain: the nominal joints.
+        loads: the masses.
+        sessions: how the campaign went.
+        sections: ``(n, 4)`` the links' compliances (``beam.COMPLIANCES``) by the robot's description, if it has them.
+    """
 
     chain: JointSpec
     loads: Loads | None = None
     sessions: SessionInfo = NO_SESSIONS
+    sections: Array | None = None
 
 
 @dataclass(frozen=True)

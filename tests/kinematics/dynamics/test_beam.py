@@ -119,8 +119,8 @@ def test_a_path_that_is_none_is_refused() -> None:
     with pytest.raises(LabError, match="are the same"):
         Beam(np.zeros((2, 3)), 1.0, ZERO)
     assert IRB120.loads is not None
-    with pytest.raises(LabError, match="path of link 2: it ends at"):
-        link_loads(IRB120.loads, {1: ALONG_X})
+    with pytest.raises(LabError, match="path of link 2: it runs from 0, 0, 0 to 270, 0, 0 mm"):
+        link_loads(replace(IRB120.loads, link_paths={1: ALONG_X}))
 
 
 def random_loads(chain: Chain, rng: np.random.Generator) -> Loads:

@@ -1,0 +1,40 @@
+"""The lab's own robots: where their files are, and what says that a robot's files are as they were."""
+
+import hashlib
+from pathlib import Path
+
+__all__ = ["is_own", "models_folder", "own_models", "sha256_of"]
+
+_DESCRIPTION = "mechanism.toml"
+
+
+def models_folder() -> Path:
+    """Where the robots live: in the installed package, or beside it in a checkout."""
+    installed = Path(__file__).resolve().parents[1] / "models"
+    return installed if installed.is_dir() else installed.parent.parent / "models"
+
+
+def own_models() -> dict[str, Path]:
+    """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else a mechanism's folder describes."""
+    found = {}
+    for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
+        files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
+        found[folder.name] = next((path for path in files if path.is_file()), folder)
+        if found[folder.name].name == _DESCRIPTION:
+            found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
+    return found
+
+
+def is_own(path: Path) -> bool:
+    """Whether a file is of one of the lab's own robots."""
+    return path.parent.parent == models_folder()
+
+
+def sha256_of(path: Path) -> str:
+    """Of a model's folder of the lab without its README, else of the file alone."""
+    digest = hashlib.sha256()
+    own = is_own(path)
+    files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if own else [path]
+    for file in files:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
