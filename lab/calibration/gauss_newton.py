@@ -20,6 +20,7 @@ from lab.kinematics.model import Model
 __all__ = [
     "MAX_ITERATIONS",
     "RANK_TOLERANCE",
+    "Estimator",
     "ExtraResiduals",
     "Fit",
     "Observations",
@@ -119,6 +120,19 @@ class Observations:
 
 
 @dataclass(frozen=True)
+class Estimator:
+    """What an estimate says that is not the least squares of all rows.
+
+    Attributes:
+        covariance: ``(f, f)`` of the free parameters where whitened noise has variance one.
+        least_squares: all parameters ``(p,)`` after one step of least squares of all rows: residuals are tested there.
+    """
+
+    covariance: Array
+    least_squares: Array
+
+
+@dataclass(frozen=True)
 class Fit:
     """Where Gauss-Newton ended.
 
@@ -129,6 +143,7 @@ class Fit:
         triangle: ``(f, f)`` R of the whitened Jacobian's free columns, scaled to unit norm.
         scale: ``(f,)`` the norms they had.
         singular_values: of ``triangle``, descending.
+        other: where the values are not those of least squares; None where they are.
     """
 
     values: Array
@@ -138,6 +153,12 @@ class Fit:
     triangle: Array
     scale: Array
     singular_values: Array
+    other: Estimator | None = None
+
+    @property
+    def least_squares(self) -> Array:
+        """All parameters ``(p,)`` by least squares of all rows, from whose residuals noise and lack of fit are told."""
+        return self.values if self.other is None else self.other.least_squares
 
     @property
     def iterations(self) -> int:
@@ -157,6 +178,8 @@ class Fit:
 
     def unit_covariance(self) -> Array:
         """Covariance ``(f, f)`` of the free parameters where whitened noise has variance one."""
+        if self.other is not None:
+            return self.other.covariance
         inverse = np.linalg.pinv(self.triangle, rcond=RANK_TOLERANCE) / self.scale[:, None]
         covariance: Array = inverse @ inverse.T
         return covariance

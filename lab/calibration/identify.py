@@ -197,7 +197,8 @@ def identify(
     solve = request.solve or partial(_all_at_once, extra_residuals)
     solution = _canonical(model, solve(observation, observed, free, start))
     residuals = data.points - model.points(observed.inputs, solution.values)
-    dof, estimated = _residual_sigma(observation, observed, solution, residuals)
+    left = residuals if solution.other is None else data.points - model.points(observed.inputs, solution.least_squares)
+    dof, estimated = _residual_sigma(observation, observed, solution, left)
     if request.tolerance is not None:
         if not (known or np.isfinite(estimated)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
@@ -270,7 +271,7 @@ def _all_at_once(
 def _residual_sigma(
     observation: Observation, observed: Observations, solution: Fit, residuals: Array
 ) -> tuple[int, float]:
-    """Residual degrees of freedom, and the sigma that residuals say; NaN where nothing is left over."""
+    """Residual degrees of freedom, and the sigma that least squares' residuals say; NaN where nothing is left over."""
     white = observed.apply(residuals)
     dof = len(white) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
     return dof, float(np.sqrt(white @ white / dof)) if dof > 0 else float("nan")
@@ -301,10 +302,12 @@ def _canonical(model: Model, solution: Fit) -> Fit:
     Two vectors r and s of one rotation change it alike where J_l(r) dr = J_l(s) ds.
     """
     turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
-    values = solution.values.copy()
-    values[turning] = se3.log(se3.exp(values[turning]))
+    values = _shortest_turn(solution.values, turning)
+    other = solution.other
+    if other is not None:
+        other = replace(other, least_squares=_shortest_turn(other.least_squares, turning))
     if np.abs(values - solution.values).max() <= 1.0:
-        return replace(solution, values=values)
+        return replace(solution, values=values, other=other)
     if not set(turning) <= set(solution.free):  # held in part: another vector is another rotation
         return solution
     at = [solution.free.index(i) for i in turning]
@@ -314,7 +317,18 @@ def _canonical(model: Model, solution: Fit) -> Fit:
     scale = np.linalg.norm(jacobian, axis=0)
     triangle = np.asarray(np.linalg.qr(jacobian / scale, mode="r"))
     sizes = np.linalg.svd(triangle, compute_uv=False)
-    return replace(solution, values=values, triangle=triangle, scale=scale, singular_values=sizes)
+    if other is not None:
+        change = np.eye(len(solution.free))
+        change[np.ix_(at, at)] = np.linalg.solve(new, old)
+        other = replace(other, covariance=change @ other.covariance @ change.T)
+    return replace(solution, values=values, triangle=triangle, scale=scale, singular_values=sizes, other=other)
+
+
+def _shortest_turn(values: Array, turning: list[int]) -> Array:
+    """Parameters ``(p,)`` whose rotation vector, at these indices, is the same rotation by at most half a turn."""
+    same = values.copy()
+    same[turning] = se3.log(se3.exp(values[turning]))
+    return same
 
 
 def _relative_spread(observation: Observation, observed: Observations, aligned: Array, nominal: Array) -> float:

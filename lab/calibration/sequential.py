@@ -5,7 +5,8 @@ chapter 11, for the RX 130). For an arm with parallel axes this split does not h
 the sum of the angles about these axes alone, and the gauge keeps each angle, so that (1, -1) of two leaves all
 orientations as they are. Such directions belong to the lengths. With them the two steps alternate: exact for exact
 poses, while angles that carry the orientations' noise times the reach leave positions worse than the global fit,
-which weighs both at once.
+which weighs both at once. The covariance of the estimate has both: the noise of the positions in the lengths, and the
+errors of the angles that these lengths take up.
 """
 
 from collections.abc import Sequence
@@ -13,9 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.gauss_newton import Fit, Observations, Status, fit
+from lab.calibration.gauss_newton import RANK_TOLERANCE, Estimator, Fit, Observations, Status, fit
 from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
+from lab.core.linear_model import unit_columns
 from lab.core.measurements import seen_mask
 from lab.core.newton import least_squares_step
 from lab.core.se3 import Array
@@ -81,8 +83,8 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
         start: ``(p,)`` nominal links, base and tool located.
 
     Returns:
-        The values, with the linear problem of *all* measurements at them: rank and condition number are the global
-        fit's, and so is the covariance, which the sequential estimate does not reach.
+        The values with the covariance of this estimate, and with the linear problem of *all* measurements at them: rank
+        and condition number are the global fit's.
 
     Raises:
         LabError: no orientation is observed, or none was measured.
@@ -106,8 +108,32 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
         if change < SETTLED or (change < ROUNDING and change >= 0.5 * last):
             status = "converged"
             break
-    linear = fit(model, observed, free, values, tolerance_m=np.inf)  # its step is not wanted, its triangle is
-    return replace(linear, values=values, status=status, cost_trace=tuple(costs))
+    linear = fit(model, observed, free, values, tolerance_m=np.inf)
+    own = Estimator(_unit_covariance(model, observed, positions, split, values)[np.ix_(free, free)], linear.values)
+    return replace(linear, values=values, status=status, cost_trace=tuple(costs), other=own)
+
+
+def _unit_covariance(model: Model, observed: Observations, positions: int, split: Split, values: Array) -> Array:
+    """Covariance ``(p, p)`` of the sequential estimate, where whitened noise has variance one.
+
+    The estimate x solves Q_a'(r_o - O x) = 0 and Q_l'(r_p - P x) = 0: orientations with their derivatives O leave
+    nothing along those by the angles, of basis Q_a, and positions nothing along those by the rest, of basis Q_l. With
+    N = [Q_a'O; Q_l'P] its error is N^-1 [Q_a'e_o; Q_l'e_p], of covariance N^-1 N^-T: that of the angles alone in the
+    first block, and what the lengths take up of their errors beside the positions' noise in the others.
+    """
+    directions = np.concatenate([np.eye(len(values))[:, list(split.angles)], split.rest], axis=1)  # (p, f)
+    count, (_, jacobian) = len(split.angles), model.observe(observed.inputs, values)
+    turned, moved = (
+        Observations(observed.inputs, observed.points[:, part], observed.whiten[:, part]).apply(
+            jacobian[:, part] @ directions
+        )
+        for part in (slice(positions, None), slice(None, positions))
+    )
+    by_angles, by_rest = np.linalg.qr(turned[:, :count])[0], np.linalg.qr(moved[:, count:])[0]
+    system, scale = unit_columns(np.concatenate([by_angles.T @ turned, by_rest.T @ moved]))
+    estimator = directions @ (np.linalg.pinv(system, rcond=RANK_TOLERANCE) / scale[:, None])
+    covariance: Array = estimator @ estimator.T
+    return covariance
 
 
 def _step(model: Model, observed: Observations, quantities: slice, values: Array, directions: Array) -> Array:

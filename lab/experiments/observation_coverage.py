@@ -33,7 +33,7 @@ from lab.kinematics.model import Model
 from lab.render.document import Document, Section
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["CASES", "Options", "answer", "study"]
+__all__ = ["CASES", "MeasuredArm", "Options", "answer", "measured_arm", "study"]
 
 CASES: Mapping[str, tuple[str, int]] = {  # of each kind: the instrument, and how many poses
     "points": ("leica-at960", 40),
@@ -64,7 +64,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class _Arm:
+class MeasuredArm:
     """One virtual arm, measured without noise.
 
     Attributes:
@@ -130,9 +130,15 @@ def _slopes(real: TrueRobot, data: Measurements, placed: Mapping[str, Array]) ->
     return np.asarray(normals[:, None] @ slopes)
 
 
-def _arm(robot_name: str, name: str, seed: int) -> _Arm:
-    """One arm, its exact measurements, and its truth as they show it."""
-    device, poses = instrument(CASES[name][0]), CASES[name][1]
+def measured_arm(robot_name: str, name: str, device: Instrument, poses: int, seed: int) -> MeasuredArm:
+    """One arm, its exact measurements of the kind ``name``, and its truth as they show it.
+
+    Args:
+        device: whose noise weighs them.
+
+    Raises:
+        LabError: the arm's parameters have no single truth.
+    """
     options = VirtualCampaign(robot_name, observe=name, poses=poses, instrument="exact", seed=seed)
     robot = load_virtual(robot_name)
     day, placed = measuring_day(options, robot)
@@ -146,14 +152,15 @@ def _arm(robot_name: str, name: str, seed: int) -> _Arm:
     if truth is None:
         raise LabError(f"--robot {robot_name}: its parameters have no single truth; take a serial arm")
     slopes = _slopes(day.true_robot, day.measurements, placed) if name in ("socket", "plane") else None
-    return _Arm(day, kind, device, slopes, exact, truth.of(exact.model.names))
+    return MeasuredArm(day, kind, device, slopes, exact, truth.of(exact.model.names))
 
 
 def study(options: Options, name: str) -> dict[str, float]:
     """One kind over all arms and draws."""
     exact_m, floors, covered, squares = 0.0, [], [], []
     for seed in range(options.robots):
-        arm, rng = _arm(options.robot, name, seed), rng_for(seed, "noise")
+        arm = measured_arm(options.robot, name, instrument(CASES[name][0]), CASES[name][1], seed)
+        rng = rng_for(seed, "noise")
         exact_m = max(exact_m, float(np.abs(arm.exact.values - arm.truth)[list(arm.exact.fit.free)].max()))
         model, data = arm.noisy(rng)
         found = identify(model, data, arm.nominal()[1], Noise(arm.device))
@@ -177,7 +184,7 @@ def study(options: Options, name: str) -> dict[str, float]:
     }
 
 
-def _floor(arm: _Arm, found: Identification) -> tuple[float, float]:
+def _floor(arm: MeasuredArm, found: Identification) -> tuple[float, float]:
     """Root mean square error on fresh poses in m, and what the covariance predicts of it."""
     free, size = list(found.fit.free), len(arm.nominal()[0].names)
     of_arm = [i for i, parameter in enumerate(free) if parameter < size]
@@ -189,7 +196,7 @@ def _floor(arm: _Arm, found: Identification) -> tuple[float, float]:
     return float(np.sqrt(error)), float(np.sqrt(predicted))
 
 
-def _standardized(arm: _Arm, model: Model, data: Measurements) -> tuple[Array, float]:
+def _standardized(arm: MeasuredArm, model: Model, data: Measurements) -> tuple[Array, float]:
     """Errors ``(f,)`` of the estimates in standard deviations, and e' C^-1 e / f."""
     free = list(arm.exact.fit.free)
     observed, _ = weighed(observation_of(model), data, Noise(arm.device))

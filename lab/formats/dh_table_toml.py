@@ -16,7 +16,7 @@ from lab.core.errors import LabError
 from lab.core.limits import checked_name
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
-from lab.formats.drives_toml import Drives, drives_lines, drives_of
+from lab.formats.drives_toml import Drives, drives_in, drives_lines
 from lab.formats.links_toml import links_of
 from lab.formats.robot_toml import (
     ANGLES,
@@ -123,9 +123,8 @@ def read_table(path: Path) -> RobotTable:
     )
     if "corrections" in document:
         chain = _corrected(path, chain, document["corrections"])
-    drives: dict[str, Any] = {key: document[key] for key in ("drive", "coupling") if key in document}
-    if drives:
-        chain = replace(chain, encoders=drives_of(path, drives, chain.size).encoders)
+    if (drives := drives_in(path, document, chain.size)) is not None:
+        chain = replace(chain, encoders=drives.encoders)
     base = read_base(path, document["base"]) if "base" in document else None
     tool = {**read_tool(path, document.get("tool", {})), **_khalil_tool(path, document, warnings)}
     height_m, place = read_height(path, document), _place(path, document)

@@ -16,10 +16,11 @@ from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 from lab.kinematics.encoders import Encoders
 
-__all__ = ["Drives", "drives_lines", "drives_of", "read_drives", "write_drives"]
+__all__ = ["Drives", "drives_in", "drives_lines", "read_drives", "write_drives"]
 
 _LARGEST = 1e6
 _MOST_COUNTS = 1e12
+_LARGEST_ZERO_DEG = 1e9
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,14 @@ class Drives:
             diagonal (``kinematics.dynamics.arm_dynamics``).
         torque_nm_per_a: ``(J,)`` drive gains, torque at the motor for its current; None where they are not given.
         counts_per_turn: ``(J,)`` of the encoders at the motors; None where they are not given.
+        motor_zero_rad: ``(J,)`` what the motors' positions are where all joints are at zero; None where that is zero.
     """
 
     gear_ratio: Array
     couplings: Array
     torque_nm_per_a: Array | None
     counts_per_turn: Array | None = None
+    motor_zero_rad: Array | None = None
 
     @property
     def encoders(self) -> Encoders | None:
@@ -50,6 +53,18 @@ class Drives:
         if self.counts_per_turn is None:
             return None
         return Encoders(self.gear_ratio, self.couplings, self.counts_per_turn)
+
+    def joints(self, motors: Array) -> Array:
+        """The joint positions ``(n, J)`` (rad, m) of motor positions ``(n, J)`` rad: q = (G C)^-1 (motors - zero).
+
+        Raises:
+            LabError: the couplings do not tell the joints apart.
+        """
+        if np.linalg.matrix_rank(self.couplings) < len(self.couplings):
+            raise LabError("the couplings of the drives cannot be told apart: give ratios of another motor")
+        turned = motors if self.motor_zero_rad is None else motors - self.motor_zero_rad
+        joints: Array = (turned / self.gear_ratio) @ np.linalg.inv(self.couplings).T
+        return joints
 
     def torques(self, currents: Array) -> Array:
         """The drives' torques ``(n, J)`` (Nm; N of a slide), as the joints feel them, of motor currents ``(n, J)`` A.
@@ -70,6 +85,7 @@ class _DriveSection:
     gear_ratio: float
     torque_nm_per_a: float | None = None
     counts_per_turn: float | None = None
+    motor_zero_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -91,15 +107,21 @@ def read_drives(path: Path, joints: int) -> Drives:
     Raises:
         LabError: the file is missing or malformed, or a number cannot be.
     """
-    return drives_of(path, read_toml(path), joints)
+    return _drives_of(path, read_toml(path), joints)
 
 
-def drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
-    """The drives that sections ``drive`` and ``coupling`` of a file describe.
+def drives_in(path: Path, table: Mapping[str, Any], joints: int) -> Drives | None:
+    """The drives that a robot's table names; None where it names none.
 
     Raises:
         LabError: one is malformed, or a number cannot be.
     """
+    sections = {key: table[key] for key in ("drive", "coupling") if key in table}
+    return _drives_of(path, sections, joints) if sections else None
+
+
+def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
+    """The drives that sections ``drive`` and ``coupling`` of a file describe."""
     found = structured(path, _DrivesFile, sections)
     if len(found.drive) != joints:
         raise LabError(f"{path}: {len(found.drive)} [[drive]], but the robot has {joints} joints; give one for each")
@@ -112,9 +134,22 @@ def drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
             raise LabError(
                 f"{path}: [[drive]] {i}: counts_per_turn is {each.counts_per_turn:g}; give those of a turn of the motor"
             )
+        if not abs(each.motor_zero_deg) < _LARGEST_ZERO_DEG:
+            raise LabError(
+                f"{path}: [[drive]] {i}: motor_zero_deg is {each.motor_zero_deg:g}; give an angle in degrees"
+            )
     gains, counts = ([getattr(each, name) for each in found.drive] for name in ("torque_nm_per_a", "counts_per_turn"))
-    couplings = _couplings(path, found.coupling, gears)
-    return Drives(gears, couplings, _of_all(path, "torque_nm_per_a", gains), _of_all(path, "counts_per_turn", counts))
+    couplings, zeros = (
+        _couplings(path, found.coupling, gears),
+        np.deg2rad([each.motor_zero_deg for each in found.drive]),
+    )
+    return Drives(
+        gears,
+        couplings,
+        _of_all(path, "torque_nm_per_a", gains),
+        _of_all(path, "counts_per_turn", counts),
+        zeros if zeros.any() else None,
+    )
 
 
 def _of_all(path: Path, name: str, values: list[float | None]) -> Array | None:
@@ -152,6 +187,8 @@ def drives_lines(drives: Drives) -> list[str]:
         for name in ("torque_nm_per_a", "counts_per_turn"):
             if (values := getattr(drives, name)) is not None:
                 lines.append(f"{name} = {float(values[j])!r}")
+        if drives.motor_zero_rad is not None:
+            lines.append(f"motor_zero_deg = {float(np.rad2deg(drives.motor_zero_rad[j]))!r}")
         lines.append("")
     for drive, joint in np.argwhere(drives.couplings - np.eye(len(drives.gear_ratio))).tolist():
         ratio = float(drives.couplings[drive, joint] * drives.gear_ratio[drive])

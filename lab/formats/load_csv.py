@@ -17,6 +17,7 @@ from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import GRAVITY, Mounting, PayloadSamples
 from lab.core.se3 import Array
+from lab.formats.drives_toml import Drives
 from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.structured import structured
 from lab.formats.toml import is_number, read_toml
@@ -84,9 +85,13 @@ def read_loads(
 
 
 def read_motion(
-    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: Limits | None = None
+    path: Path,
+    joint_names: Sequence[str],
+    prismatic: Sequence[bool],
+    limits: Limits | None = None,
+    drives: Drives | None = None,
 ) -> PayloadSamples:
-    """Read a file of an arm in motion: times, joint positions, and torques or the motors' currents.
+    """Read a file of an arm in motion: times, positions of joints or motors, and torques or the motors' currents.
 
     A column ``run`` says which rows were measured with a load; without it none were.
 
@@ -94,11 +99,12 @@ def read_motion(
         joint_names: the robot's; the file may call them q1…qn instead.
         prismatic: which of them slide.
         limits: lower and upper ``(J,)`` of the joint positions, rad or m.
+        drives: how motors turn the joints; needed for positions of motors.
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    return _LoadReader(path, list(joint_names), list(prismatic), ObservedColumns()).read_arm(limits)
+    return _LoadReader(path, list(joint_names), list(prismatic), ObservedColumns()).read_arm(limits, drives)
 
 
 class _LoadReader(PoseReader):
@@ -106,9 +112,11 @@ class _LoadReader(PoseReader):
 
     unknown_are = "passed over"
 
-    def read_arm(self, limits: Limits | None) -> PayloadSamples:
+    def read_arm(self, limits: Limits | None, drives: Drives | None) -> PayloadSamples:
         """The runs of an arm in motion."""
-        joints = self._joints(limits)
+        joints = self._joints(limits) if (motors := self._motors(drives)) is None else motors
+        if motors is not None:
+            self._refuse_beyond(joints, limits)
         torques = self._all_or_none(_torque_columns(self.prismatic), "of every joint")
         currents = self._all_or_none(_current_columns(self.prismatic), "of every motor")
         self._refuse_unknown_loads()
@@ -130,6 +138,53 @@ class _LoadReader(PoseReader):
         self._rest([])
         measured, lines, warnings = torques if currents is None else currents, tuple(self.lines), tuple(self.warnings)
         return PayloadSamples(time_s, joints, measured, None, loaded, lines, warnings, currents is not None)
+
+    def _motors(self, drives: Drives | None) -> Array | None:
+        """The joint positions by the motors' ``motor1_rad`` and so on; None where the file has joints."""
+        given = [column for column in self.header if re.fullmatch(r"motor\d*(_.*)?", column)]
+        if not given:
+            return None
+        if drives is None:
+            raise LabError(
+                f"{self.path}: line 1: {given[0]}: motor positions need gear ratios; give --drives FILE.toml"
+            )
+        factors: dict[str, Array | float] = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
+        if drives.counts_per_turn is not None:
+            factors["counts"] = 2 * np.pi / drives.counts_per_turn
+        positions = np.empty((len(self), len(self.joint_names)))
+        for j in range(len(self.joint_names)):
+            names = {f"motor{j + 1}_{unit}": factor for unit, factor in factors.items()}
+            found = [name for name in names if name in given]
+            if len(found) != 1:
+                what = f"{' and '.join(found)} are the same motor" if found else f"motor {j + 1} is missing"
+                counts = "" if "counts" in factors else " (_counts where the drives have counts_per_turn)"
+                raise LabError(f"{self.path}: line 1: {what}; give one of {', '.join(names)}{counts}")
+            factor = names[found[0]]
+            positions[:, j] = self.numbers(found[0]) * (factor if isinstance(factor, float) else factor[j])
+            given.remove(found[0])
+        if given:
+            raise LabError(f"{self.path}: line 1: column {given[0]} is no motor of the robot; remove it")
+        if joints := [c for c in self.unread for n, name in enumerate(self.joint_names, 1)
+                      if re.fullmatch(rf"({re.escape(name)}|q{n})_(rad|deg|mm|m)", c)]:  # fmt: skip
+            raise LabError(
+                f"{self.path}: line 1: {joints[0]}: the motors' positions say where the joints are; give one of both"
+            )
+        return drives.joints(positions)
+
+    def _refuse_beyond(self, joints: Array, limits: Limits | None) -> None:
+        """Refuse joint positions that motors cannot have turned the joints to."""
+        if limits is None:
+            return
+        beyond = np.argwhere((joints < limits[0] - SLACK) | (joints > limits[1] + SLACK))
+        if beyond.size:
+            row, j = beyond[0].tolist()
+            factor, unit = (1e3, "mm") if self.prismatic[j] else (180 / np.pi, "°")
+            low, high = (factor * each[j] for each in limits)
+            raise LabError(
+                f"{self.path}: line {self.lines[row]}: the motors turn joint {self.joint_names[j]} to "
+                f"{factor * joints[row, j]:.6g} {unit}, beyond its limits of {low:.4g} to {high:.4g}; look at the "
+                "signs of the gear ratios, at the couplings, and at motor_zero_deg"
+            )
 
     def _joints(self, limits: Limits | None) -> Array:
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)

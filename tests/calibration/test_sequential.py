@@ -1,5 +1,7 @@
 """Angles first, lengths after: exact for exact poses, and worse than the global fit as facts-robots.md says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.pose_data import measured_poses
@@ -9,6 +11,7 @@ from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.observations.full_pose import PoseKind, Poses
 from lab.calibration.sequential import fit_sequentially, split_of
+from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weighed
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -117,3 +120,45 @@ def test_on_a_measured_arm_it_is_worse() -> None:
     apart = identify(observation, seen, arm.nominal(), request=IdentifyOptions(solve=fit_sequentially))
     rms = [float(np.sqrt((found.residuals[:, 0] ** 2).mean())) for found in (together, apart)]
     assert together.status == "converged" and rms[0] < 0.25e-3 < rms[1]
+
+
+@pytest.mark.thorough
+def test_its_covariance_is_that_of_its_own_errors() -> None:
+    """Small errors of the measurements change its estimates as its covariance says: by its own derivatives, one by one.
+
+    Each whitened number is moved alone; the estimates' changes K are those of the fit itself, and C = K K'. No other
+    linear estimate without bias is better than the global one (Gauss & Markov): C less its covariance is no less than
+    zero. The interval of an angle that carries the noise of orientations is wider than the global one.
+    """
+    sigma_rad = 1e-3
+    observation, data, true = measured_poses(ARM, 10, 2)
+    observation = Poses(ARM, "p1", sigma_rad / SIGMA)
+    seen, _ = weighed(observation, data, Noise(sigma_m=SIGMA))
+    free = identify(observation, data, ARM.nominal(), Noise(sigma_m=SIGMA)).fit.free
+    found = fit_sequentially(observation, seen, free, true)
+    moved = []
+    for at in np.ndindex(seen.points.shape):
+        points = seen.points.copy()
+        points[at] += 1e-3 / seen.whiten[at[:2]]
+        moved.append((fit_sequentially(observation, replace(seen, points=points), free, true).values - true) / 1e-3)
+    changes = np.array(moved).T[list(free)]
+    expected, covariance = changes @ changes.T, found.unit_covariance()
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(covariance / size, expected / size, atol=2e-3)
+    together = fit(observation, seen, free, true).unit_covariance()
+    assert np.linalg.eigvalsh((covariance - together) / size).min() > -1e-9
+    assert (np.diag(covariance) > 1.5 * np.diag(together)).any()
+
+
+def test_noise_and_goodness_are_those_of_least_squares() -> None:
+    """What angles from orientations alone leave of the positions is no lack of fit, and no noise of the instrument."""
+    sigma_rad = 1e-3
+    _, data, _ = measured_poses(ARM, 60, 4, SIGMA, sigma_rad)
+    observation, noise = Poses(ARM, "p1", sigma_rad / SIGMA), Noise(sigma_m=SIGMA)
+    found = identify(observation, data, ARM.nominal(), noise, IdentifyOptions(solve=fit_sequentially))
+    together = identify(observation, data, ARM.nominal(), noise)
+    seen, _ = weighed(observation, data, noise)
+    assert (seen.apply(found.residuals) ** 2).sum() > 1.5 * (seen.apply(together.residuals) ** 2).sum()
+    assert found.residual_sigma_m == pytest.approx(together.residual_sigma_m, rel=1e-3)
+    judged = [goodness_of_fit(observation, seen, each.fit, known=True) for each in (found, together)]
+    assert judged[0].adequate and judged[0].p == pytest.approx(judged[1].p, abs=5e-3)

@@ -63,3 +63,25 @@ def test_a_known_load(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(LabError, match=says):
             read_load(path)
+
+
+def test_motor_positions_become_joint_positions(tmp_path: Path) -> None:
+    """Motors turn G C q beside where they are at zero, as encoders count it."""
+    path = tmp_path / "drives.toml"
+    text = COUPLED.replace("gear_ratio = 32\n", "gear_ratio = 32\ncounts_per_turn = 4096\nmotor_zero_deg = 90\n")
+    path.write_text(text.replace("gear_ratio = -48\n", "gear_ratio = -48\ncounts_per_turn = 4096\n"))
+    drives, joints = read_drives(path, 2), np.array([[0.3, -0.2], [0.0, 0.0]])
+    motors = np.array([[-48 * 0.3, 32 * -0.2 + 16 * 0.3 + np.pi / 2], [0.0, np.pi / 2]])
+    np.testing.assert_allclose(drives.joints(motors), joints, atol=1e-15)
+    assert drives.encoders is not None
+    counts = joints @ drives.encoders.counts.T
+    np.testing.assert_allclose(counts * 2 * np.pi / 4096 + [0, np.pi / 2], motors, atol=1e-12)
+    write_drives(tmp_path / "again.toml", drives)
+    np.testing.assert_allclose(read_drives(tmp_path / "again.toml", 2).joints(motors), joints, atol=1e-15)
+
+
+def test_couplings_that_tell_no_joint(tmp_path: Path) -> None:
+    path = tmp_path / "drives.toml"
+    path.write_text(COUPLED.replace("ratio = 16", "ratio = 32") + "[[coupling]]\ndrive = 1\njoint = 2\nratio = -48\n")
+    with pytest.raises(LabError, match="cannot be told apart"):
+        read_drives(path, 2).joints(np.ones((1, 2)))

@@ -192,6 +192,8 @@ def _flange_rotation(arm: Model, inputs: Array, values: Array, jacobian: Array) 
 def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:
     """The observation with the ratio of the two noises that its residuals show (Foerstner 1979).
 
+    The residuals are those of least squares, whichever method then fits the parameters.
+
     Args:
         observation: with any ratio to start from.
         data: the observed poses, as ``identify`` takes them.
@@ -201,6 +203,7 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
     Returns:
         The observation as it is where nothing is left over, or a noise is none.
     """
+    request = replace(request or IdentifyOptions(), solve=None)
     for _ in range(ROUNDS):
         sums = np.array(_variances(observation, identify(observation, data, nominal, Noise(), request), data))
         if not np.isfinite(sums).all() or (np.sqrt(sums) < EXACT).any():

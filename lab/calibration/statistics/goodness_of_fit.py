@@ -67,6 +67,8 @@ def goodness_of_fit(
 ) -> GoodnessOfFit:
     """The best test that there is something for: a known sigma, then repeats, then poses held out.
 
+    It tests the model, with the residuals that least squares leaves, also where the estimate is another.
+
     Args:
         observed: what was fitted, weighted as it was.
         known: whether its weights stand on a known sigma.
@@ -75,13 +77,13 @@ def goodness_of_fit(
         held: poses that were not fitted.
         extra_residuals: what else was known of the parameters when they were fitted.
     """
-    linear = linearized(model, observed, fit.values, fit.free, extra_residuals)
+    linear = linearized(model, observed, fit.least_squares, fit.free, extra_residuals)
     if known:
         return _by_noise(linear, shape)
     if labels is not None and (found := _by_repeats(linear, labels)).by != "nothing":
         return found
     if held is not None:
-        return _by_holdout(linear, linearized(model, held, fit.values, fit.free))
+        return _by_holdout(linear, linearized(model, held, fit.least_squares, fit.free))
     why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
     return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")
 

@@ -20,11 +20,12 @@ class DynamicsOptions:
     """Whose dynamic parameters to identify, from what; without a file, which ones there are."""
 
     file: tyro.conf.Positional[Path | None] = None
-    """CSV of a motion, at even times: joint positions with torques, or with motor currents."""
+    """CSV of a motion, at even times: positions of joints or motors, with torques or motor currents."""
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF or a table; its masses are not used."""
     drives: Path | None = None
-    """Gear ratios with their signs, couplings and drive gains, TOML: needed for motor currents."""
+    """Gear ratios with their signs, couplings and drive gains, TOML: needed for motor positions and currents; those of
+    the robot's table where not given."""
     sensor: Path | None = None
     """How the base stands, TOML: tilt and gravity."""
     load: Path | None = None

@@ -19,9 +19,10 @@ from lab.dynamics_identification.estimate import DynamicsEstimate
 from lab.dynamics_identification.identify import identify_dynamics
 from lab.dynamics_identification.physical import nearest_physical_arm
 from lab.dynamics_identification.runs import DynamicModel
-from lab.formats.drives_toml import Drives, read_drives
+from lab.formats.drives_toml import Drives, drives_in, read_drives
 from lab.formats.load_csv import read_motion, read_mounting
 from lab.formats.rigid_load_toml import read_load
+from lab.formats.toml import read_toml
 from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
 from lab.kinematics.dynamics.base_parameters import base_parameters
 from lab.kinematics.dynamics.rigid_body import LOAD
@@ -68,7 +69,7 @@ def dynamics(
 
 def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
     model, left_out = robot.serial_model, set(options.without)
-    drives = None if options.drives is None else read_drives(options.drives, model.chain.size)
+    drives = _drives(options, robot)
     mounting = drawn_mounting(model)
     if options.sensor is not None:
         mounting = read_mounting(options.sensor, sensor=False)
@@ -89,6 +90,14 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
         return described
     other = None if options.validate is None else _read(robot, options.validate, drives)
     return _measured(described, _read(robot, options.file, drives), other)
+
+
+def _drives(options: DynamicsOptions, robot: Robot) -> Drives | None:
+    """How the drives turn the joints: by ``--drives``, or by the robot's own table; None where neither says it."""
+    size, path = robot.serial_model.chain.size, robot.model.path
+    if options.drives is not None:
+        return read_drives(options.drives, size)
+    return drives_in(path, read_toml(path), size) if path.suffix == ".toml" else None
 
 
 def _rehearsed(described: DynamicsResult) -> RehearsedDay:
@@ -135,7 +144,7 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
 def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
     """A motion with the drives' torques, as the joints feel them."""
     chain = robot.chain
-    samples = read_motion(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    samples = read_motion(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper), drives)
     assert samples.torques is not None
     if not samples.currents:
         return samples

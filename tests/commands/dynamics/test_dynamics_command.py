@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.robots import ROOT
 
 import lab
 from lab.campaign.robot import load_virtual
 from lab.cli import main
-from lab.formats.drives_toml import Drives, write_drives
-from lab.formats.load_csv import write_loads
+from lab.formats.drives_toml import Drives, drives_lines, read_drives, write_drives
+from lab.formats.load_csv import read_motion, write_loads
 from lab.payload_identification.fourier_path import Limits, random_path
 from lab.simulation.payload import RigidLoad, drawn_mounting
 from lab.simulation.payload_bench import LoadBench, RunErrors
@@ -49,6 +50,7 @@ def test_bad_input_is_one_line(arguments: list[str], says: str, capsys: pytest.C
 
 
 TX40 = load_virtual("tx40")
+TX40_TABLE = ROOT / "models" / "tx40" / "robot.toml"
 WRIST = np.eye(6)
 WRIST[5, 4] = 32 / 45
 
@@ -106,6 +108,93 @@ def test_motor_currents_of_a_coupled_wrist(files: Path, tmp_path: Path, capsys: 
     assert held["of"] == "the last 30 % of the path" and held["noise_ratio"] < 1.3
     motor = seen["identified"]["Ia6"]
     assert abs(motor["value"] - 0.1) < 2 * motor["half_width_95"]
+
+
+def with_motors(files: Path, folder: Path, unit: str = "turns") -> tuple[Path, Path]:
+    """The file of currents with the motors' positions in the place of the joints', whose zeros are anywhere."""
+    drives = read_drives(files / "drives.toml", 6)
+    drives = replace(drives, motor_zero_rad=np.arange(6.0), counts_per_turn=np.full(6, 4096.0))
+    header, *lines = (files / "currents.csv").read_text().splitlines()
+    rows = np.array([[float(cell) for cell in line.split(",")[:13]] for line in lines])
+    motors = (rows[:, 1:7] @ drives.couplings.T * drives.gear_ratio + drives.motor_zero_rad) / (2 * np.pi)
+    motors = np.round(4096 * motors) if unit == "counts" else motors
+    names = [f"motor{j}_{unit}" for j in range(1, 7)]
+    text = [",".join(["time_s", *names, *header.split(",")[7:13]])]
+    text += [",".join(map(repr, each)) for each in np.column_stack([rows[:, 0], motors, rows[:, 7:]]).tolist()]
+    (folder / "motors.csv").write_text("\n".join(text) + "\n")
+    write_drives(folder / "motors.toml", drives)
+    return folder / "motors.csv", folder / "motors.toml"
+
+
+def test_motor_positions_are_joint_positions(files: Path, tmp_path: Path) -> None:
+    """As they come: turns or counts of the motors of a coupled wrist, with signs, from wherever their zeros are."""
+    limits, joints = (TX40.chain.lower, TX40.chain.upper), (TX40.chain.joint_names, TX40.chain.prismatic)
+    expected = read_motion(files / "currents.csv", *joints, limits)
+    for unit, rounding in (("turns", 1e-12), ("counts", np.pi / 4096 / 32 * 2.5)):  # half a count, twice for joint 6
+        path, drives = with_motors(files, tmp_path, unit)
+        found = read_motion(path, *joints, limits, read_drives(drives, 6))
+        assert np.abs(found.joints - expected.joints).max() < rounding
+        np.testing.assert_array_equal(found.torques, expected.torques)
+        assert found.currents and not found.warnings
+
+
+@pytest.mark.thorough
+def test_motor_positions_and_currents_at_five_kilohertz(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No torques, no masses, no joint positions: base parameters with intervals, and a held-out part predicted.
+
+    The robot is a table without masses that says itself how its drives turn it.
+    """
+    chain, mounting = TX40.chain, drawn_mounting(TX40.serial_model)
+    path = random_path(Limits.of(chain), np.random.default_rng(3), at_rest=True).at
+    noise = RunErrors(torque_noise=0.005, coulomb_nm=2.0, viscous_nm_s=1.0, motor_inertia_kgm2=0.1)
+    bench = LoadBench(TX40.serial_model, None, mounting, noise, WRIST)
+    driven = bench.moving(path, 8.0, 5000.0, np.random.default_rng(2))
+    ratio, counts, gain = np.array([-48.0, 48, 45, -45, 45, 32]), 4096.0, 0.2
+    assert driven.time_s is not None and driven.torques is not None
+    columns = {"time_s": driven.time_s}
+    motors = np.round(counts * (driven.joints @ WRIST.T * ratio) / (2 * np.pi))
+    columns |= {f"motor{j + 1}_counts": motors[:, j] for j in range(6)}
+    columns |= {f"current{j + 1}_a": driven.torques[:, j] / (gain * ratio[j]) for j in range(6)}
+    np.savetxt(tmp_path / "raw.csv", np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns),
+               comments="", fmt="%.8g")  # fmt: skip
+    drives = Drives(ratio, WRIST, np.full(6, gain), np.full(6, counts))
+    table = "\n".join(line for line in TX40_TABLE.read_text().splitlines() if not line.startswith("mass_kg"))
+    (tmp_path / "arm.toml").write_text(table + "\n\n" + "\n".join(drives_lines(drives)))
+    arguments = ["dynamics", tmp_path / "raw.csv", "--robot", tmp_path / "arm.toml", "--holdout", 0.3]
+    code = main([*map(str, arguments), "--json", "--out", str(tmp_path / "run")])
+    seen = json.loads(capsys.readouterr().out)
+    assert code in (0, 1) and len(seen["identified"]) == seen["base_parameters"] == 60
+    held = seen["predictions"][0]
+    assert held["noise_ratio"] < 1.3 and held["relative_error"] < 0.05
+    motor = seen["identified"]["Ia6"]
+    assert abs(motor["value"] - 0.1) < 2 * motor["half_width_95"]
+
+
+def test_bad_motor_positions_are_one_line(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, drives = with_motors(files, tmp_path)
+    text, toml = path.read_text(), drives.read_text()
+    (tmp_path / "wrong_sign.toml").write_text(toml.replace("gear_ratio = -48.0", "gear_ratio = 4.0"))
+    both = ",".join(["q1_rad", text.split("\n", 1)[0]])
+    body = ["0.1," + line for line in text.splitlines()[1:]]
+    (tmp_path / "both.csv").write_text("\n".join([both, *body]) + "\n")
+    for name, old, new in (("few", "motor6_turns", "m6"), ("unit", "motor6_turns", "motor6_grad"),
+                           ("twice", "current6_a", "motor6_rad"), ("more", "current6_a", "motor7_rad")):  # fmt: skip
+        (tmp_path / f"{name}.csv").write_text(text.replace(old, new, 1))
+    (tmp_path / "counts.csv").write_text(text.replace("_turns", "_counts"))
+    uncounted = "\n".join(line for line in toml.splitlines() if "counts" not in line)
+    (tmp_path / "uncounted.toml").write_text(uncounted)
+    for file, given, says in (
+        (path, None, "motor1_turns: motor positions need gear ratios; give --drives"),
+        (path, tmp_path / "wrong_sign.toml", "beyond its limits of"),
+        (tmp_path / "both.csv", drives, "q1_rad: the motors' positions say where the joints are"),
+        (tmp_path / "few.csv", drives, "motor 6 is missing; give one of motor6_rad, motor6_deg, motor6_turns"),
+        (tmp_path / "unit.csv", drives, "motor 6 is missing"),
+        (tmp_path / "twice.csv", drives, "motor6_rad and motor6_turns are the same motor"),
+        (tmp_path / "more.csv", drives, "motor7_rad is no motor of the robot"),
+        (tmp_path / "counts.csv", tmp_path / "uncounted.toml", "where the drives have counts_per_turn"),
+    ):
+        code, _, said = run(capsys, file, *(() if given is None else ("--drives", given)), "--out", tmp_path / "run")
+        assert code == 2 and says in said and said.count("\n") == 1, said
 
 
 def test_bad_measurements_are_one_line(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
