@@ -197,8 +197,7 @@ def identify(
     solve = request.solve or partial(_all_at_once, extra_residuals)
     solution = _canonical(model, solve(observation, observed, free, start))
     residuals = data.points - model.points(observed.inputs, solution.values)
-    left = residuals if solution.other is None else data.points - model.points(observed.inputs, solution.least_squares)
-    dof, estimated = _residual_sigma(observation, observed, solution, left)
+    dof, estimated = _residual_sigma(observation, observed, solution, residuals)
     if request.tolerance is not None:
         if not (known or np.isfinite(estimated)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
@@ -272,6 +271,8 @@ def _residual_sigma(
     observation: Observation, observed: Observations, solution: Fit, residuals: Array
 ) -> tuple[int, float]:
     """Residual degrees of freedom, and the sigma that least squares' residuals say; NaN where nothing is left over."""
+    if solution.other is not None:
+        residuals = observed.points - observation.model.points(observed.inputs, solution.least_squares)
     white = observed.apply(residuals)
     dof = len(white) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
     return dof, float(np.sqrt(white @ white / dof)) if dof > 0 else float("nan")
