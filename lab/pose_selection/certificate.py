@@ -14,6 +14,7 @@ __all__ = ["Certificate", "certify"]
 
 MOST_ROUNDS, UPDATES = 400, 50  # looks at all candidates, and updates of those with weight in between
 VANISHED = 1e-9  # a weight this small counts as none
+_BLOCK = 500  # candidates whose whole matrices are held at a time
 
 
 @dataclass(frozen=True)
@@ -57,39 +58,56 @@ def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None
     """
     m, _, p = jacobian.shape
     held = np.zeros((p, p)) if measured is None else (1 - share) * measured
-    weights, bound = np.full(m, 1 / m), np.inf
+    each, weights, bound = _information(jacobian), np.full(m, 1 / m), np.inf
     for _ in range(MOST_ROUNDS):
-        total = held + share * _weighted(jacobian, weights)
-        gains = _gains(jacobian, total)
+        total = held + share * _weighted(each, weights, p)
+        gains = _gains(each, total)
         log_det = float(np.linalg.slogdet(total)[1])
         bound = min(bound, _bound(log_det, gains, weights, p, share, measured is None))
         if -np.expm1(-(bound - log_det) / p) <= gap:
             break
         keep = (weights > VANISHED) | (gains > (1 - 0.2 * gap) * gains[weights > VANISHED].max())
         weights = np.where(keep, np.maximum(weights, VANISHED), 0.0) / np.maximum(weights, VANISHED)[keep].sum()
-        weights[keep] = _multiplied(jacobian[keep], weights[keep], held, share)
+        weights[keep] = _multiplied(each if keep.all() else each[keep], weights[keep], held, share)
     return Certificate(weights, log_det, bound, p)
 
 
-def _multiplied(jacobian: Array, weights: Array, held: Array, share: float) -> Array:
+def _multiplied(each: Array, weights: Array, held: Array, share: float) -> Array:
     """Weights after a round of updates ``w <- w d / sum(w d)`` (Titterington 1976), which raise the log det."""
     for _ in range(UPDATES):
-        gains = _gains(jacobian, held + share * _weighted(jacobian, weights))
+        gains = _gains(each, held + share * _weighted(each, weights, len(held)))
         weights = weights * gains / (weights @ gains)
     return weights
 
 
-def _weighted(jacobian: Array, weights: Array) -> Array:
-    """The sum of w J'J over candidates ``(m, r, p)``."""
-    flat = (jacobian * np.sqrt(weights)[:, None, None]).reshape(-1, jacobian.shape[2])
-    total: Array = flat.T @ flat
-    return total
+def _information(jacobian: Array) -> Array:
+    """J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
+
+    Every update asks for weighted sums of these matrices and for their inner products with one other: with each kept
+    as a row, both are a product of a matrix with a vector.
+    """
+    m, _, p = jacobian.shape
+    rows, columns = np.triu_indices(p)
+    each = np.empty((m, len(rows)))
+    for first in range(0, m, _BLOCK):
+        part = jacobian[first : first + _BLOCK]
+        each[first : first + _BLOCK] = (part.swapaxes(1, 2) @ part)[:, rows, columns]
+    return each
 
 
-def _gains(jacobian: Array, information: Array) -> Array:
-    """For each candidate d = tr(J M^-1 J'), ``(m,)``."""
-    flat = jacobian.reshape(-1, jacobian.shape[2])
-    gains: Array = (np.linalg.solve(information, flat.T).T * flat).sum(axis=1).reshape(jacobian.shape[:2]).sum(axis=1)
+def _weighted(each: Array, weights: Array, p: int) -> Array:
+    """The sum of w J'J over candidates, ``(p, p)``."""
+    total = np.zeros((p, p))
+    total[np.triu_indices(p)] = weights @ each
+    return total + np.triu(total, 1).T
+
+
+def _gains(each: Array, information: Array) -> Array:
+    """For each candidate d = tr(J M^-1 J'), the inner product of J'J and M^-1, ``(m,)``."""
+    inverse = np.linalg.inv(information)
+    both = inverse + inverse.T
+    np.fill_diagonal(both, np.diag(inverse))
+    gains: Array = each @ both[np.triu_indices(len(both))]
     return gains
 
 
