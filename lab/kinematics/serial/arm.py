@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array, exp, inverse, left_jacobian, pose
+from lab.kinematics.compiled.kernels import CompiledChain, machine_code
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
@@ -96,6 +97,8 @@ class SerialArm:
     def points(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at joint positions ``(n, joints)``."""
         joints = self._checked(joints)
+        if (code := self.compiled(joints, values, torsors)) is not None:
+            return code.observe(joints, values, code.every, 0)[0]
         out = np.empty((3, len(self.targets), len(joints)), dtype=np.result_type(joints, values, *torsors.values()))
         for part in chunks(len(joints), len(self.targets)):
             _, frame, origin = self._walk(joints[part], values, some_poses(torsors, part))
@@ -108,6 +111,8 @@ class SerialArm:
         With torsors, six more columns for each link that has one follow, in their order.
         """
         joints = self._checked(joints)
+        if (code := self.compiled(joints, values, torsors)) is not None:
+            return code.observe(joints, values, code.every, len(self.names))
         kind = np.result_type(joints, values, *torsors.values())
         out = np.empty((3, len(self.targets), len(joints)), dtype=kind)
         jacobian = np.zeros((len(self.names) + 6 * len(torsors), 3, len(self.targets), len(joints)), dtype=kind)
@@ -124,7 +129,11 @@ class SerialArm:
 
     def joint_jacobian(self, joints: Array, values: Array) -> Array:
         """Derivatives of the targets with respect to the joint positions, ``(n, k, 3, joints)``."""
-        return self.joint_derivatives(self.observe(joints, values)[1])
+        if (code := self.compiled(self._checked(joints), values)) is None:
+            return self.joint_derivatives(self.observe(joints, values)[1])
+        by_joints = code.observe(joints, values, self._joint_slots, self.chain.size)[1]
+        by_joints *= self.chain.sign
+        return by_joints
 
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Of derivatives ``(..., parameters)`` those with respect to the joint positions, ``(..., joints)``."""
@@ -152,9 +161,22 @@ class SerialArm:
             differential model: twist = J rates. ``differential.rates`` is the inverse one.
         """
         joints = self._checked(joints)
-        motions, frame, origin = self._walk(joints, values, torsors)
-        position = self._targets(frame, origin, values)[:, target]
-        jacobian = np.zeros((6, self.chain.size, len(joints)))
+        if (code := self.compiled(joints, values, torsors)) is not None:
+            return code.tool(joints, values, target)
+        kind = np.result_type(joints, values, *torsors.values())
+        Ts, jacobian = (
+            np.empty((len(joints), 4, 4), dtype=kind),
+            np.zeros((6, self.chain.size, len(joints)), dtype=kind),
+        )
+        for part in chunks(len(joints), 1):
+            motions, frame, origin = self._walk(joints[part], values, some_poses(torsors, part))
+            position = self._targets(frame, origin, values)[:, target]
+            Ts[part] = _poses(frame, position, len(joints[part]))
+            self._fill_joints(jacobian[..., part], motions, position)
+        return Ts, jacobian.transpose(2, 0, 1)
+
+    def _fill_joints(self, jacobian: Array, motions: Sequence[Motion], position: Array) -> None:
+        """Write the joints' columns at a position ``(5, n)`` into ``(6, joints, n)``."""
         for motion in motions:
             if motion.joint is None:
                 continue
@@ -165,7 +187,6 @@ class SerialArm:
             lever = position - motion.origin
             jacobian[:3, motion.joint] = axis[1:4] * lever[2:5] - axis[2:5] * lever[1:4]
             jacobian[3:, motion.joint] = axis[:3]
-        return _poses(frame, position, len(joints)), jacobian.transpose(2, 0, 1)
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
         """Distance to the nearest singularity, as ``RigidArm.singular_distance`` describes it."""
@@ -240,6 +261,23 @@ class SerialArm:
         table[flags, 3] = np.pi * np.round(table[flags, 3] / np.pi)
         table[flags, 4] = 0.0
         return self.assemble(base, table, tool)
+
+    def compiled(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> CompiledChain | None:
+        """The arm in machine code; None where there is none, links bend, or numbers are not real ones of 8 bytes."""
+        if torsors or joints.dtype != np.float64 or values.dtype != np.float64:
+            return None
+        return self._compiled
+
+    @cached_property
+    def _compiled(self) -> CompiledChain | None:
+        if (code := machine_code()) is None:
+            return None
+        return CompiledChain(code, self.chain, len(self.targets), np.arange(len(self.names)))
+
+    @cached_property
+    def _joint_slots(self) -> NDArray[np.int64]:
+        assert self._compiled is not None
+        return self._compiled.some(self._joint_columns)
 
     def _checked(self, joints: Array) -> Array:
         if joints.ndim != 2 or joints.shape[1] != self.chain.size:

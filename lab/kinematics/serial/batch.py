@@ -67,10 +67,15 @@ class StackedArm:
 
     def points(self, joints: Array, values: Array) -> Array:
         """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at joint positions ``(n, joints)``."""
+        if (code := self.arm.compiled(joints, values)) is not None:
+            return code.stacked(joints, values, code.every, 0)[0]
         return self.walk(joints, values, 3)[1].transpose(2, 1, 0, 3)
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
+        if (code := self.arm.compiled(joints, values)) is not None:
+            points, columns = code.stacked(joints, values, code.some(list(free)), len(free))
+            return points, columns.transpose(1, 3, 2, 0, 4)
         motions, points, frame = self.walk(joints, values, 5)
         slot = {parameter: i for i, parameter in enumerate(free)}
         jacobian = np.zeros((len(free), 3, *points.shape[1:]))

@@ -1,0 +1,479 @@
+/* Kinematics in machine code: the walk along serial chains, and one closed form of the inverse.
+ *
+ * Each function does what the numpy code that its comment names does, in the same order of sums, some poses at a time:
+ * numpy's is the reference, and does all where there is no compiler. Contraction to fused operations is off.
+ * Arrays are C-contiguous; lengths are checked here, shapes by the caller.
+ */
+#define PY_SSIZE_T_CLEAN
+#define Py_LIMITED_API 0x030B0000
+#include <Python.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define VERSION 1 /* which kernels.py takes alone */
+
+#define BLOCK 32      /* poses at a time: what fits the processor's first cache */
+#define PER_LINK 6    /* axes that a link makes: x y of the joint, y z of alpha, z x of beta */
+#define RELEASE 200   /* poses from which on other threads may run meanwhile */
+
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__linux__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
+#if defined(__GNUC__) || defined(__clang__)
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+typedef double Vector[3][BLOCK];
+
+typedef struct {
+    const double (*axis)[BLOCK];
+    const double (*origin)[BLOCK]; /* NULL of a slide */
+    int joint;                     /* whose position moves along, or -1 */
+} Motion;
+
+typedef struct {
+    int distal, links, targets, parameters;
+    const int64_t *slides, *parallel; /* (links,) each */
+    const double *sign;               /* (links,) */
+} Arm;
+
+typedef struct {
+    Vector *axes, *origins; /* (6 + PER_LINK links), (1 + links) */
+    Motion *motions;        /* (parameters before the tool's) */
+    const double (*frame[3])[BLOCK];
+    const double (*origin)[BLOCK];
+} Walk;
+
+/* ------------------------------------------------------------------------------------------------ rotations */
+
+static void series(double s, double *a, double *b, double *c) /* lab.core.se3._angle_series */
+{
+    if (fabs(s) < 1e-4) {
+        *a = 1 - s / 6 * (1 - s / 20 * (1 - s / 42));
+        *b = 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56));
+        *c = 1.0 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72));
+        return;
+    }
+    double t = sqrt(s), sine = sin(t), half = sin(t / 2);
+    *a = sine / t;
+    *b = 2 * (half * half) / s;
+    *c = (t - sine) / (s * t);
+}
+
+static void rotation(const double *v, double first, double second, double out[3][3]) /* 1 + first [v]x + second [v]x^2 */
+{
+    double k[3][3] = {{0, -v[2], v[1]}, {v[2], 0, -v[0]}, {-v[1], v[0], 0}};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double square = k[i][0] * k[0][j] + k[i][1] * k[1][j] + k[i][2] * k[2][j];
+            out[i][j] = (i == j) + first * k[i][j] + second * square;
+        }
+}
+
+/* ------------------------------------------------------------------------------------------------ the walk */
+
+INLINE void turn(const double (*u)[BLOCK], const double (*v)[BLOCK], const double *c, const double *s,
+                 double (*restrict first)[BLOCK], double (*restrict second)[BLOCK]) /* walk.turned */
+{
+    for (int i = 0; i < 3; i++)
+        for (int t = 0; t < BLOCK; t++) {
+            first[i][t] = c[t] * u[i][t] + s[t] * v[i][t];
+            second[i][t] = c[t] * v[i][t] - s[t] * u[i][t];
+        }
+}
+
+static void fill_vector(double (*to)[BLOCK], double x, double y, double z)
+{
+    for (int t = 0; t < BLOCK; t++) {
+        to[0][t] = x;
+        to[1][t] = y;
+        to[2][t] = z;
+    }
+}
+
+static void fill_trig(double angle, double *c, double *s)
+{
+    double cosine = cos(angle), sine = sin(angle);
+    for (int t = 0; t < BLOCK; t++) {
+        c[t] = cosine;
+        s[t] = sine;
+    }
+}
+
+typedef struct {
+    double joint_c[BLOCK], joint_s[BLOCK], slide[BLOCK], alpha_c[BLOCK], alpha_s[BLOCK], beta_c[BLOCK], beta_s[BLOCK];
+    double a;
+} Link;
+
+static void link_numbers(const Arm *arm, int i, const double *row, const double *joints, int count, Link *link)
+{
+    for (int t = 0; t < BLOCK; t++) {
+        double reading = arm->sign[i] * joints[(t < count ? t : 0) * (Py_ssize_t)arm->links + i];
+        link->slide[t] = arm->slides[i] ? row[1] + reading : row[1];
+        if (t < count && !arm->slides[i]) {
+            link->joint_c[t] = cos(row[0] + reading);
+            link->joint_s[t] = sin(row[0] + reading);
+        } else {
+            link->joint_c[t] = t ? link->joint_c[0] : 1.0;
+            link->joint_s[t] = t ? link->joint_s[0] : 0.0;
+        }
+    }
+    if (arm->slides[i]) fill_trig(row[0], link->joint_c, link->joint_s);
+    fill_trig(row[3], link->alpha_c, link->alpha_s);
+    if (arm->parallel[i]) fill_trig(row[4], link->beta_c, link->beta_s);
+    link->a = row[2];
+}
+
+WIDE static void walk(const Arm *arm, const double *values, const double *joints, int count, Walk *w) /* walk.along */
+{
+    double a, b, c, turned[3][3], turning[3][3];
+    series(values[3] * values[3] + values[4] * values[4] + values[5] * values[5], &a, &b, &c);
+    rotation(values + 3, a, b, turned);
+    rotation(values + 3, b, c, turning);
+    Vector *axes = w->axes, *origins = w->origins;
+    fill_vector(origins[0], values[0], values[1], values[2]);
+    for (int i = 0; i < 3; i++) {
+        fill_vector(axes[i], i == 0, i == 1, i == 2);
+        fill_vector(axes[3 + i], turning[0][i], turning[1][i], turning[2][i]);
+        fill_vector(axes[6 + i], turned[0][i], turned[1][i], turned[2][i]);
+        w->motions[i] = (Motion){(const double (*)[BLOCK])axes[i], NULL, -1};
+        w->motions[3 + i] =
+            (Motion){(const double (*)[BLOCK])axes[3 + i], (const double (*)[BLOCK])origins[0], -1};
+    }
+    const double (*x)[BLOCK] = (const double (*)[BLOCK])axes[6], (*y)[BLOCK] = (const double (*)[BLOCK])axes[7];
+    const double (*z)[BLOCK] = (const double (*)[BLOCK])axes[8], (*o)[BLOCK] = (const double (*)[BLOCK])origins[0];
+    Vector *next = axes + 9, *corner = origins + 1;
+    Motion *motion = w->motions + 6;
+    const double *row = values + 6;
+    Link link;
+    for (int i = 0; i < arm->links; i++) {
+        link_numbers(arm, i, row, joints, count, &link);
+        for (int half = 0; half < 2; half++) {
+            if ((half == 0) == arm->distal) { /* the joint, and of a distal link its length */
+                motion[0] = (Motion){z, o, arm->slides[i] ? -1 : i};
+                motion[1] = (Motion){z, NULL, arm->slides[i] ? i : -1};
+                turn(x, y, link.joint_c, link.joint_s, next[0], next[1]);
+                x = (const double (*)[BLOCK])next[0];
+                y = (const double (*)[BLOCK])next[1];
+                next += 2;
+                for (int j = 0; j < 3; j++)
+                    for (int t = 0; t < BLOCK; t++) {
+                        double along = o[j][t] + link.slide[t] * z[j][t];
+                        (*corner)[j][t] = arm->distal ? along + link.a * x[j][t] : along;
+                    }
+                o = (const double (*)[BLOCK])(corner++)[0];
+            } else { /* the link, and of a Craig link its length */
+                motion[2] = (Motion){x, NULL, -1};
+                motion[3] = (Motion){x, o, -1};
+                turn(y, z, link.alpha_c, link.alpha_s, next[0], next[1]);
+                y = (const double (*)[BLOCK])next[0];
+                z = (const double (*)[BLOCK])next[1];
+                next += 2;
+                if (!arm->distal) {
+                    for (int j = 0; j < 3; j++)
+                        for (int t = 0; t < BLOCK; t++) (*corner)[j][t] = o[j][t] + link.a * x[j][t];
+                    o = (const double (*)[BLOCK])(corner++)[0];
+                }
+                if (arm->parallel[i]) {
+                    motion[4] = (Motion){y, o, -1};
+                    turn(z, x, link.beta_c, link.beta_s, next[0], next[1]);
+                    z = (const double (*)[BLOCK])next[0];
+                    x = (const double (*)[BLOCK])next[1];
+                    next += 2;
+                }
+            }
+        }
+        motion += arm->parallel[i] ? 5 : 4;
+        row += arm->parallel[i] ? 5 : 4;
+    }
+    w->frame[0] = x;
+    w->frame[1] = y;
+    w->frame[2] = z;
+    w->origin = o;
+}
+
+WIDE static void target_at(const Walk *w, const double *tool, double (*restrict point)[BLOCK]) /* SerialArm._targets */
+{
+    for (int j = 0; j < 3; j++)
+        for (int t = 0; t < BLOCK; t++)
+            point[j][t] = w->origin[j][t] + tool[0] * w->frame[0][j][t] + tool[1] * w->frame[1][j][t]
+                          + tool[2] * w->frame[2][j][t];
+}
+
+/* A motion's derivative at a point, axis x lever or the axis, to rows `apart` numbers apart: walk.fill. */
+WIDE static void column(const Motion *motion, const double (*point)[BLOCK], double factor, int count,
+                        double *restrict out, Py_ssize_t apart)
+{
+    const double (*axis)[BLOCK] = motion->axis, (*origin)[BLOCK] = motion->origin;
+    for (int i = 0; i < 3; i++) {
+        double *restrict to = out + i * apart;
+        if (origin == NULL) {
+            for (int t = 0; t < count; t++) to[t] = factor * axis[i][t];
+            continue;
+        }
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        const double *aj = axis[j], *ak = axis[k], *pj = point[j], *pk = point[k], *oj = origin[j], *ok = origin[k];
+        for (int t = 0; t < count; t++)
+            to[t] = factor * aj[t] * (pk[t] - ok[t]) - factor * ak[t] * (pj[t] - oj[t]);
+    }
+}
+
+static int room(const Arm *arm, Walk *w)
+{
+    size_t axes = 9 + PER_LINK * (size_t)arm->links, origins = 1 + 2 * (size_t)arm->links;
+    size_t motions = 6 + 5 * (size_t)arm->links;
+    w->axes = malloc((axes + origins) * sizeof(Vector) + motions * sizeof(Motion));
+    if (w->axes == NULL) return 0;
+    w->origins = w->axes + axes;
+    w->motions = (Motion *)(w->origins + origins);
+    return 1;
+}
+
+/* Where positions and derivatives go: distances in numbers between coordinates, targets and rows. */
+typedef struct {
+    Py_ssize_t coordinate, target, row;
+} Strides;
+
+static void observe_one(const Arm *arm, const double *values, const double *joints, Py_ssize_t n, Walk *w,
+                        double *points, double *jacobian, const int64_t *slot, Strides at)
+{
+    const double *tool = values + arm->parameters - 3 * arm->targets;
+    int before = arm->parameters - 3 * arm->targets;
+    Vector point;
+    for (Py_ssize_t first = 0; first < n; first += BLOCK) {
+        int count = n - first < BLOCK ? (int)(n - first) : BLOCK;
+        walk(arm, values, joints + first * arm->links, count, w);
+        for (int k = 0; k < arm->targets; k++) {
+            target_at(w, tool + 3 * k, point);
+            for (int j = 0; j < 3; j++)
+                memcpy(points + j * at.coordinate + k * at.target + first, point[j], count * sizeof(double));
+            if (jacobian == NULL) continue;
+            double *own = jacobian + k * at.target + first;
+            for (int m = 0; m < before; m++)
+                if (slot[m] >= 0)
+                    column(w->motions + m, (const double (*)[BLOCK])point, 1.0, count, own + slot[m] * at.row,
+                           at.coordinate);
+            for (int i = 0; i < 3 * arm->targets; i++) { /* another target's position moves this one nowhere */
+                int64_t row = slot[before + i];
+                for (int j = 0; j < 3 && row >= 0; j++) {
+                    double *to = own + row * at.row + j * at.coordinate;
+                    if (i / 3 == k)
+                        memcpy(to, w->frame[i % 3][j], count * sizeof(double));
+                    else
+                        memset(to, 0, count * sizeof(double));
+                }
+            }
+        }
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ from Python */
+
+typedef struct {
+    Py_buffer views[12];
+    int count;
+} Views;
+
+static void let_go(Views *held)
+{
+    while (held->count) PyBuffer_Release(&held->views[--held->count]);
+}
+
+/* The numbers of an array (8 bytes each; 1 byte of flags), or NULL with an error set. */
+static void *numbers(Views *held, PyObject *from, int writable, Py_ssize_t item, Py_ssize_t *count)
+{
+    Py_buffer *view = &held->views[held->count];
+    if (PyObject_GetBuffer(from, view, PyBUF_C_CONTIGUOUS | (writable ? PyBUF_WRITABLE : 0)) < 0) return NULL;
+    held->count++;
+    if (view->itemsize != item) {
+        PyErr_SetString(PyExc_ValueError, "an array of another kind of number");
+        return NULL;
+    }
+    *count = view->len / item;
+    return view->buf == NULL ? (void *)view : view->buf;
+}
+
+static PyObject *wrong(Views *held)
+{
+    let_go(held);
+    if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "arrays of sizes that do not belong together");
+    return NULL;
+}
+
+/* The arm from shape (3 + 2 links) and sign (links): distal, links, targets, then slides, then parallel. */
+static int read_arm(Views *held, PyObject *shape, PyObject *sign, Arm *arm)
+{
+    Py_ssize_t size, signs;
+    const int64_t *given = numbers(held, shape, 0, 8, &size);
+    arm->sign = given == NULL ? NULL : numbers(held, sign, 0, 8, &signs);
+    if (arm->sign == NULL || size < 3 || size != 3 + 2 * given[1] || signs != given[1]) return 0;
+    arm->distal = (int)given[0];
+    arm->links = (int)given[1];
+    arm->targets = (int)given[2];
+    arm->slides = given + 3;
+    arm->parallel = arm->slides + arm->links;
+    arm->parameters = 6 + 3 * arm->targets;
+    for (int i = 0; i < arm->links; i++) arm->parameters += arm->parallel[i] ? 5 : 4;
+    return 1;
+}
+
+static int most_slot(const int64_t *slot, Py_ssize_t count, Py_ssize_t rows)
+{
+    for (Py_ssize_t i = 0; i < count; i++)
+        if (slot[i] >= rows) return 0;
+    return 1;
+}
+
+/* observe(shape, sign, values, joints, slot, points, jacobian): SerialArm.points and SerialArm.observe. */
+static PyObject *observe(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Arm arm;
+    Walk w;
+    Py_ssize_t p, read, slots, out, rows;
+    if (given != 7 || !read_arm(&held, args[0], args[1], &arm)) return wrong(&held);
+    const double *values, *joints;
+    const int64_t *slot;
+    double *points, *jacobian;
+    if (!(values = numbers(&held, args[2], 0, 8, &p)) || !(joints = numbers(&held, args[3], 0, 8, &read))
+        || !(slot = numbers(&held, args[4], 0, 8, &slots)) || !(points = numbers(&held, args[5], 1, 8, &out))
+        || !(jacobian = numbers(&held, args[6], 1, 8, &rows)))
+        return wrong(&held);
+    Py_ssize_t n = read / arm.links, one = 3 * (Py_ssize_t)arm.targets * n;
+    if (p != arm.parameters || read != n * arm.links || out != one || slots != p) return wrong(&held);
+    if (one && (rows % one || !most_slot(slot, slots, rows / one)) && rows) return wrong(&held);
+    if (!room(&arm, &w)) {
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    Strides at = {arm.targets * n, n, one};
+    PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
+    observe_one(&arm, values, joints, n, &w, points, rows ? jacobian : NULL, slot, at);
+    if (state) PyEval_RestoreThread(state);
+    free(w.axes);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
+/* stacked(shape, sign, values, joints, slot, points, jacobian): StackedArm.points and .observe, (b, ., k, 3, n). */
+static PyObject *stacked(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Arm arm;
+    Walk w;
+    Py_ssize_t p, read, slots, out, size;
+    if (given != 7 || !read_arm(&held, args[0], args[1], &arm)) return wrong(&held);
+    const double *values, *joints;
+    const int64_t *slot;
+    double *points, *jacobian;
+    if (!(values = numbers(&held, args[2], 0, 8, &p)) || !(joints = numbers(&held, args[3], 0, 8, &read))
+        || !(slot = numbers(&held, args[4], 0, 8, &slots)) || !(points = numbers(&held, args[5], 1, 8, &out))
+        || !(jacobian = numbers(&held, args[6], 1, 8, &size)))
+        return wrong(&held);
+    Py_ssize_t arms = p / arm.parameters, n = read / arm.links;
+    if (arms && out != 3 * arm.targets * arms * n) { /* joint positions of each arm's own */
+        n /= arms;
+        if (read != arms * n * arm.links) return wrong(&held);
+    }
+    Py_ssize_t one = 3 * (Py_ssize_t)arm.targets * n, own = read == n * arm.links ? 0 : n * arm.links;
+    if (p != arms * arm.parameters || out != arms * one || slots != arm.parameters) return wrong(&held);
+    Py_ssize_t rows = (arms && one) ? size / (arms * one) : 0;
+    if (size != rows * arms * one || (rows && !most_slot(slot, slots, rows))) return wrong(&held);
+    if (!room(&arm, &w)) {
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    Strides at = {n, 3 * n, one};
+    PyThreadState *state = arms * n > RELEASE ? PyEval_SaveThread() : NULL;
+    for (Py_ssize_t b = 0; b < arms; b++)
+        observe_one(&arm, values + b * arm.parameters, joints + b * own, n, &w, points + b * one,
+                    rows ? jacobian + b * rows * one : NULL, slot, at);
+    if (state) PyEval_RestoreThread(state);
+    free(w.axes);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
+/* tool(shape, sign, values, joints, target, Ts, jacobian): SerialArm.tool, (n, 4, 4) and (6, joints, n). */
+static PyObject *tool(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Arm arm;
+    Walk w;
+    Py_ssize_t p, read, out, size;
+    if (given != 7 || !read_arm(&held, args[0], args[1], &arm)) return wrong(&held);
+    const double *values, *joints;
+    double *Ts, *jacobian;
+    long target = PyLong_AsLong(args[4]);
+    if (PyErr_Occurred() || !(values = numbers(&held, args[2], 0, 8, &p))
+        || !(joints = numbers(&held, args[3], 0, 8, &read)) || !(Ts = numbers(&held, args[5], 1, 8, &out))
+        || !(jacobian = numbers(&held, args[6], 1, 8, &size)))
+        return wrong(&held);
+    Py_ssize_t n = read / arm.links;
+    if (p != arm.parameters || read != n * arm.links || out != 16 * n || size != 6 * n * arm.links || target < 0
+        || target >= arm.targets)
+        return wrong(&held);
+    if (!room(&arm, &w)) {
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
+    int before = arm.parameters - 3 * arm.targets;
+    Vector point;
+    Py_ssize_t apart = arm.links * n;
+    for (Py_ssize_t first = 0; first < n; first += BLOCK) {
+        int count = n - first < BLOCK ? (int)(n - first) : BLOCK;
+        walk(&arm, values, joints + first * arm.links, count, &w);
+        target_at(&w, values + before + 3 * target, point);
+        for (int t = 0; t < count; t++) {
+            double *T = Ts + 16 * (first + t);
+            for (int i = 0; i < 3; i++) {
+                for (int j = 0; j < 3; j++) T[4 * i + j] = w.frame[j][i][t];
+                T[4 * i + 3] = point[i][t];
+                T[12 + i] = 0.0;
+            }
+            T[15] = 1.0;
+        }
+        for (int m = 6; m < before; m++) {
+            const Motion *motion = w.motions + m;
+            if (motion->joint < 0) continue;
+            double sign = arm.sign[motion->joint], *to = jacobian + motion->joint * n + first;
+            column(motion, (const double (*)[BLOCK])point, sign, count, to, apart);
+            for (int i = 0; i < 3; i++)
+                for (int t = 0; t < count; t++)
+                    to[(3 + i) * apart + t] = motion->origin == NULL ? 0.0 : sign * motion->axis[i][t];
+        }
+    }
+    if (state) PyEval_RestoreThread(state);
+    free(w.axes);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
+static PyMethodDef methods[] = {
+    {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},
+    {"stacked", (PyCFunction)(void (*)(void))stacked, METH_FASTCALL, NULL},
+    {"tool", (PyCFunction)(void (*)(void))tool, METH_FASTCALL, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "machine_code", NULL, -1, methods, NULL, NULL, NULL, NULL};
+
+PyMODINIT_FUNC PyInit_machine_code(void)
+{
+    PyObject *made = PyModule_Create(&module);
+    if (made && PyModule_AddIntConstant(made, "VERSION", VERSION) < 0) {
+        Py_DECREF(made);
+        return NULL;
+    }
+    return made;
+}

@@ -1,0 +1,103 @@
+"""The functions of ``kernels.c``, as a build with a C compiler left them; numpy's do the same without.
+
+numpy spends half a millisecond a walk on its calls alone, however few the poses. A compiled walk of one pose takes some
+microseconds, and nothing has to be loaded or warmed up before: it serves at every size. ``scripts/build_kernels.py``
+compiles it, which ``pip install`` runs.
+"""
+
+import importlib
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.kinematics.serial.chain import Chain
+
+__all__ = ["CompiledChain", "machine_code"]
+
+_VERSION = 1  # of kernels.c: what an earlier build left behind is not taken
+Columns = NDArray[np.int64]
+
+
+def _loaded() -> ModuleType | None:
+    try:
+        code = importlib.import_module("lab.kinematics.compiled.machine_code")
+    except ImportError:
+        return None
+    return code if getattr(code, "VERSION", 0) == _VERSION else None
+
+
+_CODE = _loaded()
+
+
+def machine_code() -> ModuleType | None:
+    """The compiled functions; None where there are none."""
+    return _CODE
+
+
+@dataclass(frozen=True)
+class CompiledChain:
+    """A rigid chain and its targets as the compiled functions take them.
+
+    Attributes:
+        code: the compiled functions.
+        targets: k, how many.
+        every: ``(p,)`` which row of the derivatives each parameter takes, where all are wanted.
+    """
+
+    code: ModuleType
+    chain: Chain
+    targets: int
+    every: Columns
+    _shape: Columns = field(init=False, repr=False)
+    _sign: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        chain = self.chain
+        counts = (chain.convention == "distal", chain.size, self.targets)
+        object.__setattr__(self, "_shape", np.array([*counts, *chain.prismatic, *chain.parallel], dtype=np.int64))
+        object.__setattr__(self, "_sign", np.ascontiguousarray(chain.sign, dtype=np.float64))
+
+    def some(self, columns: list[int]) -> Columns:
+        """``(p,)`` which row each parameter takes, where these columns are wanted: -1 for none."""
+        slot = np.full(len(self.every), -1, dtype=np.int64)
+        slot[columns] = np.arange(len(columns))
+        return slot
+
+    def observe(self, joints: Array, values: Array, slot: Columns, rows: int) -> tuple[Array, Array]:
+        """Target positions ``(n, k, 3)`` m and derivatives ``(n, k, 3, rows)``: ``SerialArm.observe``.
+
+        Args:
+            joints: ``(n, joints)``.
+            values: ``(p,)``.
+            slot: ``(p,)`` which row each parameter's derivative takes, or -1.
+            rows: so many, or 0 for positions alone.
+        """
+        points = np.empty((3, self.targets, len(joints)))
+        jacobian = np.empty((rows, *points.shape))
+        given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
+        self.code.observe(self._shape, self._sign, *given, slot, points, jacobian)
+        return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
+
+    def tool(self, joints: Array, values: Array, target: int) -> tuple[Array, Array]:
+        """Poses ``(n, 4, 4)`` and the geometric Jacobian ``(n, 6, joints)`` of a target: ``SerialArm.tool``."""
+        n, size = joints.shape
+        Ts, jacobian = np.empty((n, 4, 4)), np.empty((6, size, n))
+        given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
+        self.code.tool(self._shape, self._sign, *given, target, Ts, jacobian)
+        return Ts, jacobian.transpose(2, 0, 1)
+
+    def stacked(self, joints: Array, values: Array, slot: Columns, rows: int) -> tuple[Array, Array]:
+        """Positions ``(b, k, 3, n)`` m and derivatives ``(b, rows, k, 3, n)`` of many arms.
+
+        Args:
+            joints: ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
+            values: ``(b, p)``.
+        """
+        b, n = len(values), joints.shape[-2]
+        points, jacobian = np.empty((b, self.targets, 3, n)), np.empty((b, rows, self.targets, 3, n))
+        given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
+        self.code.stacked(self._shape, self._sign, *given, slot, points, jacobian)
+        return points, jacobian

@@ -1,0 +1,80 @@
+"""Compiles the kinematic kernels, where there is a C compiler; pip runs it, and so can you after a change.
+
+    python scripts/build_kernels.py
+
+Without a compiler, or where it fails, the package is complete all the same: numpy does what the kernels would do.
+"""
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+from typing import Any
+
+try:
+    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+except ImportError:  # run by hand
+    BuildHookInterface = object
+
+FOLDER = Path(__file__).resolve().parents[1] / "lab" / "kinematics" / "compiled"
+FLAGS = ["-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC", "-w"]
+
+
+def compiler() -> list[str]:
+    """The compiler's command: ``$CC``, the one that built Python, or ``cc``."""
+    return shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
+
+
+def build(folder: Path = FOLDER) -> str:
+    """Compile the kernels in their folder; why that failed, or nothing."""
+    built = folder / "machine_code.abi3.so"
+    if failed := _compiled(folder, built):
+        built.unlink(missing_ok=True)  # an earlier one belongs to other sources
+    return failed
+
+
+def _compiled(folder: Path, built: Path) -> str:
+    if os.name != "posix" or platform.python_implementation() != "CPython":
+        return "the kernels are compiled for CPython on Linux and macOS alone"
+    include, there = sysconfig.get_path("include"), folder / f"machine_code.{os.getpid()}.tmp"
+    more = ["-undefined", "dynamic_lookup"] if sys.platform == "darwin" else []
+    command = [*FLAGS, *more, f"-I{include}", str(folder / "kernels.c"), "-o", str(there), "-lm"]
+    said = ""
+    for first in dict.fromkeys([tuple(compiler()), ("cc",), ("gcc",)]):
+        try:
+            done = subprocess.run([*first, *command], capture_output=True, text=True, timeout=300)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            said = said or str(error)
+            continue
+        if done.returncode == 0:
+            there.replace(built)
+            return ""
+        said = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[0]
+    there.unlink(missing_ok=True)
+    return said
+
+
+class KernelHook(BuildHookInterface):  # type: ignore[misc]
+    """Compiles before a wheel or an editable install is made."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """A wheel with kernels is for this machine's kind, one without for all."""
+        failed = build()
+        if failed:
+            self.app.display_warning(f"kernels not compiled, numpy does their work: {failed}")
+            return
+        build_data["pure_python"], build_data["infer_tag"] = False, True
+        build_data["artifacts"].append("lab/kinematics/compiled/machine_code.abi3.so")
+
+
+def main() -> None:
+    """Compile by hand."""
+    failed = build()
+    print(f"not compiled: {failed}" if failed else f"compiled into {FOLDER}")
+
+
+if __name__ == "__main__":
+    main()
