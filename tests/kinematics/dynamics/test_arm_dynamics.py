@@ -1,5 +1,7 @@
 """The inverse dynamic model of a whole arm: against MuJoCo, against published counts, and against textbook formulas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -33,7 +35,7 @@ def test_the_regressor_gives_mujocos_inverse_dynamics(name: str) -> None:
 
 def test_drives_and_joints_have_their_inertia_and_friction() -> None:
     arm = ArmDynamics.of(load_virtual("tx40").serial_model.chain, DOWN, WRIST)
-    assert len(arm.names) == 86  # as publications count the TX 40: 14 a joint, and two of the coupled drive
+    assert len(arm.names) == 86  # 14 a joint, and two of the coupled drive
     joints, speeds, accelerations = random_states(arm, 7, np.random.default_rng(2))
     others = {"Ia6": 0.3, "Fc5": 2.0, "Fv6": 0.7, "Fcm6": 1.5, "Fvm6": 0.2, "off1": 4.0}
     torques = arm.regressor(joints, speeds, accelerations) @ arm.standard(np.zeros((6, 10)), others)
@@ -74,8 +76,8 @@ def test_a_load_moves_to_another_frame_with_its_wrench() -> None:
 
 @pytest.mark.parametrize(
     ("name", "inertial", "all_of_them"),
-    # Six axes, the first along gravity: 36 of links (Mayeda, Yoshida & Osuka 1990), with the inertias of motors 3 to 6
-    # 40 (Khalil & Dombre 2002, table 9.4, of the RX 90), with friction and offsets 58.
+    # Six axes, the first along gravity: 36 of links, with the inertias of motors 3 to 6 40, as SYMORO computes of the
+    # RX 90 (below); with friction and offsets 58.
     [
         *((name, 40, 58) for name in ("irb120", "tx40", "rx130", "scemi")),
         ("scara", 10, 22),
@@ -103,7 +105,7 @@ def test_the_counts_are_those_of_the_assumptions() -> None:
         counts[what] = base_parameters(bare, np.random.default_rng(0)).size
     assert counts == {"axis 1": 36, "tilted": 38}  # MX1 and MY1 feel gravity across axis 1
     coupled = ArmDynamics.of(chain, DOWN, WRIST)
-    assert base_parameters(coupled, np.random.default_rng(0)).size == 60  # of 86, as published of the TX 40
+    assert base_parameters(coupled, np.random.default_rng(0)).size == 60  # of 86
 
 
 def test_a_puma_560_has_36() -> None:
@@ -129,6 +131,42 @@ def test_regrouping_reads_as_khalil_and_dombre_print_it() -> None:
     assert formulas["XXR4"] == "XX4 − YY4 + YY5"
     assert formulas["XXR6"] == "XX6 − YY6"
     assert formulas["ZZ6"] == "ZZ6"
+
+
+SYMORO = """ZZR1 = IA1 + ZZ1 + YY2 + YY3 + d2*(M3 + M4 + M5 + M6)
+XXR2 = XX2 - YY2 - d2*(M3 + M4 + M5 + M6)
+XZR2 = XZ2 - d*MZ3
+ZZR2 = IA2 + ZZ2 + d2*(M3 + M4 + M5 + M6)
+MXR2 = MX2 + d*(M3 + M4 + M5 + M6)
+XXR3 = XX3 - YY3 + YY4 + 2*r*MZ4 + r2*(M4 + M5 + M6)
+ZZR3 = ZZ3 + YY4 + 2*r*MZ4 + r2*(M4 + M5 + M6)
+MYR3 = MY3 + MZ4 + r*(M4 + M5 + M6)
+XXR4 = XX4 - YY4 + YY5
+ZZR4 = ZZ4 + YY5
+MYR4 = MY4 - MZ5
+XXR5 = XX5 - YY5 + YY6
+ZZR5 = ZZ5 + YY6
+MYR5 = MY5 + MZ6
+XXR6 = XX6 - YY6"""  # of the RX 90, written out: Robots/RX90/RX90_regp.txt of github.com/symoro/symoro
+ALONE = """XY2 YZ2 MY2 XY3 XZ3 YZ3 MX3 IA3 XY4 XZ4 YZ4 MX4 IA4 XY5 XZ5 YZ5 MX5 IA5 XY6 XZ6 YZ6 ZZ6 MX6 MY6
+IA6"""
+
+
+def test_the_rx_90_as_symoro_computes_it() -> None:
+    """All 40 base parameters, by numbers: gravity along axis 1, motor inertias, no other parameter zero."""
+    chain = load_virtual("scemi").serial_model.chain
+    table = chain.table.copy()
+    table[5, 1] = 0.0  # the frame of link 6 is at the wrist
+    arm = replace(ArmDynamics.of(chain.with_table(table), DOWN), friction=False, offsets=False)
+    base = base_parameters(arm, np.random.default_rng(0))
+    values = np.random.default_rng(1).normal(size=len(base.names))
+    known = {name.upper(): value for name, value in zip(base.names, values.tolist(), strict=True)}
+    d, r = arm.chain.table[2, 2], arm.chain.table[3, 1]
+    lengths = {"d": d, "d2": d * d, "r": r, "r2": r * r}
+    expected = {name: known[name] for name in ALONE.split()}
+    expected |= {line.split(" = ")[0]: eval(line.split(" = ")[1], known | lengths) for line in SYMORO.splitlines()}
+    found = dict(zip((label.upper() for label in base.labels), base.projection @ values, strict=True))
+    assert len(expected) == 40 and found == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 def test_formulas_give_the_numbers_of_the_arm() -> None:
