@@ -59,14 +59,16 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     Args:
         found: the identification.
         data: the rows that it comes from.
-        noise: of the instrument; what it says of shared errors is left aside.
+        noise: of the instrument, and of whole counts where these are known; what was estimated of shared errors is left
+            aside.
     """
     observation = observation_of(found.model)
-    nothing = NoiseSearch(None, (), float("nan"))
+    known_errors = noise.shared if noise.shared is not None and noise.shared.is_known else None
+    nothing = NoiseSearch(known_errors, (), float("nan"))
     if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
         return nothing
     model, data = observation.model, _stretches(data)
-    observed, known = weighed(observation, data, replace(noise, shared=None))
+    observed, known = weighed(observation, data, replace(noise, shared=known_errors))
     linear = linearized(model, observed, found.values, found.fit.free, found.extra_residuals)
     if not linear.everywhere().full_rank:
         return nothing
@@ -83,9 +85,9 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     )
     estimate, trials = chosen_components(problem)
     if not estimate.kinds:
-        return NoiseSearch(None, trials, estimate.likelihood.deviance)
+        return NoiseSearch(known_errors, trials, estimate.likelihood.deviance)
     if _varies_with_joints(linear, problem, estimate, data):
-        return NoiseSearch(None, trials, problem.likelihood(Components()).deviance)
+        return NoiseSearch(known_errors, trials, problem.likelihood(Components()).deviance)
     parts, scale = estimate.components, estimate.likelihood.scale
     shared = SharedErrors(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
@@ -96,6 +98,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         drift_m=float(np.sqrt(parts.trend * scale)),
         clock=clock,
         values=dict(zip(model.names, found.values.tolist(), strict=True)),
+        counts_rad=None if known_errors is None else known_errors.counts_rad,
     )
     return NoiseSearch(shared, trials, estimate.likelihood.deviance, linear, problem, estimate)
 

@@ -8,15 +8,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.noise.likelihood import ErrorShapes
-from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 
-__all__ = ["Clock", "SharedErrors", "correlated", "error_shapes", "row_times"]
+__all__ = ["NOTABLE", "Clock", "SharedErrors", "correlated", "counted", "error_shapes", "row_times"]
+
+NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
+_LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
 
 _APART = 1e6  # times, between the last pose of a session and the first of the next
 
@@ -53,6 +58,8 @@ class SharedErrors:
         drift_m: of the shift at the campaign's end, where the base moves steadily, of one coordinate.
         clock: of that campaign; None on another day, when a drift has come to an end that nobody knows.
         values: parameters by name, at which the derivatives by the joints are taken.
+        counts_rad: ``(J, J)`` a root of the covariance that whole counts of known encoders give the joint positions
+            (rad, m); None where they are ideal, or too fine to be weighed.
     """
 
     sigma_m: float
@@ -63,6 +70,17 @@ class SharedErrors:
     drift_m: float
     clock: Clock | None
     values: Mapping[str, float]
+    counts_rad: Array | None = None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether nothing was estimated from residuals: only whole counts of the encoders beside the instrument."""
+        return self.counts_rad is not None and not (self.scatter_rad or self.wandering_m or self.drift_m)
+
+    def joint_covariance(self, joints: int) -> Array:
+        """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
+        own: Array = self.scatter_rad**2 * np.eye(joints)
+        return own if self.counts_rad is None else own + self.counts_rad @ self.counts_rad.T
 
     @property
     def independent_m(self) -> float:
@@ -72,7 +90,7 @@ class SharedErrors:
     @property
     def words(self) -> tuple[str, ...]:
         """Each of them for a person."""
-        said = []
+        said = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
         if self.scatter_rad:
             said.append(f"joints scatter by {1e3 * self.scatter_rad:.2g} mrad from pose to pose")
         if self.wandering_m:
@@ -104,7 +122,7 @@ def row_times(data: Measurements) -> Array:
 def error_shapes(
     model: Model, observed: Observations, values: Array, joints: int, times: Array, clock: Clock | None
 ) -> ErrorShapes:
-    """What joints, a shift of the base and a drift do to the observed numbers, in units of the instrument's noise."""
+    """What joints, a shift of the base and a drift do to the observed numbers, whitened as these are weighed."""
     n, k, d = observed.points.shape
     mask = seen_mask(observed.points)[..., None, None]
     slopes = by_joint_positions(model, observed.inputs, values, joints)
@@ -112,6 +130,8 @@ def error_shapes(
     scatter, shift = (
         np.where(mask, observed.in_units_of_noise(each), 0.0).reshape(n, k * d, -1) for each in (slopes, moved)
     )
+    if observed.correlation is not None:
+        scatter, shift = (observed.correlation.white(each) for each in (scatter, shift))
     along = np.ones(n) if clock is None else (times % _APART - clock.middle) / clock.half_span
     trend = along[:, None, None] * shift
     return ErrorShapes(scatter, shift, trend, times)
@@ -133,4 +153,51 @@ def correlated(
     correlation = shapes.correlation(
         shared.scatter_rad / unit, shared.wandering_m / unit, shared.carry, shared.drift_m / unit
     )
+    if shared.counts_rad is not None:
+        rounded = shapes.scatter @ shared.counts_rad / unit
+        correlation = replace(correlation, scatter=np.concatenate([correlation.scatter, rounded], axis=2))
     return replace(alone, correlation=correlation)
+
+
+def counted(
+    model: Model, data: Measurements, values: Array, encoders: Encoders, sigma_m: float, dof: int | None = None
+) -> SharedErrors | None:
+    """What whole counts of known encoders make of the numbers of a pose, where that is not little beside the noise.
+
+    Errors in variables: a count is off by half of one at most, uniformly, and through the derivatives by the joints
+    all numbers of a pose share that.
+
+    Args:
+        data: with what the model observes.
+        values: ``(p,)`` of a fit; the derivatives are taken there.
+        sigma_m: the noise of a coordinate; where it was estimated, with the counts in it.
+        dof: residual degrees of freedom, where it was estimated.
+    """
+    if not counting(model, data, values, encoders) > NOTABLE * sigma_m > 0:
+        return None
+    root = np.asarray(np.linalg.cholesky(encoders.covariance))
+    alone_m = sigma_m if dof is None else _without_counts(model, data, values, root, dof, sigma_m)
+    named = dict(zip(model.names, values.tolist(), strict=True))
+    return SharedErrors(alone_m, 1.0, 0.0, 0.0, 0.0, 0.0, None, named, root)
+
+
+def _without_counts(model: Model, data: Measurements, values: Array, root: Array, dof: int, sigma_m: float) -> float:
+    """The sigma for which the residuals r are what they should be beside counts: sum r' (sigma^2 + S S')^-1 r = dof.
+
+    Where even a small one explains the residuals, that is it.
+    """
+    inputs = data.inputs(model.conditions)
+    mask, n = seen_mask(data.points)[..., None], len(data)
+    residual = np.where(mask, data.points - model.points(inputs, values), 0.0).reshape(n, -1, 1)
+    slopes = np.where(mask[..., None], by_joint_positions(model, inputs, values, len(root)), 0.0)
+    made = slopes.reshape(n, -1, len(root)) @ root
+    variances, axes = np.linalg.eigh(made @ made.swapaxes(1, 2))
+    squares = (axes.swapaxes(1, 2) @ residual)[..., 0] ** 2
+
+    def excess(log_sigma: float) -> float:
+        return float((squares / (np.exp(2 * log_sigma) + np.maximum(variances, 0.0))).sum()) - dof
+
+    low, high = np.log(_LEAST_ALONE * sigma_m), np.log(sigma_m)
+    if excess(low) <= 0:
+        return float(np.exp(low))
+    return float(np.exp(scipy.optimize.brentq(excess, low, high + 1.0)))

@@ -203,6 +203,7 @@ def _noise(result: CalibrationResult) -> str:
     text = f"The noise per axis is {short(1e3 * sigma_m)} mm{rotations} (1σ, {how})."
     if (shared := result.fit.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
+        found_by = "known of the robot's table" if shared.is_known else found_by
         text += f" Beside it ({found_by}): {'; '.join(shared.words)}. Weights, intervals and tests are those of both."
     if result.fit.instrument is not None and result.fit.adequacy.by != "distances":
         text += f" {capital(result.fit.instrument.words)}."

@@ -47,6 +47,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
 from lab.kinematics.effects.registry import CANDIDATES, searched_terms
+from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 
 __all__ = ["Fitter"]
@@ -338,19 +339,20 @@ class Fitter:
     def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> GoodnessOfFit:
         observation = observation_of(found.model)
         observations, known = weighed(observation, rows, self.noise)
-        labels = repeats(rows) if self.noise.shared is not None or not known else None
+        shared = self.noise.shared if self.noise.shared is None or not self.noise.shared.is_known else None
+        labels = repeats(rows) if shared is not None or not known else None
         unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
-        if self.noise.shared is not None and unrepeated:
+        if shared is not None and unrepeated:
             alone = weighed(observation, rows, replace(self.noise, shared=None))[0]
             instrument = (alone, self._shape) if known else None
-            return beside_shared_errors(found, observations, rows, self.noise.shared, instrument)
+            return beside_shared_errors(found, observations, rows, shared, instrument)
         if unrepeated and (judged := by_distances(found, observations, rows)) is not None:
             return judged
         return goodness_of_fit(
             found.model,
             observations,
             found.fit,
-            known=known and self.noise.shared is None,
+            known=known and shared is None,
             shape=self._shape,
             labels=labels,
             held=weighed(observation, held, self.noise)[0] if held is not None and observation.positions else None,
@@ -375,6 +377,11 @@ class _OneModel:
     def noise(self) -> Noise:
         """Of the instrument."""
         return self.fitter.noise
+
+    @property
+    def encoders(self) -> Encoders | None:
+        """Of the robot's table."""
+        return self.fitter.robot.chain.encoders
 
     def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
         """The identification from all these rows."""

@@ -8,11 +8,12 @@ import numpy as np
 
 from lab.calibration.identify import Identification
 from lab.calibration.noise.search import NoiseSearch, search_noise
-from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.noise.shared_errors import SharedErrors, counted
+from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.core.measurements import Measurements, seen_mask
+from lab.kinematics.encoders import Encoders
 
 __all__ = ["Fits", "noise_model_from_dict", "noise_model_to_dict", "noise_of"]
 
@@ -25,6 +26,10 @@ class Fits(Protocol):
     @property
     def noise(self) -> Noise:
         """Of the instrument."""
+
+    @property
+    def encoders(self) -> Encoders | None:
+        """Whose whole counts the joint positions are; None for ideal ones."""
 
     def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
         """The identification from all these rows."""
@@ -52,20 +57,32 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
 
     Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
     differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
-    residuals.
+    residuals. What whole counts of known encoders make is weighed before anything is looked for.
     """
     whole = fits.fitted(rows, None)
-    search = search_noise(whole, rows, fits.noise)
-    off = _rows(fits.outliers(whole, rows, None))
-    if not off and search.shared is None:
+    if (counts := _counted(whole, rows, fits.encoders)) is not None:
+        whole = fits.fitted(rows, counts)
+    search = search_noise(whole, rows, replace(fits.noise, shared=counts))
+    off = _rows(fits.outliers(whole, rows, counts))
+    if not off and search.shared is counts:
         return search
     reach = _reach(whole, rows, fits.noise)
     explanations = []
-    if search.shared is not None:
-        explanations.append(_settled(fits, rows, _Explanation(search, frozenset(), search.deviance), reach))
+    if search.shared is not counts:
+        first = _Explanation(search, frozenset(), search.deviance)
+        explanations.append(_settled(fits, rows, first, reach, counts))
     if off:
-        explanations.append(_settled(fits, rows, _without(fits, rows, off, reach), reach))
+        explanations.append(_settled(fits, rows, _without(fits, rows, off, reach, counts), reach, counts))
     return min(explanations, key=lambda each: each.deviance).search
+
+
+def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> SharedErrors | None:
+    """What whole counts of the encoders make, where that is known and not little."""
+    observation = observation_of(whole.model)
+    if encoders is None or not only_positions(observation):
+        return None
+    dof = None if whole.sigma_known else whole.dof
+    return counted(observation.model, rows, whole.values, encoders, whole.sigma_m, dof)
 
 
 def noise_model_to_dict(shared: SharedErrors | None) -> dict[str, Any] | None:
@@ -79,6 +96,7 @@ def noise_model_to_dict(shared: SharedErrors | None) -> dict[str, Any] | None:
         "wandering_mm": 1e3 * shared.wandering_m,
         "wandering_correlation": shared.carry,
         "drift_mm": 1e3 * shared.drift_m,
+        "encoder_counts_rad": None if shared.counts_rad is None else shared.counts_rad.tolist(),
         "words": list(shared.words),
     }
 
@@ -102,10 +120,13 @@ def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str
         drift_m=content["drift_mm"] / 1e3,
         clock=None,
         values=values,
+        counts_rad=None if content.get("encoder_counts_rad") is None else np.array(content["encoder_counts_rad"]),
     )
 
 
-def _settled(fits: Fits, rows: Measurements, first: _Explanation, reach: float) -> _Explanation:
+def _settled(
+    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: SharedErrors | None
+) -> _Explanation:
     """The explanation whose outliers are those of its own noise."""
     here = first
     for _ in range(_ROUNDS):
@@ -113,14 +134,16 @@ def _settled(fits: Fits, rows: Measurements, first: _Explanation, reach: float) 
         off = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
         if off == here.off:
             break
-        here = _without(fits, rows, off, reach)
+        here = _without(fits, rows, off, reach, counts)
     return here
 
 
-def _without(fits: Fits, rows: Measurements, off: frozenset[int], reach: float) -> _Explanation:
+def _without(
+    fits: Fits, rows: Measurements, off: frozenset[int], reach: float, counts: SharedErrors | None
+) -> _Explanation:
     """The noise of the other rows; all rows' where these are too few."""
     clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(off)))
-    search = search_noise(fits.fitted(clean, None), clean, fits.noise)
+    search = search_noise(fits.fitted(clean, counts), clean, replace(fits.noise, shared=counts))
     numbers = 3 * int(rows.seen[sorted(off)].sum())
     return _Explanation(search, off, search.deviance + numbers * (2 * np.log(2 * reach) - np.log(2 * np.pi)))
 

@@ -6,6 +6,7 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
+from lab.calibration.noise.shared_errors import NOTABLE
 from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, prior_of
@@ -42,7 +43,6 @@ _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _STRANGE = 0.05  # m or rad from the nominal value
 _SURPRISING = 5.0  # standard deviations of the prior
 _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
-_NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _MOST_POSES = 20_000  # by which joint positions are looked at
 _RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
@@ -159,7 +159,7 @@ def of_joints(
     model, said = found.model, []
     if encoders is not None:
         made_m = counting(model, rows, found.values, encoders, observation_of(model).positions or None)
-        if made_m > _NOTABLE * found.sigma_m:
+        if made_m > NOTABLE * found.sigma_m:
             said.append(
                 f"whole counts of the encoders alone make errors of {1e3 * made_m:.3g} mm (RMS); more poses average "
                 "them, more readings do not"

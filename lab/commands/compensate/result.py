@@ -299,7 +299,7 @@ class CompensationResult(Result):
         if shared is None:
             return np.zeros(len(self.arm_inputs))
         slopes = by_joint_positions(run.arm, self.arm_inputs, run.values, run.robot.chain.size)[:, self.target]
-        scattered = shared.scatter_rad**2 * (slopes**2).sum(axis=(1, 2))
+        scattered = np.einsum("nij,jk,nik->n", slopes, shared.joint_covariance(slopes.shape[2]), slopes)
         more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0)
         return np.asarray(np.sqrt(scattered + 3 * (shared.wandering_m**2 + shared.drift_m**2 + more)))
 

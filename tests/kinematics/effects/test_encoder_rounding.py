@@ -7,6 +7,7 @@ import pytest
 from helpers.robots import ROOT
 
 import lab
+from lab.commands.calibrate.noise import noise_model_from_dict
 from lab.core.errors import LabError
 from lab.kinematics.effects.encoder_rounding import EncoderCounts, EncoderRounding
 from lab.kinematics.effects.registry import EFFECTS
@@ -43,6 +44,30 @@ def test_the_identification_says_what_counts_make(tx40: Path) -> None:
     freedom = 1 - result.identification.fit.rank / (3 * 60)
     assert 1e3 * np.sqrt((lengths**2).mean() / freedom) == pytest.approx(size_mm, rel=0.2)
     assert not any("whole counts" in warning for warning in lab.calibrate("tx40", poses=30, seed=2).warnings)
+
+
+@pytest.mark.thorough
+def test_known_counts_are_weighed_and_are_no_lack_of_fit(tx40: Path, tmp_path: Path) -> None:
+    """Errors in variables that the table explains: no search for scatter, no lack of fit; without the table both.
+
+    The error is predicted, and kept for another day, with the counts.
+    """
+    day = lab.simulate(tx40, poses=40, seed=2, targets=("p1", "p2", "p3"))
+    ways = {"uniform-8um": {"instrument": "uniform-8um"}, "estimated": {}}
+    for name, noise in ways.items():
+        known = lab.identify(day.measurements, robot=tx40, validate=day.validation, **noise)
+        said = known.to_dict()
+        assert known.fit.noise.shared.is_known and said["adequate"]
+        assert said["noise_mm"] == pytest.approx(0.008 / np.sqrt(3), rel=0.1 if name == "estimated" else 1e-9)
+        assert said["noise_model"]["words"] == ["joint positions are whole counts of the encoders"]
+        assert said["after_mm"]["rms"] < 2 * said["predicted_mm"]
+        shared = noise_model_from_dict(said["noise_model"], {})
+        np.testing.assert_array_equal(shared.counts_rad, known.fit.noise.shared.counts_rad)
+        np.testing.assert_allclose(
+            shared.joint_covariance(6), known.robot.chain.encoders.covariance, rtol=1e-12, atol=1e-25
+        )
+    blind = lab.identify(day.measurements, robot="tx40", validate=day.validation, instrument="uniform-8um").to_dict()
+    assert blind["adequate"] is False and "joints scatter" in blind["noise_model"]["words"][0]
 
 
 def test_a_calibrated_table_keeps_its_encoders(tx40: Path, tmp_path: Path) -> None:
