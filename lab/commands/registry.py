@@ -87,6 +87,13 @@ COMMANDS = (
         "trajectory-{robot}-{points}",
     ),
     Command(
+        "reproduce",
+        "Compute the tables, figures and examples of a source again, or set and mark them as an exercise.",
+        "lab.commands.reproduce.options:ReproduceOptions",
+        "lab.commands.reproduce.run:reproduce",
+        "reproduce-{source}",
+    ),
+    Command(
         "design",
         "Choose the poses to measure, their order and their number, and say how good the choice is.",
         "lab.campaign.options:DesignOptions",

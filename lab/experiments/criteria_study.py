@@ -14,7 +14,6 @@ from lab.campaign.option_groups import Flag
 from lab.experiments.figures import criteria_figure
 from lab.experiments.other_searches import other_searches
 from lab.experiments.script import Answer
-from lab.experiments.thesis_mahdadi_2020 import reproduced
 from lab.experiments.thesis_tables import thesis_blocks, thesis_summary
 from lab.experiments.which_criterion import (
     CRITERIA,
@@ -27,6 +26,7 @@ from lab.experiments.which_criterion import (
 )
 from lab.render.document import Document, Paragraph, Section
 from lab.render.svg import save_figure
+from lab.reproduction.thesis_case import reproduced
 from lab.studies.progress import study_runner
 
 __all__ = ["Options", "answer"]

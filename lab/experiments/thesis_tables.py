@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from lab.experiments.script import paragraphs
-from lab.experiments.thesis_mahdadi_2020 import (
+from lab.render.document import Block, Row, Strong, Table
+from lab.reproduction.thesis_case import (
     CRITERIA,
     HIDDEN,
     INTO,
@@ -17,7 +18,6 @@ from lab.experiments.thesis_mahdadi_2020 import (
     thesis_case,
     without,
 )
-from lab.render.document import Block, Row, Strong, Table
 
 __all__ = ["said", "thesis_blocks", "thesis_summary"]
 

@@ -10,7 +10,8 @@ from lab.core.instruments import instrument
 from lab.experiments import error_sources
 from lab.experiments.other_searches import predicted_rms
 from lab.experiments.script import run_script
-from lab.experiments.thesis_mahdadi_2020 import (
+from lab.experiments.thesis_tables import said
+from lab.reproduction.thesis_case import (
     CRITERIA,
     HIDDEN,
     INTO,
@@ -23,7 +24,6 @@ from lab.experiments.thesis_mahdadi_2020 import (
     thesis_case,
     without,
 )
-from lab.experiments.thesis_tables import said
 from lab.studies.campaigns import cell_poses, run_task
 from lab.studies.grid import Study, Task
 

@@ -10,6 +10,7 @@ from functools import cache
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.batch_points import PointBatch, fit_points
 from lab.campaign.robot import load_robot
@@ -20,17 +21,19 @@ from lab.kinematics.gauge import base_set_of
 from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
-from lab.pose_selection.criteria import Scaling, criterion
+from lab.pose_selection.criteria import Criterion, Scaling, criterion, indices
 from lab.pose_selection.exchange import Design, ascend, exchange
 
 __all__ = [
     "CRITERIA",
+    "DROPPED",
     "HIDDEN",
     "INTO",
     "OFF",
     "PRINTED",
     "Reproduced",
     "aliasing",
+    "converging",
     "designed",
     "errors",
     "reproduced",
@@ -110,35 +113,66 @@ def designed(name: str, seed: int = 0) -> Array:
     return searched(name, seed, CANDIDATES, STARTS).joints
 
 
-def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = False) -> Design:
+def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = False, poses: int = POSES) -> Design:
     """The best of some exchanges among so many random candidates, each followed by an ascent.
 
     Args:
         limits: whether the joints keep to theirs; else they turn freely.
     """
+    search = _Search.of(name, seed, count, limits=limits)
+    return max((search.ascended(search.exchanged(poses)) for _ in range(starts)), key=lambda design: design.score)
+
+
+def converging(seed: int, count: int, starts: int, rounds: int) -> Array:
+    """O1 ``(starts, rounds + 1)`` of 20 poses of each start: of its exchange, and after each round of the ascent."""
+    search = _Search.of("O1", seed, count, limits=False)
+    found = []
+    for _ in range(starts):
+        design = search.exchanged(POSES)
+        found.append([float(indices(design.jacobian).o1)])
+        for _ in range(rounds):
+            design = search.ascended(design, rounds=1)
+            found[-1].append(float(indices(design.jacobian).o1))
+    return np.array(found)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A search among random candidates; raw units, the arm alone."""
+
+    goal: Criterion
+    candidates: Array
+    rng: np.random.Generator
+    bounds: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, name: str, seed: int, count: int, *, limits: bool) -> "_Search":
+        """The search of a seed."""
+        rng, chain = rng_for(seed, "design"), thesis_case().arm.chain
+        turn = np.full(chain.size, np.pi)
+        lower, upper = (chain.lower, chain.upper) if limits else (-turn, turn)
+        bounds = (lower, upper) if limits else (-np.inf * turn, np.inf * turn)
+        return cls(criterion(name, len(OFF)), rng.uniform(lower, upper, (count, chain.size)), rng, bounds)
+
+    def exchanged(self, poses: int) -> Design:
+        """The best of one start's exchange."""
+        return exchange(self.candidates, _sensitivity(self.candidates), poses, self.goal, self.rng, starts=1)
+
+    def ascended(self, design: Design, rounds: int = 4) -> Design:
+        """All angles moved uphill."""
+        return ascend(design, _sensitivity, self.goal, _anywhere, *self.bounds, rounds=rounds)
+
+
+def _sensitivity(joints: Array) -> Array:
+    """Jacobians ``(n, 3, 19)`` by the 19, in mm and rad."""
     case = thesis_case()
     scale = Scaling("raw").columns([case.parameter(name) for name in OFF], np.empty((0, 3, len(OFF))))
+    rates: Array = case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] * scale
+    return rates
 
-    def sensitivity(joints: Array) -> Array:
-        rates: Array = case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] * scale
-        return rates
 
-    goal, rng = criterion(name, len(OFF)), rng_for(seed, "design")
-    chain, turn = case.arm.chain, np.full(case.arm.chain.size, np.pi)
-    lower, upper = (chain.lower, chain.upper) if limits else (-turn, turn)
-    candidates = rng.uniform(lower, upper, (count, chain.size))
-    jacobian, bounds = sensitivity(candidates), (lower, upper) if limits else (-np.inf * turn, np.inf * turn)
-    found = [
-        ascend(
-            exchange(candidates, jacobian, POSES, goal, rng, starts=1),
-            sensitivity,
-            goal,
-            lambda joints: np.ones(len(joints), dtype=np.bool_),
-            *bounds,
-        )
-        for _ in range(starts)
-    ]
-    return max(found, key=lambda design: design.score)
+def _anywhere(joints: Array) -> NDArray[np.bool_]:
+    return np.ones(len(joints), dtype=np.bool_)
 
 
 def aliasing() -> dict[str, dict[str, float]]:

@@ -1,0 +1,1 @@
+"""What four sources print, computed again: their tables, figures and worked examples, item by item."""
