@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lab.core.newton import newton
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import solve_positive
 
 __all__ = ["BLOCK", "MAX_STEPS", "BatchFits", "BatchObservation", "fit_batch"]
 
@@ -115,12 +116,11 @@ def _gauss_newton(block: BatchObservation, values: Array, free: list[int], short
         scale[scale == 0] = 1.0
         columns /= scale[:, :, None]
         square = columns @ columns.swapaxes(1, 2)
-        right = columns @ residual[:, :, None]
+        right = (columns @ residual[:, :, None])[:, :, 0]
         if shortest:
-            solution: Array = np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True) @ right
+            scaled: Array = np.einsum("bfg,bg->bf", np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True), right)
         else:
-            solution = np.asarray(np.linalg.solve(square, right), dtype=np.float64)
-        scaled = solution[:, :, 0]
+            scaled = solve_positive(square, right)
         squares = np.einsum("bf,bfg,bg->b", scaled, square, scaled)
         information[going] = (square * scale[:, :, None] * scale[:, None, :])[going]
         return scaled / scale, block.settled(scaled / scale, squares, SETTLED)

@@ -6,13 +6,14 @@ values of its triangle, so that a deficient system gives the shortest step, and 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.noise.correlation import Correlation
-from lab.core.linear_model import triangle_of, unit_columns
+from lab.core.linear_model import pseudo_inverse, triangle_of, unit_columns
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -142,7 +143,6 @@ class Fit:
         cost_trace: half the sum of squared whitened residuals, before the first and after each step.
         triangle: ``(f, f)`` R of the whitened Jacobian's free columns, scaled to unit norm.
         scale: ``(f,)`` the norms they had.
-        singular_values: of ``triangle``, descending.
         other: where the values are not those of least squares; None where they are.
     """
 
@@ -152,13 +152,17 @@ class Fit:
     cost_trace: tuple[float, ...]
     triangle: Array
     scale: Array
-    singular_values: Array
     other: Estimator | None = None
 
     @property
     def least_squares(self) -> Array:
         """All parameters ``(p,)`` by least squares of all rows, from whose residuals noise and lack of fit are told."""
         return self.values if self.other is None else self.other.least_squares
+
+    @cached_property
+    def singular_values(self) -> Array:
+        """Of ``triangle``, descending."""
+        return np.linalg.svd(self.triangle, compute_uv=False)
 
     @property
     def iterations(self) -> int:
@@ -180,7 +184,7 @@ class Fit:
         """Covariance ``(f, f)`` of the free parameters where whitened noise has variance one."""
         if self.other is not None:
             return self.other.covariance
-        inverse = np.linalg.pinv(self.triangle, rcond=RANK_TOLERANCE) / self.scale[:, None]
+        inverse = pseudo_inverse(self.triangle, RANK_TOLERANCE) / self.scale[:, None]
         covariance: Array = inverse @ inverse.T
         return covariance
 
@@ -223,8 +227,7 @@ def fit(
     trace, damped = [here.cost], False
     status: Status = "not converged"
     while True:
-        decomposed = np.linalg.svd(here.triangle)
-        step = _step(*decomposed, here.right)
+        step = pseudo_inverse(here.triangle, RANK_TOLERANCE) @ here.right
         moved = float(np.linalg.norm(here.triangle @ step)) / metre
         values = here.moved(index, step)
         if moved < tolerance_m:
@@ -235,14 +238,14 @@ def fit(
             break
         there = problem.lower(here, values) if damped else problem.at(values)
         if damped := there is None or not there.cost < here.cost:
-            there, damping = _damped(problem, here, decomposed.S, decomposed.Vh, damping)
+            there, damping = _damped(problem, here, damping)
         if there is None:  # nothing lowers it: rounding, if what is left to move is
             values = here.values
             status = "converged" if moved < 1e3 * tolerance_m else "not converged"
             break
         here = there
         trace.append(here.cost)
-    return Fit(values, tuple(index), status, tuple(trace), here.triangle, here.scale, decomposed.S)
+    return Fit(values, tuple(index), status, tuple(trace), here.triangle, here.scale)
 
 
 def _near(problem: "_Problem", start: Array, tolerance_m: float) -> Array:
@@ -344,13 +347,14 @@ class _Problem:
         return total
 
 
-def _damped(problem: _Problem, here: _State, sizes: Array, vt: Array, damping: float) -> tuple[_State | None, float]:
+def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | None, float]:
     """Where a damped step lowers the cost, and the damping to begin with next time; None if none does.
 
     Levenberg and Marquardt's steps v, each bent by half of a = -(J'J + d)^-1 J'f_vv, with f_vv the prediction's
     curvature along v (geodesic acceleration: Transtrum, Machta & Sethna 2011): a valley that is narrow and
     curved, as that of a target near the last axis, is else followed in hundreds of short steps.
     """
+    _, sizes, vt = np.linalg.svd(here.triangle)
     downhill = vt @ (here.triangle.T @ here.right)
     while damping <= _LARGEST_DAMPING:
         weight = 1 / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2)
@@ -363,13 +367,6 @@ def _damped(problem: _Problem, here: _State, sizes: Array, vt: Array, damping: f
                 return there, max(damping / 10, _LEAST_DAMPING)
         damping *= 10
     return None, _LEAST_DAMPING
-
-
-def _step(u: Array, sizes: Array, vt: Array, right: Array) -> Array:
-    """The step that solves the linearized problem; the shortest, where some directions do nothing."""
-    gain = np.where(sizes > RANK_TOLERANCE * sizes[0], 1 / np.maximum(sizes, 1e-300), 0.0)
-    step: Array = vt.T @ (gain * (u.T @ right))
-    return step
 
 
 def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:

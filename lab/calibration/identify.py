@@ -317,12 +317,11 @@ def _canonical(model: Model, solution: Fit) -> Fit:
     jacobian[:, at] = jacobian[:, at] @ np.linalg.solve(old, new)
     scale = np.linalg.norm(jacobian, axis=0)
     triangle = np.asarray(np.linalg.qr(jacobian / scale, mode="r"))
-    sizes = np.linalg.svd(triangle, compute_uv=False)
     if other is not None:
         change = np.eye(len(solution.free))
         change[np.ix_(at, at)] = np.linalg.solve(new, old)
         other = replace(other, covariance=change @ other.covariance @ change.T)
-    return replace(solution, values=values, triangle=triangle, scale=scale, singular_values=sizes, other=other)
+    return replace(solution, values=values, triangle=triangle, scale=scale, other=other)
 
 
 def _shortest_turn(values: Array, turning: list[int]) -> Array:

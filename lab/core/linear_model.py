@@ -16,10 +16,19 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
-__all__ = ["LinearModel", "half_width_95", "matched_dof", "p_value_of_squares", "triangle_of", "unit_columns"]
+__all__ = [
+    "LinearModel",
+    "half_width_95",
+    "matched_dof",
+    "p_value_of_squares",
+    "pseudo_inverse",
+    "triangle_of",
+    "unit_columns",
+]
 
 _TALL = 4_096  # rows that a processor factorizes faster than more at once
 ZERO_COLUMN = 1e-10  # of the largest column's norm: a column below is zero
+WELL_CONDITIONED = 1e6  # by Frobenius norms: no singular value is near a tolerance, and ten digits are kept
 WHOLE = 1e-6  # of a parameter's unit vector that may lie outside of the determined directions
 NORMAL_HALF_WIDTH_95 = 1.959963984540054
 
@@ -117,6 +126,21 @@ def unit_columns(columns: Array, axis: int = -2) -> tuple[Array, Array]:
     scale = np.linalg.norm(columns, axis=axis)
     scale[scale == 0] = 1.0
     return columns / np.expand_dims(scale, axis), scale
+
+
+def pseudo_inverse(triangle: Array, tolerance: float) -> Array:
+    """The inverse ``(f, f)`` of a triangle; where it is not far from singular, that of its larger singular values.
+
+    Far from it both are the same, and the inverse takes a sixth of the time.
+
+    Args:
+        tolerance: of the largest singular value, below which one is zero.
+    """
+    if np.diag(triangle).all():
+        inverse = np.linalg.inv(triangle)
+        if np.linalg.norm(triangle) * np.linalg.norm(inverse) < WELL_CONDITIONED:
+            return inverse
+    return np.linalg.pinv(triangle, rcond=tolerance)
 
 
 def triangle_of(parts: Iterable[Array]) -> Array:

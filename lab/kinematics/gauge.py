@@ -14,6 +14,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.chain import Chain
@@ -144,6 +145,12 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
     """Columns that those before them in ``order`` do not span, ascending (Gram-Schmidt, done twice)."""
     norms = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian / np.where(norms > 0, norms, 1.0)
+    if (code := machine_code()) is not None:
+        wanted, found = np.array(order, dtype=np.int64), np.empty(len(order), dtype=np.int64)
+        columns = np.ascontiguousarray(scaled.T)
+        columns[norms <= INDEPENDENT] = 0.0
+        code.independent(columns, len(scaled), wanted, INDEPENDENT, found)
+        return tuple(np.sort(wanted[found > 0]).tolist())
     basis = np.empty((len(scaled), len(order)), order="F")
     kept: list[int] = []
     for column in order:

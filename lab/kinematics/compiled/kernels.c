@@ -1,4 +1,4 @@
-/* Kinematics in machine code: the walk along serial chains, and one closed form of the inverse.
+/* Kinematics in machine code: the walk along serial chains, small linear algebra, and the closed form of the inverse of most arms with six joints.
  *
  * Each function does what the numpy code that its comment names does, in the same order of sums, some poses at a time:
  * numpy's is the reference, and does all where there is no compiler. Contraction to fused operations is off.
@@ -6,13 +6,14 @@
  */
 #define PY_SSIZE_T_CLEAN
 #define Py_LIMITED_API 0x030B0000
+#define _GNU_SOURCE /* M_PI */
 #include <Python.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define VERSION 1 /* which kernels.py takes alone */
+#define VERSION 2 /* which kernels.py takes alone */
 
 #define BLOCK 32      /* poses at a time: what fits the processor's first cache */
 #define PER_LINK 6    /* axes that a link makes: x y of the joint, y z of alpha, z x of beta */
@@ -459,7 +460,265 @@ static PyObject *tool(PyObject *self, PyObject *const *args, Py_ssize_t given)
     Py_RETURN_NONE;
 }
 
+/* ------------------------------------------------------------------------------------------------ linear algebra */
+
+/* independent(columns, order, tolerance, kept): gauge.independent_columns, Gram-Schmidt done twice.
+ * columns (p, rows), of unit norm or zero; order (m,) of them; kept (m,), written: 1 where those before do not span it. */
+WIDE static double without(const double *restrict basis, Py_ssize_t known, Py_ssize_t rows, double *restrict rest)
+{
+    for (int twice = 0; twice < 2; twice++)
+        for (Py_ssize_t i = 0; i < known; i++) {
+            const double *q = basis + i * rows;
+            double part[4] = {0, 0, 0, 0}, dot = 0;
+            Py_ssize_t t = 0;
+            for (; t + 4 <= rows; t += 4)
+                for (int j = 0; j < 4; j++) part[j] += q[t + j] * rest[t + j];
+            for (; t < rows; t++) dot += q[t] * rest[t];
+            dot += (part[0] + part[1]) + (part[2] + part[3]);
+            for (t = 0; t < rows; t++) rest[t] -= dot * q[t];
+        }
+    double square = 0;
+    for (Py_ssize_t t = 0; t < rows; t++) square += rest[t] * rest[t];
+    return sqrt(square);
+}
+
+static PyObject *independent(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Py_ssize_t size, m, out, known = 0;
+    const double *columns;
+    const int64_t *order;
+    int64_t *kept;
+    if (given != 5) return wrong(&held);
+    Py_ssize_t rows = PyLong_AsSsize_t(args[1]);
+    double tolerance = PyFloat_AsDouble(args[3]);
+    if (PyErr_Occurred() || !(columns = numbers(&held, args[0], 0, 8, &size))
+        || !(order = numbers(&held, args[2], 0, 8, &m)) || !(kept = numbers(&held, args[4], 1, 8, &out)))
+        return wrong(&held);
+    if (rows < 0 || out != m || (rows && size % rows)) return wrong(&held);
+    for (Py_ssize_t i = 0; i < m; i++)
+        if (order[i] < 0 || (order[i] + 1) * rows > size) return wrong(&held);
+    double *basis = malloc((m * rows + 1) * sizeof(double));
+    if (basis == NULL) {
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    for (Py_ssize_t i = 0; i < m; i++) {
+        double *rest = basis + known * rows;
+        memcpy(rest, columns + order[i] * rows, rows * sizeof(double));
+        double left = without(basis, known, rows, rest);
+        kept[i] = left > tolerance;
+        if (!kept[i]) continue;
+        for (Py_ssize_t t = 0; t < rows; t++) rest[t] /= left;
+        known++;
+    }
+    free(basis);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
+/* cholesky(normal, right, step): x of A x = b for matrices (b, f, f), positive definite; False where one is not.
+ * Only the lower half of each matrix is read. */
+WIDE static int solved(const double *restrict a, const double *restrict right, Py_ssize_t f, double *restrict l,
+                       double *restrict x)
+{
+    for (Py_ssize_t i = 0; i < f; i++) {
+        for (Py_ssize_t j = 0; j <= i; j++) {
+            double part[4] = {0, 0, 0, 0}, sum = a[i * f + j];
+            Py_ssize_t k = 0;
+            for (; k + 4 <= j; k += 4)
+                for (int q = 0; q < 4; q++) part[q] += l[i * f + k + q] * l[j * f + k + q];
+            for (; k < j; k++) sum -= l[i * f + k] * l[j * f + k];
+            sum -= (part[0] + part[1]) + (part[2] + part[3]);
+            if (i == j) {
+                if (!(sum > 0)) return 0;
+                l[i * f + i] = sqrt(sum);
+            } else
+                l[i * f + j] = sum / l[j * f + j];
+        }
+    }
+    for (Py_ssize_t i = 0; i < f; i++) {
+        double sum = right[i];
+        for (Py_ssize_t k = 0; k < i; k++) sum -= l[i * f + k] * x[k];
+        x[i] = sum / l[i * f + i];
+    }
+    for (Py_ssize_t i = f - 1; i >= 0; i--) {
+        x[i] /= l[i * f + i];
+        for (Py_ssize_t k = 0; k < i; k++) x[k] -= l[i * f + k] * x[i];
+    }
+    return 1;
+}
+
+static PyObject *cholesky(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Py_ssize_t size, rights, out, all = 1;
+    const double *normal, *right;
+    double *step;
+    if (given != 4) return wrong(&held);
+    Py_ssize_t f = PyLong_AsSsize_t(args[1]);
+    if (PyErr_Occurred() || !(normal = numbers(&held, args[0], 0, 8, &size))
+        || !(right = numbers(&held, args[2], 0, 8, &rights)) || !(step = numbers(&held, args[3], 1, 8, &out)))
+        return wrong(&held);
+    if (f < 1 || rights != out || rights % f || size != rights * f) return wrong(&held);
+    double *l = malloc(f * f * sizeof(double));
+    if (l == NULL) {
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    for (Py_ssize_t b = 0; b * f < rights && all; b++)
+        all = solved(normal + b * f * f, right + b * f, f, l, step + b * f);
+    free(l);
+    let_go(&held);
+    return PyBool_FromLong((long)all);
+}
+
+/* ------------------------------------------------------------------------------------------------ the inverse */
+
+#define TINY 1e-13     /* khalil_one_unknown.TINY and .ROUNDING, first_three_joints.BEND */
+#define ROUNDING 1e-12
+#define BEND 0.03
+
+typedef struct { /* in the order of SphericalWrist's numbers */
+    double sign[6], centre[3], root[3], parts[27], rows[9], axis_5[3], axis_6[3];
+    double bend, offset, shoulder[2], upper, upper_bent, fore, fore_bent, turning;
+} Wrist;
+
+/* X sin t + Y cos t = Z: two roots, the gap, and whether t is free. */
+static void type_2(double x, double y, double z, double liked, double root[2], double *gap, unsigned char *free_)
+{
+    double size = sqrt(x * x + y * y), missing = fabs(z) - size;
+    *free_ = size <= TINY;
+    *gap = missing <= ROUNDING * size + TINY ? 0.0 : missing;
+    double height = *gap > 0 ? (z > 0 ? size : z < 0 ? -size : 0.0) : z;
+    double square = (size - fabs(height)) * (size + fabs(height)), rest = square > 0 ? sqrt(square) : 0.0;
+    root[0] = *free_ ? liked : atan2(x * height + y * rest, y * height - x * rest);
+    root[1] = *free_ ? liked : atan2(x * height - y * rest, y * height + x * rest);
+}
+
+/* X cos i + Y cos(i + j) = Z1, X sin i + Y sin(i + j) = Z2, both lengths positive: two pairs of roots. */
+static void type_8(double x, double y, double z1, double z2, double liked, double i[2], double j[2], double *gap,
+                   unsigned char *free_)
+{
+    double reach = sqrt(z1 * z1 + z2 * z2), longest = x + y, shortest = fabs(x - y);
+    double outside = reach - longest, inside = shortest - reach;
+    *gap = outside > inside ? outside : inside;
+    if (*gap <= ROUNDING * longest + TINY) *gap = 0.0;
+    double stretched = -outside * (reach + longest), folded = -inside * (reach + shortest);
+    double corner = 2 * atan2(sqrt(stretched > 0 ? stretched : 0.0), sqrt(folded > 0 ? folded : 0.0));
+    if (*gap > 0) corner = corner < BEND ? BEND : corner > M_PI - BEND ? M_PI - BEND : corner;
+    double along = x + y * cos(corner), across = y * sin(corner);
+    *free_ = reach <= TINY;
+    j[0] = corner;
+    j[1] = -corner;
+    i[0] = *free_ ? liked : atan2(along * z2 - across * z1, along * z1 + across * z2);
+    i[1] = *free_ ? liked : atan2(along * z2 + across * z1, along * z1 - across * z2);
+}
+
+static void times(const double *matrix, int rows, const double *vector, double *out)
+{
+    for (int i = 0; i < rows; i++)
+        out[i] = matrix[3 * i] * vector[0] + matrix[3 * i + 1] * vector[1] + matrix[3 * i + 2] * vector[2];
+}
+
+static double wrapped(double angle)
+{
+    return angle - 2 * M_PI * rint(angle / (2 * M_PI));
+}
+
+/* A vector, split by joint 1's parts, turned back by joint 1 and by the turn about w, along the wrist's axes. */
+static void in_wrist(const Wrist *w, const double split[9], double c1, double s1, double cl, double sl, double out[3])
+{
+    double plane[3], back[3];
+    for (int i = 0; i < 3; i++) plane[i] = split[i] + c1 * split[3 + i] - s1 * split[6 + i];
+    back[0] = cl * plane[0] + sl * plane[1];
+    back[1] = cl * plane[1] - sl * plane[0];
+    back[2] = plane[2];
+    times(w->rows, 3, back, out);
+}
+
+static void inverse_one(const Wrist *w, const double *T, const double *reference, double *joints, double *gaps,
+                        unsigned char *free_)
+{
+    double R[9], position[3], centre[3], split[9], ahead[3], split_5[9], split_6[9], liked[6];
+    for (int i = 0; i < 6; i++) liked[i] = reference ? reference[i] * w->sign[i] : 0.0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) R[3 * i + j] = T[4 * i + j];
+    times(R, 3, w->centre, centre);
+    for (int i = 0; i < 3; i++) position[i] = centre[i] + T[4 * i + 3] - w->root[i];
+    times(w->parts, 9, position, split);
+    times(R, 3, w->axis_5, ahead);
+    times(w->parts, 9, ahead, split_5);
+    times(R, 3, w->axis_6, ahead);
+    times(w->parts, 9, ahead, split_6);
+    double first[2], gap_1, gap_8, shoulder[2], elbow[2], bent = w->upper_bent, fore_bent = w->fore_bent;
+    unsigned char first_free, shoulder_free, wrist_free;
+    type_2(-split[8], split[5], w->offset - split[2], liked[0], first, &gap_1, &first_free);
+    for (int a = 0; a < 2; a++) {
+        double c1 = cos(first[a]), s1 = sin(first[a]);
+        double e = split[0] + c1 * split[3] - s1 * split[6], f = split[1] + c1 * split[4] - s1 * split[7];
+        type_8(w->upper, w->fore, e - w->shoulder[0], f - w->shoulder[1], liked[1] + bent, shoulder, elbow, &gap_8,
+               &shoulder_free);
+        for (int b = 0; b < 2; b++) {
+            double lifted = shoulder[b] + elbow[b] - fore_bent, cl = cos(lifted), sl = sin(lifted);
+            double five[3], six[3], fourth[2], none;
+            in_wrist(w, split_6, c1, s1, cl, sl, six);
+            in_wrist(w, split_5, c1, s1, cl, sl, five);
+            type_2(six[2], six[1], 0.0, liked[3], fourth, &none, &wrist_free);
+            double c4 = cos(fourth[0]), s4 = sin(fourth[0]), sin_5 = six[1] * s4 - six[2] * c4;
+            double fifth = atan2(sin_5, six[0]);
+            double sixth = atan2(sin_5 * five[0] + six[0] * (five[2] * c4 - five[1] * s4), five[1] * c4 + five[2] * s4);
+            for (int c = 0; c < 2; c++) {
+                int branch = 4 * c + 2 * b + a, turned = c && !wrist_free; /* by half a turn of joint 4 */
+                double *q = joints + 6 * branch;
+                q[0] = first[a];
+                q[1] = shoulder[b] - bent;
+                q[2] = w->turning * (elbow[b] + bent - fore_bent);
+                q[3] = fourth[c];
+                q[4] = w->bend + (turned ? -fifth : fifth);
+                q[5] = turned ? sixth - M_PI : sixth;
+                for (int i = 0; i < 6; i++) q[i] = w->sign[i] * wrapped(q[i]);
+                gaps[branch] = gap_1 > gap_8 ? gap_1 : gap_8;
+                unsigned char flags[6] = {first_free, shoulder_free, 0, wrist_free, 0, 0};
+                memcpy(free_ + 6 * branch, flags, 6);
+            }
+        }
+    }
+}
+
+/* inverse(wrist, Ts, reference or None, joints, gap, free): SphericalWrist.solve on an Elbow; (n, 8, .) are written. */
+static PyObject *inverse(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Py_ssize_t size, poses, liked = 0, out, gaps, flags;
+    const double *wrist, *Ts, *reference = NULL;
+    double *joints, *gap;
+    unsigned char *free_;
+    if (given != 6 || !(wrist = numbers(&held, args[0], 0, 8, &size)) || !(Ts = numbers(&held, args[1], 0, 8, &poses))
+        || (args[2] != Py_None && !(reference = numbers(&held, args[2], 0, 8, &liked)))
+        || !(joints = numbers(&held, args[3], 1, 8, &out)) || !(gap = numbers(&held, args[4], 1, 8, &gaps))
+        || !(free_ = numbers(&held, args[5], 1, 1, &flags)))
+        return wrong(&held);
+    Py_ssize_t n = poses / 16;
+    if (size * sizeof(double) != sizeof(Wrist) || poses != 16 * n || out != 48 * n || gaps != 8 * n || flags != 48 * n
+        || (reference && liked != 6 * n))
+        return wrong(&held);
+    PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
+    for (Py_ssize_t i = 0; i < n; i++)
+        inverse_one((const Wrist *)wrist, Ts + 16 * i, reference ? reference + 6 * i : NULL, joints + 48 * i,
+                    gap + 8 * i, free_ + 48 * i);
+    if (state) PyEval_RestoreThread(state);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef methods[] = {
+    {"cholesky", (PyCFunction)(void (*)(void))cholesky, METH_FASTCALL, NULL},
+    {"independent", (PyCFunction)(void (*)(void))independent, METH_FASTCALL, NULL},
+    {"inverse", (PyCFunction)(void (*)(void))inverse, METH_FASTCALL, NULL},
     {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},
     {"stacked", (PyCFunction)(void (*)(void))stacked, METH_FASTCALL, NULL},
     {"tool", (PyCFunction)(void (*)(void))tool, METH_FASTCALL, NULL},

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["CompiledChain", "machine_code"]
+__all__ = ["CompiledChain", "machine_code", "solve_positive"]
 
-_VERSION = 1  # of kernels.c: what an earlier build left behind is not taken
+_VERSION = 2  # of kernels.c: what an earlier build left behind is not taken
 Columns = NDArray[np.int64]
 
 
@@ -101,3 +101,15 @@ class CompiledChain:
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
         self.code.stacked(self._shape, self._sign, *given, slot, points, jacobian)
         return points, jacobian
+
+
+def solve_positive(matrices: Array, right: Array) -> Array:
+    """The solutions ``(b, f)`` of systems with symmetric matrices ``(b, f, f)`` and right sides ``(b, f)``.
+
+    By Cholesky factors where all matrices are positive definite to rounding, else by elimination.
+    """
+    if _CODE is not None:
+        step = np.empty_like(right)
+        if _CODE.cholesky(np.ascontiguousarray(matrices), right.shape[1], np.ascontiguousarray(right), step):
+            return step
+    return np.asarray(np.linalg.solve(matrices, right[:, :, None]), dtype=np.float64)[:, :, 0]

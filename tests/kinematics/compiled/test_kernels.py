@@ -10,6 +10,8 @@ from helpers.robots import ROOT
 
 from lab.campaign.robot import load_robot
 from lab.kinematics.compiled import kernels
+from lab.kinematics.gauge import independent_columns
+from lab.kinematics.inverse.analytic.spherical_wrist import SphericalWrist
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
 
@@ -105,3 +107,49 @@ def test_a_build_without_a_compiler_says_so_and_leaves_nothing(tmp_path, monkeyp
     (tmp_path / "machine_code.abi3.so").write_bytes(b"old")
     assert "no-such-compiler" in script.build(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@compiled
+@pytest.mark.parametrize("name", ["irb120", "rx130"])
+def test_all_inverse_solutions_are_those_of_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the same order, reached or not, with the references of free joints; at singularities they are free alike."""
+    form, rng = SphericalWrist.of(load_robot(name).chain), np.random.default_rng(5)
+    assert form is not None
+    arm = SerialArm(form.chain)
+    joints = form.chain.random_joints(300, rng)
+    joints[:20, 4] = 0.0  # the wrist is straight
+    Ts = arm.flange(joints, arm.nominal())
+    Ts[100:200, :3, 3] *= 1.7  # mostly out of reach
+    for liked in (0.0, rng.standard_normal((300, 6))):
+        fast = form.solve(Ts, liked)
+        with monkeypatch.context() as without:
+            without.setattr("lab.kinematics.inverse.analytic.spherical_wrist.machine_code", lambda: None)
+            slow = form.solve(Ts, liked)
+        turn = np.abs(fast.joints - slow.joints)[20:]
+        assert np.minimum(turn, 2 * np.pi - turn).max() < 1e-9  # rad: some poses are near a singularity
+        assert np.abs(fast.gap_m - slow.gap_m).max() < ROUNDING and (slow.gap_m[100:200] > 0).mean() > 0.2
+        assert (fast.free == slow.free)[20:].all() and not fast.tilt_rad.any()
+
+
+@compiled
+def test_independent_columns_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(8)
+    columns = rng.standard_normal((40, 9))
+    columns[:, 4] = columns[:, [0, 2]] @ [1.0, -3.0] + 1e-12 * rng.standard_normal(40)
+    columns[:, 6] *= 1e-10  # moves nothing
+    columns[:, 7] = columns[:, 1] + 1e-6 * rng.standard_normal(40)
+    for order in ([*range(9)], [4, 2, 0, 8], [7, 6, 1]):
+        fast = independent_columns(columns, order)
+        with monkeypatch.context() as without:
+            without.setattr("lab.kinematics.gauge.machine_code", lambda: None)
+            assert fast == independent_columns(columns, order)
+    assert independent_columns(columns, range(9)) == (0, 1, 2, 3, 5, 7, 8)
+
+
+def test_positive_systems_and_others_are_solved() -> None:
+    rng = np.random.default_rng(4)
+    factors, right = rng.standard_normal((5, 13, 13)), rng.standard_normal((5, 13))
+    matrices = factors @ factors.swapaxes(1, 2)
+    assert np.abs(np.einsum("bij,bj->bi", matrices, kernels.solve_positive(matrices, right)) - right).max() < 1e-9
+    matrices[3] -= 5 * np.eye(13)  # not positive any more
+    assert np.abs(np.einsum("bij,bj->bi", matrices, kernels.solve_positive(matrices, right)) - right).max() < 1e-9

@@ -8,6 +8,8 @@ is an array of three rows, a pose in each column.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.inverse.analytic.determinant import Determinant, Term, determinant
 from lab.kinematics.inverse.analytic.first_joint import Carried, Carrier
 from lab.kinematics.inverse.analytic.first_three_joints import Elbow, Lift, Telescope
@@ -94,6 +97,8 @@ class SphericalWrist:
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``."""
+        if self._numbers is not None and (code := machine_code()) is not None and Ts_frame0_last.dtype == np.float64:
+            return self._compiled(code, self._numbers, Ts_frame0_last, reference)
         count, shape = len(Ts_frame0_last), (2, self.carrier.elbows, 2)
         liked = np.broadcast_to(reference, (count, 6)) * self.chain.sign
         angles, gap = np.empty((6, *shape, count)), np.empty((*shape, count))
@@ -106,6 +111,32 @@ class SphericalWrist:
         angles *= self.chain.sign.reshape(6, 1, 1, 1, 1)
         tilt = np.zeros((count, self.branches))
         return Solutions(_by_pose(angles), gap.reshape(self.branches, count).T, tilt, _by_pose(free))
+
+    @cached_property
+    def _numbers(self) -> Array | None:
+        """What the compiled solution asks of an arm with an elbow; None of another."""
+        carrier = self.carrier
+        if not isinstance(carrier, Elbow):
+            return None
+        column, back = carrier.column, self.R_frame0_last.T
+        axis_6 = np.cos(self.bend) * self.axes[0] + np.sin(self.bend) * self.axes[2]
+        links = [(abs(z), np.angle(z)) for z in (carrier.upper, carrier.fore)]
+        parts = (
+            self.chain.sign, self.centre, column.root, column.parts, self.axes @ column.plane.T, back @ self.axes[1],
+            back @ axis_6, [self.bend, carrier.offset, carrier.shoulder.real, carrier.shoulder.imag],
+            links, [carrier.turning],
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
+
+    def _compiled(self, code: ModuleType, numbers: Array, Ts: Array, reference: Array | float) -> Solutions:
+        """``solve`` of an arm with an elbow, in machine code."""
+        n = len(Ts)
+        joints, gap, free = np.empty((n, 8, 6)), np.empty((n, 8)), np.empty((n, 8, 6), dtype=np.bool_)
+        liked = None
+        if not isinstance(reference, float) or reference != 0.0:
+            liked = np.ascontiguousarray(np.broadcast_to(reference, (n, 6)), dtype=np.float64)
+        code.inverse(numbers, np.ascontiguousarray(Ts), liked, joints, gap, free)
+        return Solutions(joints, gap, np.zeros((n, 8)), free)
 
     def _solve(self, Ts: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
         """Fill in the angles ``(6, 2, elbows, 2, n)``: roots of the wrist's, the elbow's and joint 1's equation."""
