@@ -80,28 +80,28 @@ static void rotation(const double *v, double first, double second, double out[3]
 /* ------------------------------------------------------------------------------------------------ the walk */
 
 INLINE void turn(const double (*u)[BLOCK], const double (*v)[BLOCK], const double *c, const double *s,
-                 double (*restrict first)[BLOCK], double (*restrict second)[BLOCK]) /* walk.turned */
+                 double (*restrict first)[BLOCK], double (*restrict second)[BLOCK], const int lanes) /* walk.turned */
 {
     for (int i = 0; i < 3; i++)
-        for (int t = 0; t < BLOCK; t++) {
+        for (int t = 0; t < lanes; t++) {
             first[i][t] = c[t] * u[i][t] + s[t] * v[i][t];
             second[i][t] = c[t] * v[i][t] - s[t] * u[i][t];
         }
 }
 
-static void fill_vector(double (*to)[BLOCK], double x, double y, double z)
+INLINE void fill_vector(double (*to)[BLOCK], double x, double y, double z, const int lanes)
 {
-    for (int t = 0; t < BLOCK; t++) {
+    for (int t = 0; t < lanes; t++) {
         to[0][t] = x;
         to[1][t] = y;
         to[2][t] = z;
     }
 }
 
-static void fill_trig(double angle, double *c, double *s)
+INLINE void fill_trig(double angle, double *c, double *s, const int lanes)
 {
     double cosine = cos(angle), sine = sin(angle);
-    for (int t = 0; t < BLOCK; t++) {
+    for (int t = 0; t < lanes; t++) {
         c[t] = cosine;
         s[t] = sine;
     }
@@ -112,9 +112,10 @@ typedef struct {
     double a;
 } Link;
 
-static void link_numbers(const Arm *arm, int i, const double *row, const double *joints, int count, Link *link)
+INLINE void link_numbers(const Arm *arm, int i, const double *row, const double *joints, int count, Link *link,
+                         const int lanes)
 {
-    for (int t = 0; t < BLOCK; t++) {
+    for (int t = 0; t < lanes; t++) {
         double reading = arm->sign[i] * joints[(t < count ? t : 0) * (Py_ssize_t)arm->links + i];
         link->slide[t] = arm->slides[i] ? row[1] + reading : row[1];
         if (t < count && !arm->slides[i]) {
@@ -125,24 +126,25 @@ static void link_numbers(const Arm *arm, int i, const double *row, const double 
             link->joint_s[t] = t ? link->joint_s[0] : 0.0;
         }
     }
-    if (arm->slides[i]) fill_trig(row[0], link->joint_c, link->joint_s);
-    fill_trig(row[3], link->alpha_c, link->alpha_s);
-    if (arm->parallel[i]) fill_trig(row[4], link->beta_c, link->beta_s);
+    if (arm->slides[i]) fill_trig(row[0], link->joint_c, link->joint_s, lanes);
+    fill_trig(row[3], link->alpha_c, link->alpha_s, lanes);
+    if (arm->parallel[i]) fill_trig(row[4], link->beta_c, link->beta_s, lanes);
     link->a = row[2];
 }
 
-WIDE static void walk(const Arm *arm, const double *values, const double *joints, int count, Walk *w) /* walk.along */
+INLINE void walk_lanes(const Arm *arm, const double *values, const double *joints, int count, Walk *w,
+                       const int lanes) /* walk.along */
 {
     double a, b, c, turned[3][3], turning[3][3];
     series(values[3] * values[3] + values[4] * values[4] + values[5] * values[5], &a, &b, &c);
     rotation(values + 3, a, b, turned);
     rotation(values + 3, b, c, turning);
     Vector *axes = w->axes, *origins = w->origins;
-    fill_vector(origins[0], values[0], values[1], values[2]);
+    fill_vector(origins[0], values[0], values[1], values[2], lanes);
     for (int i = 0; i < 3; i++) {
-        fill_vector(axes[i], i == 0, i == 1, i == 2);
-        fill_vector(axes[3 + i], turning[0][i], turning[1][i], turning[2][i]);
-        fill_vector(axes[6 + i], turned[0][i], turned[1][i], turned[2][i]);
+        fill_vector(axes[i], i == 0, i == 1, i == 2, lanes);
+        fill_vector(axes[3 + i], turning[0][i], turning[1][i], turning[2][i], lanes);
+        fill_vector(axes[6 + i], turned[0][i], turned[1][i], turned[2][i], lanes);
         w->motions[i] = (Motion){(const double (*)[BLOCK])axes[i], NULL, -1};
         w->motions[3 + i] =
             (Motion){(const double (*)[BLOCK])axes[3 + i], (const double (*)[BLOCK])origins[0], -1};
@@ -154,17 +156,17 @@ WIDE static void walk(const Arm *arm, const double *values, const double *joints
     const double *row = values + 6;
     Link link;
     for (int i = 0; i < arm->links; i++) {
-        link_numbers(arm, i, row, joints, count, &link);
+        link_numbers(arm, i, row, joints, count, &link, lanes);
         for (int half = 0; half < 2; half++) {
             if ((half == 0) == arm->distal) { /* the joint, and of a distal link its length */
                 motion[0] = (Motion){z, o, arm->slides[i] ? -1 : i};
                 motion[1] = (Motion){z, NULL, arm->slides[i] ? i : -1};
-                turn(x, y, link.joint_c, link.joint_s, next[0], next[1]);
+                turn(x, y, link.joint_c, link.joint_s, next[0], next[1], lanes);
                 x = (const double (*)[BLOCK])next[0];
                 y = (const double (*)[BLOCK])next[1];
                 next += 2;
                 for (int j = 0; j < 3; j++)
-                    for (int t = 0; t < BLOCK; t++) {
+                    for (int t = 0; t < lanes; t++) {
                         double along = o[j][t] + link.slide[t] * z[j][t];
                         (*corner)[j][t] = arm->distal ? along + link.a * x[j][t] : along;
                     }
@@ -172,18 +174,18 @@ WIDE static void walk(const Arm *arm, const double *values, const double *joints
             } else { /* the link, and of a Craig link its length */
                 motion[2] = (Motion){x, NULL, -1};
                 motion[3] = (Motion){x, o, -1};
-                turn(y, z, link.alpha_c, link.alpha_s, next[0], next[1]);
+                turn(y, z, link.alpha_c, link.alpha_s, next[0], next[1], lanes);
                 y = (const double (*)[BLOCK])next[0];
                 z = (const double (*)[BLOCK])next[1];
                 next += 2;
                 if (!arm->distal) {
                     for (int j = 0; j < 3; j++)
-                        for (int t = 0; t < BLOCK; t++) (*corner)[j][t] = o[j][t] + link.a * x[j][t];
+                        for (int t = 0; t < lanes; t++) (*corner)[j][t] = o[j][t] + link.a * x[j][t];
                     o = (const double (*)[BLOCK])(corner++)[0];
                 }
                 if (arm->parallel[i]) {
                     motion[4] = (Motion){y, o, -1};
-                    turn(z, x, link.beta_c, link.beta_s, next[0], next[1]);
+                    turn(z, x, link.beta_c, link.beta_s, next[0], next[1], lanes);
                     z = (const double (*)[BLOCK])next[0];
                     x = (const double (*)[BLOCK])next[1];
                     next += 2;
@@ -199,10 +201,21 @@ WIDE static void walk(const Arm *arm, const double *values, const double *joints
     w->origin = o;
 }
 
-WIDE static void target_at(const Walk *w, const double *tool, double (*restrict point)[BLOCK]) /* SerialArm._targets */
+/* The lanes after the last pose repeat the first: few poses take few of them. */
+WIDE static void walk(const Arm *arm, const double *values, const double *joints, int count, Walk *w)
 {
+    if (count <= 4)
+        walk_lanes(arm, values, joints, count, w, 4);
+    else if (count <= 16)
+        walk_lanes(arm, values, joints, count, w, 16);
+    else
+        walk_lanes(arm, values, joints, count, w, BLOCK);
+}
+
+WIDE static void target_at(const Walk *w, const double *tool, int count, double (*restrict point)[BLOCK])
+{ /* SerialArm._targets */
     for (int j = 0; j < 3; j++)
-        for (int t = 0; t < BLOCK; t++)
+        for (int t = 0; t < count; t++)
             point[j][t] = w->origin[j][t] + tool[0] * w->frame[0][j][t] + tool[1] * w->frame[1][j][t]
                           + tool[2] * w->frame[2][j][t];
 }
@@ -251,7 +264,7 @@ static void observe_one(const Arm *arm, const double *values, const double *join
         int count = n - first < BLOCK ? (int)(n - first) : BLOCK;
         walk(arm, values, joints + first * arm->links, count, w);
         for (int k = 0; k < arm->targets; k++) {
-            target_at(w, tool + 3 * k, point);
+            target_at(w, tool + 3 * k, count, point);
             for (int j = 0; j < 3; j++)
                 memcpy(points + j * at.coordinate + k * at.target + first, point[j], count * sizeof(double));
             if (jacobian == NULL) continue;
@@ -434,7 +447,7 @@ static PyObject *tool(PyObject *self, PyObject *const *args, Py_ssize_t given)
     for (Py_ssize_t first = 0; first < n; first += BLOCK) {
         int count = n - first < BLOCK ? (int)(n - first) : BLOCK;
         walk(&arm, values, joints + first * arm.links, count, &w);
-        target_at(&w, values + before + 3 * target, point);
+        target_at(&w, values + before + 3 * target, count, point);
         for (int t = 0; t < count; t++) {
             double *T = Ts + 16 * (first + t);
             for (int i = 0; i < 3; i++) {

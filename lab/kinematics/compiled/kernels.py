@@ -53,11 +53,13 @@ class CompiledChain:
     every: Columns
     _shape: Columns = field(init=False, repr=False)
     _sign: Array = field(init=False, repr=False)
+    _forward: bool = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         chain = self.chain
         counts = (chain.convention == "distal", chain.size, self.targets)
         object.__setattr__(self, "_shape", np.array([*counts, *chain.prismatic, *chain.parallel], dtype=np.int64))
+        object.__setattr__(self, "_forward", bool((chain.sign > 0).all()))
         object.__setattr__(self, "_sign", np.ascontiguousarray(chain.sign, dtype=np.float64))
 
     def some(self, columns: list[int]) -> Columns:
@@ -80,6 +82,15 @@ class CompiledChain:
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
         self.code.observe(self._shape, self._sign, *given, slot, points, jacobian)
         return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
+
+    def by_joints(self, joints: Array, values: Array, slot: Columns) -> Array:
+        """Derivatives ``(n, k, 3, joints)`` of the targets by the joint positions: ``SerialArm.joint_jacobian``.
+
+        Args:
+            slot: ``(p,)`` the joint whose position adds to each parameter, or -1.
+        """
+        moved = self.observe(joints, values, slot, len(self._sign))[1]
+        return moved if self._forward else moved * self._sign
 
     def tool(self, joints: Array, values: Array, target: int) -> tuple[Array, Array]:
         """Poses ``(n, 4, 4)`` and the geometric Jacobian ``(n, 6, joints)`` of a target: ``SerialArm.tool``."""

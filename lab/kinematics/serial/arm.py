@@ -131,9 +131,7 @@ class SerialArm:
         """Derivatives of the targets with respect to the joint positions, ``(n, k, 3, joints)``."""
         if (code := self.compiled(self._checked(joints), values)) is None:
             return self.joint_derivatives(self.observe(joints, values)[1])
-        by_joints = code.observe(joints, values, self._joint_slots, self.chain.size)[1]
-        by_joints *= self.chain.sign
-        return by_joints
+        return code.by_joints(joints, values, self._joint_slots)
 
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Of derivatives ``(..., parameters)`` those with respect to the joint positions, ``(..., joints)``."""
