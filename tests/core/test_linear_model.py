@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lab.core.linear_model import LinearModel, half_width_95, matched_dof, p_value_of_squares, unit_columns
+from lab.core.linear_model import (
+    LinearModel,
+    half_width_95,
+    matched_dof,
+    p_value_of_squares,
+    pseudo_inverse,
+    unit_columns,
+)
 
 RNG = np.random.default_rng(1)
 COLUMNS = RNG.standard_normal((40, 6)) * 10.0 ** np.arange(-3, 3)
@@ -74,3 +81,14 @@ def test_unit_columns_keep_columns_of_zeros() -> None:
     scaled, size = unit_columns(np.array([[3.0, 0.0], [4.0, 0.0]]))
     np.testing.assert_array_equal(size, [5.0, 1.0])
     np.testing.assert_array_equal(scaled, [[0.6, 0.0], [0.8, 0.0]])
+
+
+def test_the_inverse_of_a_triangle_leaves_out_what_is_not_determined() -> None:
+    triangle = np.triu(np.random.default_rng(3).standard_normal((6, 6))) + 3 * np.eye(6)
+    assert np.abs(pseudo_inverse(triangle, 1e-10) @ triangle - np.eye(6)).max() < 1e-13
+    for small in (0.0, 1e-13):  # the fifth column is all but a sum of others
+        triangle[:, 4] = triangle[:, 0] - triangle[:, 2]
+        triangle[4, 4] = small
+        inverse = pseudo_inverse(triangle, 1e-10)
+        assert np.abs(triangle @ inverse @ triangle - triangle).max() < 1e-12
+        assert np.linalg.norm(inverse) < 1e3 and np.linalg.matrix_rank(inverse, 1e-6) == 5
