@@ -24,6 +24,7 @@ LOOKED_AT = 32  # candidates of the largest trace, whose determinants are comput
 SAMPLED = 256  # candidates tried at each place where a criterion has no rank-k update
 STEP_RAD = 1e-5  # of the central differences (m for a slide)
 _RIDGE = 1e-9  # of the trace, while a design one pose short is singular
+_NEARLY_SINGULAR = 1e-4  # of 1, what a pose that is left out leaves of a direction: an update would lose its digits
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def exchange(
     *,
     starts: int = 4,
     measured: Array | None = None,
-    first: NDArray[np.int_] | None = None,
+    reachable: Feasible | None = None,
 ) -> Design:
     """The best of several Fedorov exchanges: each pose in turn gives way to the best candidate.
 
@@ -68,8 +69,8 @@ def exchange(
         jacobian: theirs, ``(m, r, p)``.
         count: how many poses to choose, no candidate twice.
         measured: information ``(p, p)`` of poses that were measured already.
-        first: rows ``(count,)`` that the first start begins with, e.g. those of a design that has lost some; by chance
-            if not given.
+        reachable: joint positions ``(n, joints)`` to ``(n,)``, which of them the arm can go to; asked only of
+            candidates that would be chosen. All, if not given.
 
     Raises:
         LabError: there are too few candidates, or no choice of ``count`` shows every parameter.
@@ -80,10 +81,13 @@ def exchange(
         raise LabError(f"{count} poses from {m} candidates: ask for 1 to {m}, or for more candidates")
     if measured is None and count * rows < p:
         raise LabError(f"{count} poses cannot show {p} parameters: ask for {-(-p // rows)} or more")
+
+    def allowed(row: int) -> bool:
+        return reachable is None or bool(reachable(joints[row : row + 1])[0])
+
     best: Design | None = None
-    for start in range(starts):
-        begun = first.copy() if first is not None and start == 0 else rng.choice(m, count, replace=False)
-        chosen, score = _exchanged(jacobian, begun, goal, held, rng)
+    for _ in range(starts):
+        chosen, score = _Exchange(jacobian, goal, held, rng, allowed).settled(count)
         if best is None or score > best.score:
             best = Design(chosen, joints[chosen], jacobian[chosen], score)
     assert best is not None
@@ -98,75 +102,151 @@ def _scaled(matrix: Array) -> Array:
     return scaled
 
 
-def _exchanged(
-    jacobian: Array, chosen: NDArray[np.int_], goal: Criterion, held: Array, rng: np.random.Generator
-) -> tuple[NDArray[np.int_], float]:
-    total = held + information(jacobian[chosen])
-    for _ in range(MOST_PASSES):
-        changed = False
-        for slot in range(len(chosen)):
-            without = total - information(jacobian[chosen[slot : slot + 1]])
-            tried, scores = _scores_with(jacobian, without, chosen, slot, goal, rng)
-            own = scores[tried == chosen[slot]][0]
+class _Exchange:
+    """One exchange: the poses chosen, and what every candidate would add to them.
+
+    For O1, V is the inverse of the information of all poses chosen, and tr(J V J') of every candidate is kept. Both
+    follow by updates of rank r when a pose is left out or taken (Sherman, Morrison & Woodbury 1950), at the cost of
+    candidates by p by r instead of candidates by p by p.
+    """
+
+    def __init__(
+        self, jacobian: Array, goal: Criterion, held: Array, rng: np.random.Generator, allowed: Callable[[int], bool]
+    ) -> None:
+        self.jacobian, self.goal, self.held, self.rng, self.allowed = jacobian, goal, held, rng, allowed
+        self.flat = jacobian.reshape(-1, jacobian.shape[2])
+        self.free = np.ones(len(jacobian), dtype=bool)  # neither chosen nor known to be out of reach
+        self.by_trace = goal.name == "O1"
+
+    def settled(self, count: int) -> tuple[NDArray[np.int_], float]:
+        """So many poses, begun by chance, when no place has a better candidate that is allowed; and their score."""
+        self.chosen = self.rng.choice(len(self.jacobian), count, replace=False)
+        self.free[self.chosen] = False
+        for _ in range(MOST_PASSES):
+            self._count_anew()
+            if not sum(self._changed(slot) for slot in range(count)):
+                break
+        return self.chosen, float(self.goal.score(self.held + information(self.jacobian[self.chosen])))
+
+    def _count_anew(self) -> None:
+        """The information of all poses chosen, and what follows from it, without the rounding of updates."""
+        self.total = self.held + information(self.jacobian[self.chosen])
+        if self.by_trace:
+            self.kept = self._reckoned(self.total)
+
+    def _changed(self, slot: int) -> bool:
+        """Whether a better pose takes this place, or one that is allowed."""
+        present, own_information = int(self.chosen[slot]), information(self.jacobian[self.chosen[slot : slot + 1]])
+        without = self.total - own_information
+        left = (self._with(self.kept, present, -1.0) or self._reckoned(without)) if self.by_trace else None
+        row = self._winner(without, left, present)
+        if row == present:
+            return False
+        self.chosen[slot] = row
+        self.total = without + information(self.jacobian[row : row + 1])
+        self.free[row] = False
+        self.free[present] = self.allowed(present)
+        if left is not None:
+            self.kept = self._with(left, row, 1.0) or self._reckoned(self.total)
+        return True
+
+    def _winner(self, without: Array, left: "_Traces | None", present: int) -> int:
+        """The best allowed candidate for a place, which is the present one where none is better."""
+        while True:
+            tried, scores = self._scores(without, left, present)
             winner = int(np.argmax(scores))
-            if scores[winner] > own + 1e-9 * max(1.0, abs(own)):
-                chosen[slot] = tried[winner]
-                total = without + information(jacobian[chosen[slot : slot + 1]])
-                changed = True
-        total = held + information(jacobian[chosen])
-        if not changed:
-            break
-    return chosen, float(goal.score(total))
+            own = scores[-1]
+            row = int(tried[winner]) if scores[winner] > own + 1e-9 * max(1.0, abs(own)) else present
+            if self.allowed(row):
+                return row
+            if row == present:  # whoever comes next is better than a pose that cannot be taken
+                others = np.argsort(-scores[:-1], kind="stable")
+                for row in tried[others].tolist():
+                    if self.allowed(row):
+                        return int(row)
+                    self.free[row] = False
+                if not self.free.any():
+                    raise LabError(
+                        f"no free way leads to {len(self.chosen)} of {len(self.jacobian)} candidates: ask for fewer "
+                        "poses or for more candidates"
+                    )
+            self.free[row] = False
+
+    def _scores(self, without: Array, left: "_Traces | None", present: int) -> tuple[NDArray[np.int_], Array]:
+        """Candidates that may take a place (the present one last), and the score of the design with each there."""
+        if left is not None:
+            tried = np.append(self._promising(left), present)
+            return tried, _added(self.jacobian[tried], left.inverse)
+        tried = np.flatnonzero(self.free)
+        if self.goal.weight is None:  # no rank-k update: whole scores of a sample
+            if len(tried) > SAMPLED:
+                tried = self.rng.choice(tried, SAMPLED, replace=False)
+            tried = np.append(tried, present)
+            part = self.jacobian[tried]
+            return tried, self.goal.score(without + np.swapaxes(part, 1, 2) @ part)
+        inverse = _inverse(without)
+        tried = np.append(tried, present)
+        part = self.jacobian[tried]
+        moved = part @ inverse  # (m, r, p)
+        core = np.eye(part.shape[1]) + moved @ np.swapaxes(part, 1, 2)
+        spread = moved @ self.goal.weight @ np.swapaxes(moved, 1, 2)
+        gain = np.trace(np.linalg.solve(core, spread), axis1=1, axis2=2)
+        return tried, -np.log(np.maximum(np.trace(self.goal.weight @ inverse) - gain, 1e-300))
+
+    def _promising(self, left: "_Traces") -> NDArray[np.int_]:
+        """Free candidates that may have the largest log det(I + J V J').
+
+        It is at most r log(1 + t / r) with t the trace of the r x r matrix J V J', so whoever stays
+        below the best of those with the largest traces is out.
+        """
+        rows = self.jacobian.shape[1]
+        trace = np.where(self.free, left.trace, -1.0)
+        first = np.argpartition(-trace, min(LOOKED_AT, len(trace) - 1))[:LOOKED_AT]
+        first = first[self.free[first]]
+        best = _added(self.jacobian[first], left.inverse).max(initial=-np.inf)
+        bound = rows * np.log1p(np.maximum(trace, -0.5) / rows)
+        return np.flatnonzero(self.free & (bound >= best - 1e-9))
+
+    def _reckoned(self, total: Array) -> "_Traces":
+        inverse = _inverse(total)
+        return _Traces(inverse, self._by_pose(np.einsum("ij,ij->i", self.flat @ inverse, self.flat)))
+
+    def _with(self, now: "_Traces", row: int, sign: float) -> "_Traces | None":
+        """With a candidate taken (sign 1) or left out (-1); None where what is left is nearly singular."""
+        added = self.jacobian[row]
+        half = now.inverse @ added.T
+        core = np.eye(len(added)) + sign * added @ half
+        if np.linalg.eigvalsh(core)[0] < _NEARLY_SINGULAR:
+            return None
+        gain = sign * np.linalg.inv(core)
+        across = self.flat @ half  # (m r, r)
+        changed = self._by_pose(np.einsum("ij,ij->i", across @ gain, across))
+        return _Traces(now.inverse - half @ gain @ half.T, now.trace - changed)
+
+    def _by_pose(self, numbers: Array) -> Array:
+        total: Array = numbers.reshape(len(self.jacobian), -1).sum(axis=1)
+        return total
 
 
-def _scores_with(
-    jacobian: Array, without: Array, chosen: NDArray[np.int_], slot: int, goal: Criterion, rng: np.random.Generator
-) -> tuple[NDArray[np.int_], Array]:
-    """Candidates that may take a place (the present one last), and the score of the design with each there."""
-    free = np.ones(len(jacobian), dtype=bool)
-    free[chosen] = False
-    tried = np.flatnonzero(free)
-    if goal.name != "O1" and goal.weight is None:  # no rank-k update: whole scores of a sample
-        if len(tried) > SAMPLED:
-            tried = rng.choice(tried, SAMPLED, replace=False)
-        tried = np.append(tried, chosen[slot])
-        part = jacobian[tried]
-        return tried, goal.score(without + np.swapaxes(part, 1, 2) @ part)
-    inverse = _inverse(without)
-    if goal.weight is None:
-        tried = _promising(jacobian, free, inverse)
-    tried = np.append(tried, chosen[slot])
-    part = jacobian[tried]
-    moved = part @ inverse  # (m, r, p)
-    core = np.eye(part.shape[1]) + moved @ np.swapaxes(part, 1, 2)
-    if goal.weight is None:
-        return tried, np.linalg.slogdet(core)[1]
-    spread = moved @ goal.weight @ np.swapaxes(moved, 1, 2)
-    gain = np.trace(np.linalg.solve(core, spread), axis1=1, axis2=2)
-    return tried, -np.log(np.maximum(np.trace(goal.weight @ inverse) - gain, 1e-300))
+@dataclass(frozen=True)
+class _Traces:
+    """The inverse ``(p, p)`` V of an information, and tr(J V J') of every candidate ``(m,)``."""
+
+    inverse: Array
+    trace: Array
+
+
+def _added(jacobian: Array, inverse: Array) -> Array:
+    """Log det(I + J V J') of candidates ``(m, r, p)``: how much each adds to the log det of the information."""
+    core = np.eye(jacobian.shape[1]) + jacobian @ inverse @ np.swapaxes(jacobian, 1, 2)
+    gains: Array = np.linalg.slogdet(core)[1]
+    return gains
 
 
 def _inverse(information: Array) -> Array:
     """The inverse, with a trace of a ridge where a design one pose short is singular."""
     p = len(information)
     return np.asarray(np.linalg.inv(information + _RIDGE * np.trace(information) / p * np.eye(p)), dtype=np.float64)
-
-
-def _promising(jacobian: Array, free: NDArray[np.bool_], inverse: Array) -> NDArray[np.int_]:
-    """Free candidates that may have the largest log det(I + J V J').
-
-    It is at most r log(1 + t / r) with t the trace of the r x r matrix J V J', so whoever stays
-    below the best of those with the largest traces is out.
-    """
-    rows = jacobian.shape[1]
-    flat = jacobian.reshape(-1, jacobian.shape[2])
-    trace = np.einsum("ij,ij->i", flat @ inverse, flat).reshape(-1, rows).sum(axis=1)
-    trace[~free] = -1.0
-    first = np.argpartition(-trace, min(LOOKED_AT, len(trace) - 1))[:LOOKED_AT]
-    part = jacobian[first[trace[first] >= 0]]
-    best = np.linalg.slogdet(np.eye(rows) + part @ inverse @ np.swapaxes(part, 1, 2))[1].max(initial=-np.inf)
-    bound = rows * np.log1p(np.maximum(trace, -0.5) / rows)
-    return np.flatnonzero(free & (bound >= best - 1e-9))
 
 
 def ascend(
