@@ -120,13 +120,15 @@ class Robot(ABC):
         targets: tuple[str, ...],
         groups: Sequence[str],
         course: SessionInfo = SessionInfo(),  # noqa: B008
+        moving: bool = False,
     ) -> Arm:
-        """The arm with groups of effects (``kinematics.effects``), by name, for measurements of such a course.
+        """The arm with groups of effects, by name, for measurements of such a course, or moving, under inertia too.
 
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
-        return affected(self.arm(targets), [effect(name, self.chain, self.loads, course) for name in groups])
+        effects = [effect(name, self.chain, self.loads, course, moving=moving) for name in groups]
+        return affected(self.arm(targets), effects)
 
     @abstractmethod
     def _simulated_loads(self) -> Loads | None:

@@ -43,6 +43,7 @@ _FILES = {
     "cartesian.csv",
     "plan.csv",
     "trajectory.csv",
+    "corrected.csv",
     "load.csv",
     "motion.csv",
     "another.csv",

@@ -18,10 +18,11 @@ from lab.kinematics.differential import SINGULAR_M, WEIGHTS
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.walk import Torsors
 
-__all__ = ["Correction", "ElasticErrors", "TorsorsAt", "compensated", "elastic_errors", "greville"]
+__all__ = ["Correction", "ElasticErrors", "ToolAt", "compensated", "elastic_errors", "error_between", "greville"]
 
-TorsorsAt = Callable[[Array], Torsors]
-"""Joint positions ``(n, joints)`` to the torsors of the links there: a model of deformations, its loads in it."""
+ToolAt = Callable[[Array], tuple[Array, Array]]
+"""X_d = F_d(q, u): joint positions ``(n, joints)`` to the deformed arm's tool ``(n, 4, 4)`` there, and its Jacobian
+``(n, 6, joints)`` (``SerialArm.tool``): a model of deformations, its loads in it."""
 
 _ROUNDS = 30
 _SETTLED = 1e-12  # m, a radian as ``ROTATION_M``: what is left of the components that can be made
@@ -63,23 +64,26 @@ class Correction:
 def elastic_errors(arm: SerialArm, values: Array, joints: Array, torsors: Torsors, target: int = 0) -> ElasticErrors:
     """The elastic errors of a target at joint positions ``(n, joints)``, for parameters ``(p,)``."""
     rigid = arm.tool(joints, values, target)[0]
-    alone = [_between(rigid, arm.tool(joints, values, target, {link: each})[0]) for link, each in torsors.items()]
-    total = _between(rigid, arm.tool(joints, values, target, torsors)[0])
+    alone = [error_between(rigid, arm.tool(joints, values, target, {link: each})[0]) for link, each in torsors.items()]
+    total = error_between(rigid, arm.tool(joints, values, target, torsors)[0])
     return ElasticErrors(total, np.stack(alone, axis=1) if alone else np.zeros((len(joints), 0, 6)), tuple(torsors))
 
 
-def compensated(arm: SerialArm, values: Array, joints: Array, torsors_at: TorsorsAt, target: int = 0) -> Correction:
+def compensated(rigid: tuple[Array, Array], joints: Array, deformed: ToolAt) -> Correction:
     """Bring the deformed arm's tool to where joint positions ``(n, joints)`` bring the rigid arm's.
 
     The components that are made up for are the first ones, in the order x y z rx ry rz, that are independent where the
     joints are: of a planar arm with two joints, x and y.
+
+    Args:
+        rigid: the rigid arm's tool ``(n, 4, 4)`` at the joint positions, and its Jacobian ``(n, 6, joints)``.
+        deformed: the deformed arm's.
     """
-    wanted, rigid = arm.tool(joints, values, target)
-    made = _can_be_made(rigid)
+    wanted, made = rigid[0], _can_be_made(rigid[1])
     moved, rounds = joints.astype(np.float64), 0
     while True:
-        Ts, jacobian = arm.tool(moved, values, target, torsors_at(moved))
-        left = _between(wanted, Ts)
+        Ts, jacobian = deformed(moved)
+        left = error_between(wanted, Ts)
         if rounds == _ROUNDS or np.abs(left[:, made] * WEIGHTS[made]).max(initial=0.0) <= _SETTLED:
             return Correction(moved, made, left, rounds)
         weighted = WEIGHTS[made, None] * jacobian[:, made]
@@ -109,8 +113,8 @@ def greville(matrix: Array) -> Array:
     return inverse
 
 
-def _between(rigid: Array, deformed: Array) -> Array:
-    """From poses ``(n, 4, 4)`` to others: ``(n, 6)`` m, and the rotation vector in the tracker's frame."""
+def error_between(rigid: Array, deformed: Array) -> Array:
+    """DX = X_D - X_R of poses ``(n, 4, 4)``: ``(n, 6)`` m, and the rotation vector (rad) in the tracker's frame."""
     turned = se3.log(deformed[:, :3, :3] @ rigid[:, :3, :3].swapaxes(1, 2))
     return np.concatenate([deformed[:, :3, 3] - rigid[:, :3, 3], turned], axis=1)
 

@@ -171,8 +171,9 @@ def joint_parameter(
 
 
 def section_parameter(group: str, link: int, symbol: str) -> Parameter:
-    """A compliance of a link's section, 1/EI or 1/GJ; the link counts from 0 here and from 1 in its name."""
-    return Parameter(f"link{link + 1}", symbol, group, "section", UNITS["section"], EFFECT_SCALES["section"])
+    """A compliance of a link's section, 1/EI, 1/GJ or 1/EA; the link counts from 0 here and from 1 in its name."""
+    unit = "1/N" if symbol == "ea" else UNITS["section"]
+    return Parameter(f"link{link + 1}", symbol, group, "section", unit, EFFECT_SCALES["section"])
 
 
 def is_reserved_owner(name: str) -> bool:

@@ -48,6 +48,7 @@ __all__ = [
     "RGB_FLOOR",
     "RGB_LAST",
     "RGB_LEG",
+    "RGB_LINKS",
     "RGB_MAPPING",
     "RGB_MEASURED",
     "RGB_MUTED",
@@ -129,6 +130,9 @@ RGB_UNCERTAINTY: Final[Rgb] = (190, 130, 255)
 RGB_BEAM: Final[Rgb] = (235, 60, 60)
 RGB_ROD: Final[Rgb] = (170, 175, 185)
 RGB_LEG: Final[Rgb] = (242, 97, 15)  # whose length is a joint position
+RGB_LINKS: Final[tuple[Rgb, ...]] = (  # of an arm that bends, base outward
+    (250, 215, 70), (130, 205, 255), (240, 130, 90), (120, 220, 140), (210, 150, 255), (245, 160, 190),
+)  # fmt: skip
 RGB_ARROW: Final[Rgb] = (245, 245, 250)  # half-axes, wanted edges
 RGB_PATH: Final[Rgb] = (110, 118, 135)
 RGB_CURRENT: Final[Rgb] = (255, 255, 255)  # where the tour is

@@ -1,11 +1,13 @@
 """Elastic errors by segment and in sum, Greville's pseudo-inverse, and corrected joint positions of many arms."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from helpers.robots import IRB120, chain_of
 
 from lab.campaign.robot import load_virtual
-from lab.compensation.elastic import compensated, elastic_errors, greville
+from lab.compensation.elastic import Correction, compensated, elastic_errors, greville
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.link_loads import LinkLoads, link_loads
@@ -19,6 +21,10 @@ TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])
 def torsors(links: LinkLoads, joints: Array, payload_kg: float, section: Array, bending: tuple[int, ...]) -> Torsors:
     loads = links.at_rest(joints, np.full(len(joints), payload_kg))
     return {link: links.beams[link].torsor(loads[:, link], section) for link in bending}
+
+
+def corrected(arm: SerialArm, values: Array, joints: Array, torsors_at: Callable[[Array], Torsors]) -> Correction:
+    return compensated(arm.tool(joints, values), joints, lambda q: arm.tool(q, values, 0, torsors_at(q)))
 
 
 def test_grevilles_pseudo_inverse_is_that_of_the_svd() -> None:
@@ -55,7 +61,7 @@ def test_the_deformed_arm_gets_where_the_rigid_one_was_sent(name: str) -> None:
     arm, links, model = robot.serial_arm(("p1",)), link_loads(robot.loads), robot.serial_model
     values, bending = arm.nominal(robot.tool), (1, 3)
     joints = robot.chain.random_joints(20, np.random.default_rng(2))
-    found = compensated(arm, values, joints, lambda q: torsors(links, q, 2.0, TUBE, bending))
+    found = corrected(arm, values, joints, lambda q: torsors(links, q, 2.0, TUBE, bending))
     well = np.abs(found.joints - joints).max(axis=1) < 5e-3  # away from singularities
     assert well.sum() >= 15 and found.made.all() and np.abs(found.left[well]).max() < 1e-11
     sections = np.zeros((6, 4))
@@ -82,7 +88,7 @@ def test_a_planar_arm_leaves_out_what_its_joints_cannot_make() -> None:
     """Gravity a little out of its plane: x and y are met to rounding, z and the rotations stay as they are."""
     arm, links = planar()
     joints, values = np.deg2rad([[20.0, 60.0], [80.0, -50.0], [-30.0, 100.0]]), arm.nominal({"p1": np.zeros(3)})
-    found = compensated(arm, values, joints, lambda q: torsors(links, q, 1.0, 1e2 * TUBE, (0, 1)))
+    found = corrected(arm, values, joints, lambda q: torsors(links, q, 1.0, 1e2 * TUBE, (0, 1)))
     assert found.made.tolist() == [True, True, False, False, False, False]
     before = elastic_errors(arm, values, joints, torsors(links, joints, 1.0, 1e2 * TUBE, (0, 1))).total
     assert np.abs(before[:, :2]).max() > 1e-3 and np.abs(found.left[:, :2]).max() < 1e-11
@@ -94,7 +100,7 @@ def test_a_large_error_takes_several_rounds() -> None:
     arm, links = planar()
     joints, values = np.deg2rad([[20.0, 60.0]]), arm.nominal({"p1": np.zeros(3)})
     small, large = (
-        compensated(arm, values, joints, lambda q, s=s: torsors(links, q, 1.0, s * TUBE, (0, 1))) for s in (1.0, 1e3)
+        corrected(arm, values, joints, lambda q, s=s: torsors(links, q, 1.0, s * TUBE, (0, 1))) for s in (1.0, 1e3)
     )
     assert small.rounds < large.rounds <= 30 and np.abs(large.left[:, :2]).max() < 1e-11
 
@@ -102,6 +108,6 @@ def test_a_large_error_takes_several_rounds() -> None:
 def test_a_stiff_arm_needs_no_correction() -> None:
     arm, _ = planar()
     joints, values = np.deg2rad([[20.0, 60.0]]), arm.nominal()
-    found = compensated(arm, values, joints, lambda _: {})
+    found = corrected(arm, values, joints, lambda _: {})
     np.testing.assert_array_equal(found.joints, joints)
     assert found.rounds == 0 and not elastic_errors(arm, values, joints, {}).by_link.size

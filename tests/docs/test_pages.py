@@ -62,6 +62,8 @@ def write_files(page: Page, folder: Path) -> None:
             (folder / "cell.toml").write_text(block)
         if "[certificate]" in block:
             (folder / "details.toml").write_text(block)
+        if block.startswith("robot ="):
+            (folder / "soft.toml").write_text(block)
         if "[systematic]" in block:
             (folder / "tracker.toml").write_text(block)
         if "[sensor]" in block:

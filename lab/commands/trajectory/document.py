@@ -7,6 +7,7 @@ import numpy as np
 from lab.commands.provenance import provenance_section
 from lab.commands.trajectory.result import TrajectoryResult
 from lab.commands.values import joint_values
+from lab.compensation.elastic_tracking import Tracking
 from lab.core.se3 import Array
 from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings
 from lab.render.format import fixed
@@ -31,6 +32,7 @@ def trajectory_document(result: TrajectoryResult) -> Document:
             Warnings(result.warnings),
             Section("Moves", (_legs(result),)),
             Section("Joints", (_joints(result), Paragraph(_LAWS[result.options.law], "note"))),
+            *_errors(result),
             Section("Over time", (_figure(result),)),
             provenance_section("trajectory", result.options, result.robot.sha256),
         ),
@@ -42,6 +44,46 @@ _LAWS = {
     "own": "In moves of the joints all start and stop together, each with phases of its own.",
     "independent": "In moves of the joints all start together, and each stops as soon as it can.",
 }
+
+
+def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
+    """What the arm misses along the way, by part, and what is done about it."""
+    if result.tracked is None or result.tracking is None:
+        return ()
+    found, values = result.tracking, result.to_dict()["tracking"]
+    left = ("left after the correction, by the model", values["left_mm"])
+    rows = [("in all", values["error_mm"]), *values["parts_mm"].items(), left]
+    cells = tuple((name, *(_um(each[key]) for key in ("mean", "max"))) for name, each in rows)
+    chain, largest = result.chain, values["largest_corrections"]
+    joints = ", ".join(
+        f"{name} {size:.3g}{' mm' if slides else '°'}"
+        for name, size, slides in zip(chain.joint_names, largest, chain.prismatic, strict=True)
+    )
+    words = (
+        f"With {values['payload_kg']:.4g} kg, under gravity and the inertia of the motion, at rest at each instant: "
+        f"vibration is left out. Joint positions that make up for it are in corrected.csv: by up to {joints}."
+    )
+    if values["not_made_up_for"]:
+        words += f" No joint moves the tool along {', '.join(values['not_made_up_for'])}, so that is not made up for."
+    figure = Figure("errors", (_error_picture(result, found),), "What the tool misses its path by, in all and by part.")
+    return (Section("Errors along the way", (Paragraph(words), Table(("part", "mean, µm", "max, µm"), cells), figure)),)
+
+
+def _um(length_mm: float) -> str:
+    return f"{1e3 * length_mm:.3g}" if length_mm >= 1e-6 else "< 0.001"
+
+
+def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
+    curves = {"in all": found.total, **found.parts}
+
+    def draw(axes: "Axes") -> None:
+        for i, (name, error) in enumerate(curves.items()):
+            lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
+            axes.plot(result.sampled.times, lengths, "-", color=SERIES[i % len(SERIES)][0], linewidth=1.3, label=name)
+        axes.set(xlabel="time, s", ylabel="mm", title="errors of the tool")
+        axes.legend(loc="best", fontsize=7)
+
+    return axes_picture("errors", "Errors of the tool over time", (7.5, 2.4), draw, (0.8, 0.5, 0.2, 0.3))
 
 
 def curve_pictures(result: TrajectoryResult) -> tuple[Picture, ...]:

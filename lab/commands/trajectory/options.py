@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from lab.campaign.option_groups import Numbers
+from lab.campaign.option_groups import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention
@@ -48,6 +48,17 @@ class TrajectoryOptions:
     """The tool's point in the last frame, or the platform's: x,y,z; by default its origin."""
     step_ms: float = 10.0
     """Time between the rows of trajectory.csv."""
+    run: Path | None = None
+    """The folder of a run of lab calibrate or lab identify: how far its robot misses the way, and joint positions that
+    make up for it. Its robot is taken."""
+    payload_kg: float | None = None
+    """What is carried all the way; that of --load, if not given."""
+    load: Path | None = None
+    """The folder of a run of lab payload: where the payload hangs, and how heavy it is."""
+    force: Flag = False
+    """Also for a run whose verdict is bad or not judged."""
+    accept_edited: Flag = False
+    """Build on a run too whose files were changed since it was written."""
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
@@ -56,6 +67,10 @@ class TrajectoryOptions:
         for flag in ("blend_mm", "blend_deg"):
             if getattr(self, flag) is not None:
                 positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
+        if self.payload_kg is not None and not 0 <= self.payload_kg < np.inf:
+            raise LabError(f"--payload-kg: {self.payload_kg:g}; give zero or more")
+        if self.run is not None and self.tool_mm:
+            raise LabError("--tool-mm and --run: the run has the tool that it measured; leave out one")
         if self.tool_mm and (len(self.tool_mm) != 3 or not np.isfinite(self.tool_mm).all()):
             raise LabError("--tool-mm: give x,y,z of the tool's point in the last frame, e.g. 0,0,100")
 

@@ -6,18 +6,24 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 from lab.commands.trajectory.result import TrajectoryResult
 from lab.commands.values import joint_values
+from lab.compensation.elastic_tracking import Tracking
+from lab.kinematics.dynamics.link_loads import link_loads
+from lab.render.bent_links import bent_links
 from lab.render.markdown import to_markdown
 from lab.render.recording_layout import FAR, SUMMARY, eye, layout, main_view
 from lab.render.rerun_primitives import Times, draw_legs, draw_shells, markdown, recording_to
-from lab.render.scene import drawn_rows, moved, world_legs
+from lab.render.scene import drawn_rows, magnification, moved, world_legs
 from lab.render.skeleton import skeleton
-from lab.render.style import RGB_PATH
+from lab.render.style import RGB_LINKS, RGB_PATH, RGB_ROD
 from lab.simulation.meshes import body_poses, shells
 
 __all__ = ["record_trajectory"]
+
+_MAGNIFIED = 0.15  # of the reach: the largest deflection as drawn
 
 
 def record_trajectory(path: Path, result: TrajectoryResult) -> None:
@@ -35,15 +41,52 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
         draw_legs(recording, at, world_legs(model.T_world_frame0, arm, values, joints), reach)
         tool = moved(model.T_world_frame0, sampled.Ts_base_tool[:, :3, 3])
         recording.log("world/path", rr.LineStrips3D([tool], colors=RGB_PATH, radii=0.002 * reach), static=True)
+        _draw_bent_links(recording, at, result, rows, reach)
         every: Times = [rr.TimeColumn("time", duration=sampled.times)]
         for name, column in zip(
             arm.chain.joint_names, joint_values(arm.chain.prismatic, sampled.joints).T, strict=True
         ):
             recording.send_columns(f"joints/{name}", every, rr.Scalars.columns(scalars=column))
             recording.log(f"joints/{name}", rr.SeriesLines(names=name, widths=1.5), static=True)
+        curves = [rrb.TimeSeriesView(origin="joints", name="Joints, ° or mm")]
+        if result.tracking is not None:
+            curves.append(rrb.TimeSeriesView(origin="errors", name="Errors of the tool, mm"))
+            _draw_errors(recording, every, result.tracking)
         recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
         ahead = origins[0, 0] + FAR * reach * np.array([1.0, -1.0, 0.0])
         view = main_view("Robot and path", eye(origins, tool, reach, ahead))
-        curves = rrb.TimeSeriesView(origin="joints", name="Joints, ° or mm")
         text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
-        recording.send_blueprint(layout(rrb.Vertical(view), rrb.Vertical(text, curves), "time"))
+        recording.send_blueprint(layout(rrb.Vertical(view), rrb.Vertical(text, *curves), "time"))
+
+
+def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> None:
+    """What the tool misses its path by, over time, in all and by part."""
+    for name, error in {"in all": found.total, **found.parts}.items():
+        entity = f"errors/{name.replace(' ', '_')}"
+        lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
+        recording.send_columns(entity, at, rr.Scalars.columns(scalars=lengths))
+        recording.log(entity, rr.SeriesLines(names=name, widths=1.5), static=True)
+
+
+def _draw_bent_links(
+    recording: rr.RecordingStream, at: Times, result: TrajectoryResult, rows: NDArray[np.int_], reach: float
+) -> None:
+    """Of an arm that bends: its links as lines, rigid in grey, and bent, magnified, each in a colour of its own."""
+    found, loads = result.tracking, result.robot.loads
+    if found is None or loads is None:
+        return
+    bent = sum((part for name, part in found.parts.items() if name != "geometry"), np.zeros_like(found.total))
+    largest = float(np.linalg.norm(bent[:, :3], axis=1).max())
+    if not largest > 0:
+        return
+    factor = magnification(largest, _MAGNIFIED * reach)
+    links, joints = link_loads(loads), result.sampled.joints[rows]
+    sag, torsors = found.standing[rows] - joints, {link: each[rows] for link, each in found.torsors.items()}
+    for name, scale, size in (("rigid", 0.0, 0.002), (f"bent_{factor:g}_times", factor, 0.005)):
+        for link, lines in bent_links(links, joints, sag, torsors, scale).items():
+            entity = f"world/links/{name}/link{link + 1}"
+            colour = RGB_LINKS[link % len(RGB_LINKS)] if scale else RGB_ROD
+            style = rr.LineStrips3D.from_fields(colors=[colour], radii=[size * reach])
+            recording.log(entity, style, static=True)
+            placed = moved(result.robot.T_world_frame0, lines)
+            recording.send_columns(entity, at, rr.LineStrips3D.columns(strips=list(placed)))

@@ -13,9 +13,13 @@ from lab.commands.inspect.format import tidy
 from lab.commands.result import Result
 from lab.commands.trajectory.motion import Leg
 from lab.commands.trajectory.options import TrajectoryOptions
+from lab.commands.trajectory.tracked import TrackedArm, tracking_along
 from lab.commands.values import joint_values, number
+from lab.compensation.elastic_tracking import Tracking
+from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.csv_table import write_columns
+from lab.kinematics.effects.effect import AXES
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.motion import Motion
 
@@ -52,6 +56,7 @@ class TrajectoryResult(Result):
         options: what was asked.
         chain: the joints, with the speeds and accelerations that were kept.
         legs: the parts of the motion.
+        tracked: the arm whose errors along the way are known; None of a nominal robot that nothing bends.
     """
 
     options: TrajectoryOptions
@@ -59,6 +64,7 @@ class TrajectoryResult(Result):
     chain: JointSpec
     legs: tuple[Leg, ...]
     warnings: tuple[str, ...]
+    tracked: TrackedArm | None = None
 
     @property
     def exit_code(self) -> int:
@@ -78,6 +84,14 @@ class TrajectoryResult(Result):
         arm = self.robot.arm(("p1",))
         Ts = arm.tool(joints, arm.nominal({"p1": self.options.tool_m}))[0]
         return Sampled(times, joints, speeds, accelerations, Ts)
+
+    @cached_property
+    def tracking(self) -> Tracking | None:
+        """What the tracked arm misses at these times, and the joint positions that make up for it."""
+        if self.tracked is None:
+            return None
+        at = self.sampled
+        return tracking_along(self.tracked, at.joints, at.speeds, at.accelerations, at.times)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints: seconds, mm and degrees."""
@@ -103,7 +117,22 @@ class TrajectoryResult(Result):
                 }
                 for leg in self.legs
             ],
+            "tracking": self._tracking_values(),
             "warnings": list(self.warnings),
+        }
+
+    def _tracking_values(self) -> dict[str, Any] | None:
+        """What is missed and corrected, in mm and degrees."""
+        if self.tracked is None or self.tracking is None:
+            return None
+        corrected, joints = self.tracking.corrected, self.sampled.joints
+        return {
+            "payload_kg": number(self.tracked.payload_kg),
+            "error_mm": _mean_and_max(self.tracking.total),
+            "parts_mm": {name: _mean_and_max(part) for name, part in self.tracking.parts.items()},
+            "left_mm": _mean_and_max(corrected.left),
+            "largest_corrections": _told(self.chain, np.abs(corrected.joints - joints).max(axis=0)),
+            "not_made_up_for": [name for name, made in zip(AXES, corrected.made, strict=True) if not made],
         }
 
     def document(self) -> "Document":
@@ -128,6 +157,24 @@ class TrajectoryResult(Result):
             table[f"tool_{axis}_mm"] = (1e3 * sampled.Ts_base_tool[:, i, 3]).tolist()
         return table
 
+    def corrected_columns(self) -> Mapping[str, Sequence[Any]]:
+        """A row for each time: the joint positions to command instead, and what is missed without, in all and by part.
+
+        Raises:
+            LabError: nothing is known of what it misses.
+        """
+        if (found := self.tracking) is None:
+            raise LabError("this motion is a nominal robot's, which misses nothing; give a run")
+        chain, table = self.robot.chain, {"time_s": self.sampled.times.tolist()}
+        shown = joint_values(chain.prismatic, found.corrected.joints).T
+        for name, slides, column in zip(chain.joint_names, chain.prismatic, shown, strict=True):
+            table[f"{name}_{'mm' if slides else 'deg'}"] = column.tolist()
+        for i, axis in enumerate("xyz"):
+            table[f"error_{axis}_mm"] = (1e3 * found.total[:, i]).tolist()
+        for name, part in found.parts.items():
+            table[f"{name.replace(' ', '')}_mm"] = (1e3 * np.linalg.norm(part[:, :3], axis=1)).tolist()
+        return table
+
     def plot(self) -> "Figure":
         """Draw the joint positions over time."""
         from lab.commands.trajectory.document import curve_pictures
@@ -135,15 +182,26 @@ class TrajectoryResult(Result):
         return curve_pictures(self)[0].draw()
 
     def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json``, ``trajectory.csv``, ``report.html`` and ``recording.rrd``."""
+        """Write ``config.json``, ``result.json``, ``trajectory.csv``, ``report.html`` and ``recording.rrd``.
+
+        Of an arm whose errors are known also ``corrected.csv``.
+        """
         from lab.commands.run_folder import config, write_json
         from lab.commands.trajectory.recording import record_trajectory
 
         write_json(folder / "config.json", config("trajectory", self.options, self.robot.sha256))
         write_json(folder / "result.json", self.to_dict())
         write_columns(folder / "trajectory.csv", self.columns())
+        if self.tracking is not None:
+            write_columns(folder / "corrected.csv", self.corrected_columns())
         self.report(folder / "report.html")
         record_trajectory(folder / "recording.rrd", self)
+
+
+def _mean_and_max(error: Array) -> dict[str, float | None]:
+    """Of the lengths of places missed ``(k, 6)``, mm."""
+    lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
+    return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
 def _told(chain: JointSpec, values: Array) -> list[float]:

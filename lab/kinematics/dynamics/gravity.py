@@ -42,7 +42,7 @@ class Equilibrium:
 
     Attributes:
         offset: ``(n, joints)`` how far they have given way, rad or m.
-        force: ``(n, joints)`` Nm (N of a slide), gravity's, before the last step.
+        force: ``(n, joints)`` Nm (N of a slide), gravity's and what is beside it, before the last step.
         equations: ``(n, joints, joints)`` 1 - C dg/dq there, which any further force is solved by.
     """
 
@@ -107,8 +107,10 @@ class Loads:
                     rate[:, i, j] = rate[:, j, i] = np.cross(axes[:, i], turned[j]) @ self.gravity
         return force, rate
 
-    def equilibrium(self, joints: Array, compliance: Array, payload_kg: Array, steps: int) -> Equilibrium:
-        """Solve offset = C g(q + offset) by Newton's method.
+    def equilibrium(
+        self, joints: Array, compliance: Array, payload_kg: Array, steps: int, beside: Array | None = None
+    ) -> Equilibrium:
+        """Solve offset = C (g(q + offset) + h) by Newton's method.
 
         A fixed number of steps, and not the loop of ``lab.core.newton``: the derivatives need what the last step was
         solved by, and complex compliances pass, for derivatives by complex steps.
@@ -118,10 +120,12 @@ class Loads:
             compliance: C ``(joints,)`` rad/Nm (m/N of a slide), zero of joints that do not give way.
             payload_kg: ``(n,)`` at ``payload_at_m``.
             steps: how many, one at least.
+            beside: h ``(n, joints)`` Nm (N of a slide) beside gravity's; none at rest.
         """
         offset: Array = np.zeros_like(joints, dtype=np.result_type(joints, compliance))
         for _ in range(steps):
             force, rate = self.forces(joints + offset, payload_kg)
+            force = force if beside is None else force + beside
             equations: Array = np.eye(len(compliance)) - compliance[:, None] * rate
             off = (compliance * force - offset)[..., None]
             offset = offset + np.asarray(np.linalg.solve(equations, off), dtype=offset.dtype)[..., 0]

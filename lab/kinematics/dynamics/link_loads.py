@@ -84,6 +84,35 @@ class LinkLoads:
         weight, torque, pulled, changed = (np.stack(each, axis=1) for each in (weights, torques, pulls, changes))
         return self._told(placed, weight, torque, payload, pulled, changed)
 
+    def inertia(self, joints: Array, speeds: Array, accelerations: Array, payload_kg: Array) -> Array:
+        """Generalized forces ``(n, joints)`` Nm (N of a slide) of inertia alone, as ``Loads.forces`` has gravity's.
+
+        Of each joint they are what its link bears at its far end, more than at rest, and what the link adds itself.
+        """
+        placed, slides = self.loads.frames(joints), self.loads.chain.prismatic
+        still = np.zeros_like(joints)
+        found = np.zeros(joints.shape, dtype=np.result_type(joints, speeds, accelerations))
+        for rates, sign in (((speeds, accelerations), 1.0), ((still, still), -1.0)):
+            loads = self.moving(joints, *rates, payload_kg)
+            for j in range(self.loads.chain.size):
+                force, moment = self._at_joint(placed, loads[:, j], j)
+                found[:, j] += sign * (placed.axes[:, j] * (force if slides[j] else moment)).sum(axis=1)
+        return found
+
+    def _at_joint(self, placed: LinkFrames, loads: Array, link: int) -> tuple[Array, Array]:
+        """Force and moment ``(n, 3)`` about a joint's anchor, in frame 0, of loads ``(n, 18)`` on its link and of that.
+
+        The link's own mass is a point with the second moment of its line.
+        """
+        turn = placed.rotations[:, link]
+        force, moment, pull = (_turned(turn, loads[:, 3 * i : 3 * i + 3]) for i in range(3))
+        change = turn @ loads[:, 9:].reshape(-1, 3, 3) @ turn.swapaxes(1, 2)
+        far, anchor, centre = self._far(placed, link), placed.anchors[:, link], placed.centres[:, link]
+        near = far - _turned(turn, self.ends[link])
+        weight = self.loads.mass_kg[link] * (pull + _turned(change, centre - near))
+        moment = moment + np.cross(far - anchor, force) + np.cross(centre - anchor, weight)
+        return force + weight, moment + self._spin(link, turn, change)
+
     def _spin(self, link: int, rotation: Array, change: Array) -> Array:
         """The moment ``(n, 3)`` of a link's inertia about its centre of mass: the sum of r x (change r) dm."""
         if link not in self.beams:

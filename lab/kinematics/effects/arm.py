@@ -102,6 +102,10 @@ class ArmWithEffects:
             Ts = se3.pose(se3.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
         return Ts, jacobian
 
+    def standing(self, inputs: Array, values: Array) -> Array:
+        """Where the joints stand ``(n, joints)`` (rad or m) at settings ``(n, joints + conditions)``."""
+        return self._moved(inputs, values)["joints"][0]
+
     def torsors(self, inputs: Array, values: Array) -> Torsors:
         """How far the links' ends are displaced (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
         return self._by_link(self._moved(inputs, values)["links"][0])

@@ -11,7 +11,8 @@ from lab.core.numbers import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.effects.conditions import PAYLOAD
+from lab.kinematics.dynamics.link_loads import link_loads
+from lab.kinematics.effects.conditions import PAYLOAD, rates_in, rates_of
 from lab.kinematics.effects.effect import (
     ArmFacts,
     Effect,
@@ -33,13 +34,14 @@ TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
 MASS_SCALE_KG = 10.0
 
 
-def compliance(loads: Loads, payload: bool = False) -> Effect:
+def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> Effect:
     """The fitted group: c_i of the joints that bear the arm's weight.
 
     The equilibrium is solved by Newton's method, with c the compliances (rad/Nm) and g the joints' torques
     (``Loads``). With ``payload``, an unknown mass at the last frame's origin is fitted too, beside the rows' own
-    ``payload_kg``.
+    ``payload_kg``. With ``moving``, inertia loads the joints too, as their rates say.
     """
+    links = link_loads(loads) if moving else None
     bearing = loads.bearing(rng_for(0, "structure"))
     group, slides = "payload" if payload else "compliance", loads.chain.prismatic
     units = ["m/N" if slides[i] else "rad/Nm" for i in bearing]
@@ -53,17 +55,22 @@ def compliance(loads: Loads, payload: bool = False) -> Effect:
         soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
         soft[list(bearing)] = values[: len(bearing)]
         mass = conditions[:, 0] + (values[-1] if payload else 0.0)
-        rest = loads.equilibrium(joints, soft, mass, NEWTON_STEPS)
+        inertia = None if links is None else links.inertia(joints, *rates_in(conditions, loads.chain.size), mass)
+        rest = loads.equilibrium(joints, soft, mass, NEWTON_STEPS, inertia)
         pushed = np.zeros((*joints.shape, len(parameters)), dtype=soft.dtype)
         for k, i in enumerate(bearing):
             pushed[:, i, k] = rest.force[:, i]
         if payload:
-            pushed[..., -1] = soft * (loads.forces(joints + rest.offset, mass + 1.0)[0] - rest.force)
+            heavier = loads.forces(joints + rest.offset, mass + 1.0)[0]
+            if links is not None:
+                heavier = heavier + links.inertia(joints, *rates_in(conditions, loads.chain.size), mass + 1.0)
+            pushed[..., -1] = soft * (heavier - rest.force)
         rate_of: Array = np.asarray(np.linalg.solve(rest.equations, pushed), dtype=soft.dtype)
         return rest.offset, rate_of
 
     typical = (*[TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
-    return Effect(group, parameters, offsets, (PAYLOAD,), typical=typical)
+    asked = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
+    return Effect(group, parameters, offsets, asked, typical=typical)
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:
@@ -74,7 +81,7 @@ def _fitted(name: str, arm: ArmFacts) -> Effect:
             f"--model {name}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF, "
             "or fit what gives way to unknown masses: --model auto, or joint2.gravity2 and its like"
         )
-    return compliance(arm.loads, payload=name == "payload")
+    return compliance(arm.loads, payload=name == "payload", moving=arm.moving)
 
 
 def compliances(chain: JointSpec, stiffness: Mapping[int, float]) -> Array:

@@ -1,4 +1,7 @@
-"""What is set at each pose beside the joints: payload, directions of approach, time, sessions; columns of a file."""
+"""What is set at each pose beside the joints: payload, directions of approach, time, sessions; columns of a file.
+
+Along a trajectory also how the joints move.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +20,8 @@ __all__ = [
     "PoseConditions",
     "approach_of",
     "in_order",
+    "rates_in",
+    "rates_of",
     "structure_values",
 ]
 
@@ -24,12 +29,22 @@ PAYLOAD, TIME = "payload_kg", "time_s"
 BUMPED = SESSION + "2"  # 1 of the rows after a bump
 HOUR_S = 3600.0
 LARGEST_PAYLOAD_KG = 3.0  # where the rank is decided
-_APPROACH = "approach_"
+_APPROACH, _SPEED, _ACCELERATION = "approach_", "speed_", "acceleration_"
 
 
 def approach_of(joint_name: str) -> str:
     """The condition that says from which side a joint came: +1 or -1."""
     return _APPROACH + joint_name
+
+
+def rates_of(joint_names: Sequence[str]) -> tuple[str, ...]:
+    """The conditions that say how the joints move: speeds, then accelerations, rad or m per s and per s^2."""
+    return (*(_SPEED + name for name in joint_names), *(_ACCELERATION + name for name in joint_names))
+
+
+def rates_in(conditions: Array, joints: int) -> tuple[Array, Array]:
+    """Speeds and accelerations ``(n, joints)`` of conditions ``(n, c)`` that end with those of ``rates_of``."""
+    return conditions[:, -2 * joints : -joints], conditions[:, -joints:]
 
 
 def in_order(names: Sequence[str]) -> tuple[str, ...]:
@@ -46,6 +61,8 @@ def structure_values(name: str, count: int, rng: np.random.Generator) -> Array:
         return rng.choice([-1.0, 1.0], count)
     if name.startswith(SESSION):
         return rng.choice([0.0, 1.0], count)
+    if name.startswith((_SPEED, _ACCELERATION)):
+        return rng.normal(size=count)
     return rng.uniform(0.0, HOUR_S, count)
 
 

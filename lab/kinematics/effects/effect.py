@@ -69,6 +69,7 @@ class ArmFacts:
         chain: the nominal joints.
         loads: the masses.
         sessions: how the campaign went.
+        moving: whether its groups are to know how the joints move (``conditions.rates_of``): inertia loads it too.
         sections: ``(n, 4)`` the links' compliances (``beam.COMPLIANCES``) by the robot's description, if it has them.
     """
 
@@ -76,6 +77,7 @@ class ArmFacts:
     loads: Loads | None = None
     sessions: SessionInfo = NO_SESSIONS
     sections: Array | None = None
+    moving: bool = False
 
 
 @dataclass(frozen=True)

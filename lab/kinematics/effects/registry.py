@@ -111,13 +111,18 @@ def fitted_groups() -> tuple[FittedGroup, ...]:
     return tuple(_FITTED.values())
 
 
-def effect(name: str, chain: JointSpec, loads: Loads | None, sessions: SessionInfo = NO_SESSIONS) -> Effect:
+def effect(
+    name: str, chain: JointSpec, loads: Loads | None, sessions: SessionInfo = NO_SESSIONS, *, moving: bool = False
+) -> Effect:
     """The fitted group of that name for an arm.
+
+    Args:
+        moving: whether it is to know how the joints move (``ArmFacts``).
 
     Raises:
         LabError: there is no such group, the arm cannot have it, or there are no masses or sessions for it.
     """
-    facts = ArmFacts(chain, loads, sessions)
+    facts = ArmFacts(chain, loads, sessions, moving=moving)
     if (term := _term(name)) is not None:
         family, joint, number = term
         if joint > chain.size:

@@ -1,10 +1,11 @@
 """Benmisra 2007 as a source: T_flex, the corrected direct model, and the compensation (equations 3.21 to 3.40)."""
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 
-from lab.compensation.elastic import TorsorsAt, compensated, elastic_errors, greville
+from lab.compensation.elastic import Correction, compensated, elastic_errors, greville
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -18,6 +19,9 @@ __all__ = ["ELASTIC"]
 
 _SAG = 1e-3  # m and rad: how far the ends of links 2 and 3 give way at most
 _X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+TorsorsAt = Callable[[Array], Torsors]
 
 
 @cache
@@ -131,13 +135,19 @@ def _compensation() -> tuple[Answer, ...]:
     there = robot.arm.tool(moved, robot.values, 0, _torsors_at(small)(moved))[0]
     once = float(np.linalg.norm(there[:, :3, 3] - wanted[:, :3, 3], axis=1).max())
     before = float(np.linalg.norm(error[:, :3], axis=1).max())
-    again = compensated(robot.arm, robot.values, joints, _torsors_at(_SAG))
+    again = _corrected(robot, joints, _torsors_at(_SAG))
     apart = max(float(np.abs(greville(each) - np.linalg.pinv(each)).max()) for each in J)
     return (
         holds("3.36 b to 3.38: what one correction leaves, of the error", once / before, within=0.05),
         holds("the remark: iterations bring the tool there", float(np.abs(again.left).max()), within=1e-11),
         holds("figure 3.7: Greville's pseudo-inverse", apart, within=1e-8),
     )
+
+
+def _corrected(robot: Sampled, joints: Array, torsors_at: TorsorsAt) -> Correction:
+    """The correction of an arm whose links' ends are displaced as a model says."""
+    rigid = robot.arm.tool(joints, robot.values)
+    return compensated(rigid, joints, lambda there: robot.arm.tool(there, robot.values, 0, torsors_at(there)))
 
 
 def _planar() -> tuple[Answer, ...]:
@@ -147,7 +157,7 @@ def _planar() -> tuple[Answer, ...]:
     def at(joints: Array) -> Torsors:
         return {1: 1e-4 * np.cos(joints[:, 1])[:, None] * np.array([0.0, -1.0, 0.5, 0.2, 0.3, -0.5])}
 
-    found = compensated(robot.arm, robot.values, robot.joints, at)
+    found = _corrected(robot, robot.joints, at)
     return (
         holds(
             "the components that joints can make vanish", float(np.abs(found.left[:, found.made]).max()), within=1e-11

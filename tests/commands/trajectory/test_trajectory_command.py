@@ -9,12 +9,15 @@ import pytest
 
 import lab
 from lab.cli import main
+from lab.core.errors import LabError
+from lab.simulation.elastic import FlexibleArm, JointMotion
 
 EXAMPLE = """id,x_mm,y_mm,z_mm,vx_mm_per_s,vy_mm_per_s,vz_mm_per_s
 P0,866.0254037844386,0,0,,,
 P1,0,1000,500,0,0,200
 P2,866.0254037844386,0,1000,,,
 """  # Mallem 2011, section 10.3
+SWING = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,20,0,0,40,0\n40,40,-20,30,60,0\n"
 SQUARE = """id,move,x_mm,y_mm,z_mm,qw,qx,qy,qz
 start,joint,300,-100,400,0,0,1,0
 a,line,400,-100,400,0,0,1,0
@@ -86,6 +89,60 @@ def test_lines_and_circles(tmp_path, capsys) -> None:
     np.testing.assert_allclose(xy[~on & (found["time_s"] <= start)][:, 1], -100, atol=1e-6)
     pace = np.linalg.norm(np.diff(xy, axis=0), axis=1) / np.diff(found["time_s"])
     assert pace[: int(np.argmax(found["time_s"] > end))].max() <= 100 + 1e-4  # joints: to 1e-10 m
+
+
+def test_elastic_links_are_tracked_and_corrected(tmp_path, capsys) -> None:
+    """The corrected joints bring the virtual arm, in motion, to where the rigid one would be."""
+    soft = tmp_path / "soft.toml"
+    links = "".join(f"[[link]]\nnumber={n}\nei_nm2=5e4\ngj_nm2=4e4\n" for n in (2, 4))
+    soft.write_text(f"robot = 'irb120'\n{links}")
+    code, seen, _ = run(capsys, tmp_path, SWING, "--robot", str(soft), "--payload-kg", "2", "--step-ms", "100")
+    told = seen["tracking"]
+    assert code == 0 and told["payload_kg"] == 2 and set(told["parts_mm"]) == {"link 2", "link 4"}
+    assert 0.02 < told["error_mm"]["mean"] < 0.2 and told["left_mm"]["max"] < 1e-7 and not told["not_made_up_for"]
+    with (tmp_path / "run" / "corrected.csv").open() as file:
+        header, *rows = csv.reader(file)
+    corrected = np.deg2rad(np.array(rows, dtype=float)[:, 1:7])
+    assert header[1] == "q1_deg" and header[7:] == ["error_x_mm", "error_y_mm", "error_z_mm", "link2_mm", "link4_mm"]
+    found = lab.trajectory(tmp_path / "points.csv", robot=str(soft), payload_kg=2, step_ms=100)
+    model, at = found.robot.serial_model, found.sampled
+    arm = FlexibleArm(model.model, model, sections=found.robot.link_compliances)
+    load, motion, site = (
+        np.full(len(rows), 2.0),
+        JointMotion(at.speeds, at.accelerations),
+        model.model.site("flange").id,
+    )
+    stands = [arm.settled(each, np.zeros(6), load, motion) for each in (at.joints, corrected)]
+    wanted, *reached = (arm.positions(stand, [site])[:, 0] for stand in (arm.straight(at.joints), *stands))
+    before, after = (1e3 * np.linalg.norm(each - wanted, axis=1).mean() for each in reached)
+    assert before == pytest.approx(told["error_mm"]["mean"], rel=0.01) and after < 0.02 * before
+
+
+def test_a_payload_that_bends_nothing_is_refused(tmp_path, capsys) -> None:
+    code, seen, _ = run(capsys, tmp_path, SWING)
+    assert code == 0 and seen["tracking"] is None and not (tmp_path / "run" / "corrected.csv").exists()
+    for arguments, words in (
+        (("--payload-kg", "2"), "nothing bends robot irb120 here; give --run, or a robot with [[link]] sections"),
+        (("--payload-kg", "-2"), "--payload-kg: -2; give zero or more"),
+        (("--run", "nowhere", "--tool-mm", "0,0,1"), "--tool-mm and --run: the run has the tool that it measured"),
+        (("--run", "nowhere"), "nowhere"),
+    ):
+        code, _, error = run(capsys, tmp_path, SWING, "--overwrite", *arguments)
+        assert code == 2 and words in error and len(error.splitlines()) == 1
+
+
+@pytest.mark.thorough
+def test_a_trajectory_is_corrected_by_a_run(tmp_path) -> None:
+    """Geometry, joints and links as identified: all of them are parts of what is missed, and made up for."""
+    soft = {"link_ei": (0.0, 5e4, 0.0, 5e4, 0.0, 0.0), "stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0)}
+    known = lab.calibrate("irb120", poses=40, seed=3, targets=("p1", "p2", "p3"), model="compliance+bending", **soft)
+    (tmp_path / "points.csv").write_text(SWING)
+    moved = lab.trajectory(tmp_path / "points.csv", run=known, payload_kg=2.0, step_ms=200)
+    told = moved.to_dict()["tracking"]
+    assert {"geometry", "joints", "link 2", "link 4"} <= set(told["parts_mm"])
+    assert told["error_mm"]["mean"] > 0.5 and told["left_mm"]["max"] < 1e-6
+    with pytest.raises(LabError, match="--robot tx40: the run run-in-memory is of irb120; leave out --robot"):
+        lab.trajectory(tmp_path / "points.csv", run=known, robot="tx40")
 
 
 @pytest.mark.parametrize(
