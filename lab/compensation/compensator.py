@@ -10,7 +10,8 @@ or two joints move the tool on a line or a surface: it is brought to the place t
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
 _NO_OTHER = "; no other solution of the inverse is free of that and within limits"
 _ASKED_FOR = "the row's joint positions ask for this solution, so leave them empty to have others tried"
+_BLOCK = 2_000  # targets that are worked out at a time
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
 Moved = Callable[
@@ -116,16 +118,31 @@ class Compensator:
             )
 
     def __call__(self, wanted: PoseTarget, conditions: Array, reference: Array) -> Compensation:
-        """Correct targets, each by itself.
+        """Correct targets, each by itself, in parts of a bounded size.
 
         Args:
             conditions: ``(n, c)``, what the arm's effects ask for.
             reference: ``(n, joints)`` joint positions that say which way to take; NaN where that is free.
         """
+        count, before, found = len(wanted), self.nominal.arm.chain.home, list[Compensation]()
+        for first in range(0, max(count, 1), _BLOCK):
+            part = np.arange(first, min(first + _BLOCK, count))
+            some, before = self._corrected(wanted.take(part), conditions[part], reference[part], before)
+            found.append(some)
+        return _joined(found)
+
+    def _corrected(
+        self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array
+    ) -> tuple[Compensation, Array]:
+        """Some targets, and the nominal joint positions ``(joints,)`` preferred for the last of them.
+
+        Args:
+            before: those for the target before the first.
+        """
         chain, asked = self.nominal.arm.chain, wanted
         if chain.size < PLACES:
             wanted = PoseTarget(asked.positions, np.full_like(asked.rotations, np.nan))
-        found = self._first_that_fits(wanted, conditions, reference)
+        found, last = self._first_that_fits(wanted, conditions, reference, before)
         fits = np.flatnonzero(found.fits)
         given = conditions[fits]
         some = self._on_surface(wanted.take(fits), found.joints[fits], given)
@@ -142,7 +159,7 @@ class Compensator:
         unplaced, unturned = self._left_out(asked, found.joints, conditions)
         rigid = self.arm.rigid
         distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.nominal.target)
-        return Compensation(
+        done = Compensation(
             found.joints,
             found.start,
             positions,
@@ -158,12 +175,15 @@ class Compensator:
             np.where(found.fits & (chain.size < PLACES), unplaced, 0.0),
             tuple(found.passed_over),
         )
+        return done, last
 
-    def _first_that_fits(self, wanted: PoseTarget, conditions: Array, reference: Array) -> Attempts:
+    def _first_that_fits(
+        self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array
+    ) -> tuple[Attempts, Array]:
         """The identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
         ways = self.nominal.ways(wanted, reference)
-        starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways))
+        starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways), before)
         order[~wanted.turned] = -1  # found by search: of no branch
         free = np.asarray(~np.isfinite(reference).all(axis=1))
         found = self._tried(wanted, conditions, starts[:, 0], order[:, 0])
@@ -175,7 +195,7 @@ class Compensator:
             found.take_better(rows, other, chain)
         for i in np.flatnonzero(found.possible & ~found.fits).tolist():
             found.refusals[i] += _NO_OTHER if free[i] else f"; {self.bound}"
-        return found
+        return found, starts[-1, 0] if len(starts) else before
 
     def _on_surface(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
         """Where fewer than three joints bring the tool, as near as they can; a target of other arms as it is."""
@@ -282,6 +302,18 @@ class Compensator:
             missing[~turned, 3:] = 0.0
             apart = np.maximum(apart, np.abs(missing).max(axis=1))
         return apart
+
+
+def _joined(parts: Sequence[Compensation]) -> Compensation:
+    """Targets one after another, which were corrected in parts."""
+    if len(parts) == 1:
+        return parts[0]
+    joined: dict[str, Any] = {}
+    for name in (each.name for each in fields(Compensation)):
+        some = [getattr(part, name) for part in parts]
+        texts = isinstance(some[0], tuple)
+        joined[name] = tuple(text for part in some for text in part) if texts else np.concatenate(some)
+    return Compensation(**joined)
 
 
 def _no_texts(count: int) -> Texts:

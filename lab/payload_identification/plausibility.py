@@ -14,6 +14,7 @@ from lab.core.errors import LabError
 from lab.core.load_samples import PayloadSamples
 from lab.core.se3 import Array
 from lab.payload_identification.estimate import LoadEstimate
+from lab.payload_identification.row_shift import Upward, likely_shifts
 
 __all__ = ["ArmSize", "Implausibility", "implausibilities"]
 
@@ -21,7 +22,8 @@ MOST_OF_ARM = 1.5  # times its own mass that an arm carries: the strongest carry
 MOST_KG = 1000.0  # where the arm's mass is not known
 FITS_BADLY = 0.3  # of what was to be explained that is left
 FAR_BETTER = 0.5  # times as much left
-SHIFTS = (1, -1, 2, -2)  # rows
+NEAR_SHIFTS = (1, -1, 2, -2)  # rows, which are tried in any case
+FAR_SHIFTS = 8  # that a cross-correlation finds likeliest
 _DEGREE = np.pi / 180
 
 Fit = Callable[[PayloadSamples], LoadEstimate]
@@ -48,7 +50,11 @@ class Implausibility:
 
 
 def implausibilities(
-    found: LoadEstimate, arm: ArmSize, samples: PayloadSamples | None = None, fit: Fit | None = None
+    found: LoadEstimate,
+    arm: ArmSize,
+    samples: PayloadSamples | None = None,
+    fit: Fit | None = None,
+    upward: Upward | None = None,
 ) -> tuple[Implausibility, ...]:
     """What of a payload cannot be, or is better explained by a mistake in the file.
 
@@ -56,10 +62,11 @@ def implausibilities(
         arm: that carries it.
         samples: that it was identified from.
         fit: identifies it from others; a LabError where it cannot.
+        upward: the way up in the last frame, for shifts by more than two rows.
     """
     said = [*_of_mass(found, arm), *_of_centre(found, arm)]
     if samples is not None and fit is not None and (said or _left(found) > FITS_BADLY):
-        said += _otherwise(found, arm, samples, fit)
+        said += _otherwise(found, arm, samples, fit, upward)
     return tuple(Implausibility(words) for words in said)
 
 
@@ -103,10 +110,12 @@ def _left(found: LoadEstimate) -> float:
     return float(np.sqrt((found.residual**2).sum())) / size if size else 0.0
 
 
-def _otherwise(found: LoadEstimate, arm: ArmSize, samples: PayloadSamples, fit: Fit) -> Iterator[str]:
+def _otherwise(
+    found: LoadEstimate, arm: ArmSize, samples: PayloadSamples, fit: Fit, upward: Upward | None
+) -> Iterator[str]:
     """What the file would have to mean for a payload that fits far better, and can be."""
     here = _left(found)
-    for words, other in _readings(samples):
+    for words, other in _readings(samples, upward):
         try:
             again = fit(other)
         except (LabError, np.linalg.LinAlgError):
@@ -119,9 +128,10 @@ def _otherwise(found: LoadEstimate, arm: ArmSize, samples: PayloadSamples, fit: 
             return
 
 
-def _readings(samples: PayloadSamples) -> Iterator[tuple[str, PayloadSamples]]:
+def _readings(samples: PayloadSamples, upward: Upward | None) -> Iterator[tuple[str, PayloadSamples]]:
     """What a file may have been meant to say."""
-    for rows in SHIFTS:
+    far = () if upward is None else likely_shifts(samples, upward, FAR_SHIFTS)
+    for rows in dict.fromkeys((*NEAR_SHIFTS, *far)):
         shifted = _shifted(samples, rows)
         if shifted is not None:
             side = "later" if rows > 0 else "earlier"

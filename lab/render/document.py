@@ -177,6 +177,7 @@ class Table(Block):
         row_kinds: of each row ``before``, ``after``, ``quiet`` or nothing; empty for none.
         most_rows: the rows beyond these are only counted, in a note.
         rest_in: where those are to be found.
+        count: how many rows there are, where only the first of them are given.
     """
 
     kind: ClassVar[str] = "table"
@@ -186,6 +187,7 @@ class Table(Block):
     row_kinds: tuple[str, ...] = ()
     most_rows: int | None = None
     rest_in: str = "result.json"
+    count: int | None = None
 
     def __post_init__(self) -> None:
         if wrong := [row for row in self.rows if len(row) != len(self.columns)]:
@@ -220,7 +222,7 @@ class Table(Block):
             rows=tuple(tuple(row[i] for i in kept) for row in self.rows[:count]),
             row_kinds=self.row_kinds[:count],
         )
-        more = len(self.rows) - count
+        more = (len(self.rows) if self.count is None else self.count) - count
         return (part, Paragraph(f"and {more:,} more, in {self.rest_in}", "note")) if more > 0 else (part,)
 
 

@@ -5,9 +5,8 @@ whose covariance is C: without any change r has the covariance S = noise + J C J
 (or F, where sigma was estimated: Chow 1960).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from scipy import stats
@@ -15,20 +14,27 @@ from scipy.optimize import brentq
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.initial_guess import initial_guess
-from lab.calibration.noise.correlation import Correlation
 from lab.calibration.weights import root_mean_square_sigma
-from lab.core.linear_model import LinearModel, p_value_of_squares
+from lab.core.errors import LabError
+from lab.core.linear_model import LinearModel, p_value_of_squares, triangle_of
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
+from lab.verification.tails import DRAWS, squares_of_tails
 
-__all__ = ["FULL_RANK", "CalibrationPrediction", "RefitSolution", "VerificationProblem", "WhitenedSystem"]
+__all__ = [
+    "FULL_RANK",
+    "CalibrationPrediction",
+    "RefitSolution",
+    "VerificationProblem",
+    "WhitenedSystem",
+    "in_metres",
+]
 
-_MOST_ESTIMATING = 3000
-_DRAWS = 1999  # (draws + 1) x level is a whole number
 _POWER = 0.95  # with which a change that "would be noticed" is
 _ITERATIONS = 20
+_PLACED_BY = 4_000  # poses that say where base and tool are
 _SETTLED = 1e-3  # standard deviations: a step that moves the predictions by less
 FULL_RANK = 1e-8  # of the largest singular value of unit columns
 
@@ -57,7 +63,7 @@ class CalibrationPrediction:
     def test(self, numbers: int, p: float) -> str:
         """The test of so many numbers and its outcome, for a person."""
         if self.tail_dof is not None:
-            said = f"noise with the tails of Student's t, {self.tail_dof:g} degrees of freedom, in {_DRAWS:,} draws"
+            said = f"noise with the tails of Student's t, {self.tail_dof:g} degrees of freedom, in {DRAWS:,} draws"
             return f"test at {100 * VERIFICATION:g} % against {said}, p = {p:.2g}"
         name, dof = ("chi2", f"{numbers}") if self.dof is None else ("F", f"{numbers} and {self.dof}")
         chance = f"p = {p:.2g}" if p > 0 else "p < 1e-300"
@@ -68,7 +74,7 @@ class CalibrationPrediction:
         if numbers < 1:
             return 1.0
         if self.tail_dof is not None:
-            drawn = _squares_of_tails(self.tail_dof, numbers, self.dof)
+            drawn = squares_of_tails(self.tail_dof, numbers, self.dof)
             return float((1 + np.count_nonzero(drawn >= square)) / (1 + len(drawn)))
         return float(p_value_of_squares(square, numbers, self.dof))
 
@@ -95,30 +101,29 @@ class CalibrationPrediction:
 
 @dataclass(frozen=True)
 class WhitenedSystem:
-    """The problem at some parameters, in units of the noise.
+    """The problem at some parameters, in units of the noise, and turned so that p + 1 rows hold it.
+
+    With [J r] = Q R of all N rows, whatever the test asks of J, r and S = 1 + J C J' is the same of the rows of R:
+    the other N - p - 1 directions hold nothing. Only how many numbers there are has to be kept beside them.
 
     Attributes:
-        residual: ``(N,)`` measured less predicted.
-        jacobian: ``(N, p)``.
-        axes, sizes: ``(N, f)`` and ``(f,)`` of J C^1/2, so that S = 1 + axes sizes^2 axes'.
+        residual: ``(m,)`` measured less predicted, m at most p + 1.
+        jacobian: ``(m, p)``.
+        axes, sizes: ``(m, f)`` and ``(f,)`` of J C^1/2, so that S = 1 + axes sizes^2 axes'.
+        known: ``(p, f)`` from the parameters to these axes: axes times sizes is J known.
     """
 
     residual: Array
     jacobian: Array
     axes: Array
     sizes: Array
+    known: Array
 
     def white(self, rows: Array) -> Array:
-        """S^-1/2 of rows ``(N, ...)``."""
-        return self._scaled(rows, 1 / np.sqrt(1 + self.sizes**2))
-
-    def coloured(self, rows: Array) -> Array:
-        """S^1/2 of rows ``(N, ...)``."""
-        return self._scaled(rows, np.sqrt(1 + self.sizes**2))
-
-    def _scaled(self, rows: Array, by: Array) -> Array:
-        scaled: Array = rows + (self.axes * (by - 1)) @ (self.axes.T @ rows)
-        return scaled
+        """S^-1/2 of rows ``(m, ...)``."""
+        less = 1 / np.sqrt(1 + self.sizes**2) - 1
+        white: Array = rows + (self.axes * less) @ (self.axes.T @ rows)
+        return white
 
 
 @dataclass(frozen=True)
@@ -128,13 +133,15 @@ class RefitSolution:
     Attributes:
         values: ``(p,)``.
         square: r' S^-1 r there.
-        model: of the fitted columns ``(N, h)`` times S^-1/2.
+        numbers: how many were measured.
+        model: of the fitted columns ``(m, h)`` times S^-1/2.
         directions: ``(p, h)`` how the h fitted numbers change the parameters.
         there: the problem at ``values``.
     """
 
     values: Array
     square: float
+    numbers: int
     model: LinearModel
     directions: Array
     there: WhitenedSystem
@@ -147,7 +154,7 @@ class RefitSolution:
     @property
     def dof(self) -> int:
         """Degrees of freedom of ``square``."""
-        return self.model.dof
+        return self.numbers - self.rank
 
     @property
     def back(self) -> Array:
@@ -161,8 +168,15 @@ class RefitSolution:
         covariance: Array = self.back @ self.back.T
         return covariance
 
+    @property
+    def taken(self) -> Array:
+        """``(p, f + rank)`` T, for which S^-1 less what is fitted is 1 - J T (J T)'."""
+        gained = self.there.known / np.sqrt(1 + self.there.sizes**2)
+        shared = (self.there.jacobian @ gained).T @ (self.there.jacobian @ self.back)
+        return np.concatenate([gained, self.back - gained @ shared], axis=1)
+
     def beyond(self, directions: Array) -> Array:
-        """What directions ``(p, h)`` change, without what is fitted anyhow: whitened columns ``(N, h)``."""
+        """What directions ``(p, h)`` change, without what is fitted anyhow: whitened columns ``(m, h)``."""
         return self.model.residual(self.there.white(self.there.jacobian @ directions))
 
 
@@ -173,99 +187,106 @@ class VerificationProblem:
     prediction: CalibrationPrediction
     observed: Observations
 
-    def fitted(self, start: Array, directions: Array) -> RefitSolution:
+    @property
+    def numbers(self) -> int:
+        """How many were measured."""
+        return 3 * int(seen_mask(self.observed.points).sum())
+
+    def parts(self, values: Array) -> Iterator[tuple[Observations, Array, Array]]:
+        """Some of the poses at a time: their measurements, and whitened residuals and derivatives of these.
+
+        Raises:
+            LabError: the arm cannot be in one of the poses: its loops do not close.
+        """
+        for each in self.observed.blocks():
+            points, slopes = self.prediction.arm.observe(each.inputs, values)
+            if np.isnan(points).any():
+                raise LabError("the calibrated arm cannot be in one of these poses: its loops do not close; calibrate")
+            yield each, each.apply(each.points - points), each.apply(slopes)
+
+    def fitted(self, start: Array, directions: Array, at_start: WhitenedSystem | None = None) -> RefitSolution:
         """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
 
         S is that of the parameters reached: a base may be turned by any angle. The loop is its own: the best is kept,
         and a step that leads to where loops do not close ends it.
+
+        Args:
+            at_start: the problem at ``start``, where it is at hand.
         """
         values = start
-        best, step, moved = self._step(values, directions)
+        best, step, moved = self._step(values, directions, self._at(values) if at_start is None else at_start)
         for _ in range(_ITERATIONS):
             if moved < _SETTLED:
                 break
             values = values + step
-            if np.isnan(self.prediction.arm.points(self.observed.inputs, values)).any():  # too far: loops do not close
+            try:
+                there = self._at(values)
+            except LabError:  # too far
                 break
-            here, step, moved = self._step(values, directions)
+            here, step, moved = self._step(values, directions, there)
             best = here if here.square < best.square else best
         return best
 
-    def placed(self, start: Array, directions: Array, groups: Sequence[str]) -> RefitSolution:
+    def placed(
+        self, start: Array, directions: Array, groups: Sequence[str], at_start: WhitenedSystem | None = None
+    ) -> RefitSolution:
         """The same for base or tool, which may be anywhere: from ``start``, or from where the points alone put them."""
-        near = self.fitted(start, directions)
-        enough = int(seen_mask(self.observed.points).sum()) >= 3
+        near = self.fitted(start, directions, at_start)
+        some = self.observed.thinned(_PLACED_BY)
+        enough = int(seen_mask(some.points).sum()) >= 3
         if "base" not in groups or not enough or self.prediction.p(near.square, near.dof) >= VERIFICATION:
             return near
-        far = self.fitted(initial_guess(self.prediction.arm, self.observed, start, groups), directions)
+        far = self.fitted(initial_guess(self.prediction.arm, some, start, groups), directions)
         return far if far.square < near.square else near
 
     def promised_m(self, fit: RefitSolution) -> float:
         """Root mean square length of the errors to be expected where ``fit`` was made.
 
-        Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted.
+        Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted, and S^1/2 Q is J B.
         """
-        there = fit.there
-        known, taken = (
-            float((self.in_metres(rows) ** 2).sum())
-            for rows in (there.axes * there.sizes, there.coloured(fit.model.basis))
-        )
-        numbers = len(there.residual)
-        noise = numbers * root_mean_square_sigma(self.observed, 0) ** 2 + self._shared_squares()
-        return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / numbers))
-
-    def in_metres(self, rows: Array) -> Array:
-        """Rows ``(N, h)`` in units of the noise, in metres."""
-        if self.observed.correlation is not None:
-            rows = self._spread_over_poses(rows, self.observed.correlation)
-        whiten, blocks = self.observed.whiten[seen_mask(self.observed.points)], rows.reshape(len(rows) // 3, 3, -1)
-        metres = blocks / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, blocks)
-        return np.asarray(metres.reshape(rows.shape))
-
-    def _spread_over_poses(self, rows: Array, correlation: Correlation) -> Array:
-        """Rows ``(N, h)`` with the errors that they share, in units of the instrument's noise."""
-        mask = np.repeat(seen_mask(self.observed.points), 3, axis=1)
-        blocks = np.zeros((*mask.shape, rows.shape[1]))
-        blocks[mask] = rows
-        return np.asarray(correlation.coloured(blocks)[mask])
+        rows = triangle_of(in_metres(each, jacobian) for each, _, jacobian in self.parts(fit.values))
+        known, taken = (float(((rows @ part) ** 2).sum()) for part in (fit.there.known, fit.back))
+        noise = self.numbers * root_mean_square_sigma(self.observed, 0) ** 2 + self._shared_squares()
+        return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / self.numbers))
 
     def _shared_squares(self) -> float:
         """The sum (m^2) of the variances of all numbers, the instrument's aside."""
         if (shared := self.observed.correlation) is None:
             return 0.0
-        alone = replace(self, observed=replace(self.observed, correlation=None))
+        alone = replace(self.observed, correlation=None)
         mask = np.repeat(seen_mask(self.observed.points), 3, axis=1)
         parts = (shared.scatter, shared.shift, shared.trend)
-        return sum(float((alone.in_metres(part[mask]) ** 2).sum()) for part in parts if part.size)
+        return sum(float((in_metres(alone, part[mask]) ** 2).sum()) for part in parts if part.size)
 
     def _at(self, values: Array) -> WhitenedSystem:
-        points, slopes = self.prediction.arm.observe(self.observed.inputs, values)
-        jacobian = self.observed.apply(slopes)
-        known = jacobian[:, list(self.prediction.free)] @ _root(self.prediction.covariance)
-        axes, sizes, _ = np.linalg.svd(known, full_matrices=False)
-        return WhitenedSystem(self.observed.apply(self.observed.points - points), jacobian, axes, sizes)
+        both = triangle_of(np.column_stack([jacobian, part]) for _, part, jacobian in self.parts(values))
+        jacobian, free = both[:, :-1], list(self.prediction.free)
+        root = _root(self.prediction.covariance)
+        axes, sizes, turned = np.linalg.svd(jacobian[:, free] @ root, full_matrices=False)
+        known = np.zeros((len(values), len(sizes)))
+        known[free] = root @ turned.T
+        return WhitenedSystem(both[:, -1], jacobian, axes, sizes, known)
 
-    def _step(self, values: Array, directions: Array) -> tuple[RefitSolution, Array, float]:
-        """The fit if it were solved here, the step ``(p,)`` to a better one, and how far that leads."""
-        there = self._at(values)
+    def _step(self, values: Array, directions: Array, there: WhitenedSystem) -> tuple[RefitSolution, Array, float]:
+        """The fit if it were solved there, the step ``(p,)`` to a better one, and how far that leads."""
         residual, columns = there.white(there.residual), there.white(there.jacobian @ directions)
         model = LinearModel.of(columns, FULL_RANK)
         pull = model.coordinates(residual)
-        here = RefitSolution(values, float(residual @ residual), model, directions, there)
+        here = RefitSolution(values, float(residual @ residual), self.numbers, model, directions, there)
         return here, here.back @ pull, float(np.linalg.norm(pull))
 
 
-@lru_cache(maxsize=64)
-def _squares_of_tails(tail_dof: float, numbers: int, dof: int | None) -> Array:
-    """Sums of squares ``(draws,)`` of so many numbers of unit variance, over an estimated variance of ``dof`` others.
-
-    Of Student's t neither has a distribution with a name: the draws are always the same ones.
-    """
-    rng, size = np.random.default_rng(0), np.sqrt((tail_dof - 2) / tail_dof)
-    squares: Array = ((size * rng.standard_t(tail_dof, (_DRAWS, numbers))) ** 2).sum(axis=1)
-    if dof is not None and dof <= _MOST_ESTIMATING:  # of more the variance is known as well as need be
-        squares = squares / ((size * rng.standard_t(tail_dof, (_DRAWS, dof))) ** 2).mean(axis=1)
-    return squares
+def in_metres(observed: Observations, rows: Array) -> Array:
+    """Rows ``(N, h)`` of the numbers that were observed, in units of the noise, in metres."""
+    mask = seen_mask(observed.points)
+    if observed.correlation is not None:  # with the errors that they share, in units of the instrument's noise
+        blocks = np.zeros((len(mask), 3 * mask.shape[1], rows.shape[1]))
+        spread = np.repeat(mask, 3, axis=1)
+        blocks[spread] = rows
+        rows = observed.correlation.coloured(blocks)[spread]
+    whiten, triples = observed.whiten[mask], rows.reshape(len(rows) // 3, 3, -1)
+    metres = triples / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, triples)
+    return np.asarray(metres.reshape(rows.shape))
 
 
 def _root(covariance: Array) -> Array:

@@ -4,10 +4,11 @@ The test holds measured less predicted against what the run predicted (``predict
 have moved alone is fitted by generalized least squares, and compared by Schwarz's criterion (1978).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.refit import dependent_columns
@@ -28,7 +29,7 @@ from lab.verification.hypotheses import (
     refitted,
     sized,
 )
-from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
+from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem, in_metres
 
 __all__ = ["Hypothesis", "Verified", "verify"]
 
@@ -115,7 +116,7 @@ def verify(
     held = dependent_columns(fit.there.jacobian @ anew, FULL_RANK) if refit and fit.rank < asked else ()
     if held:  # what these poses do not determine stays as the run has it, and nothing here depends on it
         fit = problem.placed(prediction.values, np.delete(anew, held, axis=1), refit)
-    if refit and (fit.dof < 1 or len(fit.there.residual) <= asked):
+    if refit and (fit.dof < 1 or fit.numbers <= asked):
         count = f"{len(observed.points)} pose{'' if len(observed.points) == 1 else 's'}"
         raise LabError(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
@@ -123,8 +124,9 @@ def verify(
         )
     p = prediction.p(fit.square, fit.dof)
     found = [] if p >= VERIFICATION else _hypotheses(problem, fit, refit, poses)
-    alike = _not_told_apart(found, len(fit.there.residual))
-    errors = np.linalg.norm(observed.points - arm.points(observed.inputs, fit.values), axis=2)
+    alike = _not_told_apart(found, fit.numbers)
+    predicted = (arm.points(each.inputs, fit.values) for each in observed.blocks())
+    errors = np.linalg.norm(observed.points - np.concatenate(list(predicted)), axis=2)
     promised = problem.promised_m(fit)
     rms = float(np.sqrt(np.nanmean(errors**2)))
     words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are predicted ({prediction.test(fit.dof, p)})"
@@ -169,7 +171,7 @@ def _tried(
     arm = problem.prediction.arm
     directions = np.concatenate([refitted(arm, refit), movement.directions], axis=1)
     anywhere = movement.kind == "base" and movement.turns > 0
-    moved = problem.placed(fit.values, directions, (*refit, "base") if anywhere else ())
+    moved = problem.placed(fit.values, directions, (*refit, "base") if anywhere else (), fit.there)
     told = moved.rank - fit.rank
     if told < 1:
         return None
@@ -185,30 +187,49 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
     With M = S^-1 less what is fitted and g = M r, leaving out rows i lowers it by g_i' M_ii^-1 g_i, and M_ii^-1 g_i
     is how far they are off, with covariance M_ii^-1 (Cook & Weisberg 1982, section 2.2, for blocks).
     """
-    there, observed = fit.there, problem.observed
-    gain = np.sqrt(there.sizes**2 / (1 + there.sizes**2))
-    taken = np.concatenate([there.axes * gain, there.white(fit.model.basis)], axis=1)  # M = 1 - taken taken'
-    pull = there.residual - taken @ (taken.T @ there.residual)
-    pose, _ = np.nonzero(seen_mask(observed.points))
-    of_row, best = np.repeat(pose, 3), None
-    for i in np.unique(pose).tolist():
-        rows = of_row == i
-        inverse = np.linalg.pinv(np.eye(int(rows.sum())) - taken[rows] @ taken[rows].T, rcond=FULL_RANK, hermitian=True)
-        drop = float(pull[rows] @ inverse @ pull[rows])
-        if best is None or drop > best[0]:
-            best = drop, i, inverse
-    assert best is not None
-    drop, i, inverse = best
-    told = int(np.linalg.matrix_rank(inverse, hermitian=True))
+    taken = fit.taken  # M = 1 - J taken (J taken)'
+    shared, least, count = taken.T @ (fit.there.jacobian.T @ fit.there.residual), None, 0
+    for first, (block, residual, jacobian) in _numbered(problem.parts(fit.values)):
+        mask = np.repeat(seen_mask(block.points), 3, axis=1)
+        rows, pulls = np.zeros((*mask.shape, taken.shape[1])), np.zeros(mask.shape)
+        rows[mask] = jacobian @ taken
+        pulls[mask] = residual - rows[mask] @ shared
+        left = np.eye(mask.shape[1]) - rows @ np.swapaxes(rows, 1, 2)
+        inverse = np.linalg.pinv(left, rcond=FULL_RANK, hermitian=True)
+        drops = np.einsum("ni,nij,nj->n", pulls, inverse, pulls)
+        drops[~mask.any(axis=1)] = -np.inf
+        i, count = int(drops.argmax()), count + int(mask.any(axis=1).sum())
+        if least is None or drops[i] > least[0]:
+            there = np.ix_(mask[i], mask[i])
+            least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], _metres_of(block, mask, i)
+    assert least is not None
+    drop, i, freedom, pull, metres = least
+    told = int(np.linalg.matrix_rank(freedom, hermitian=True))
     if told < 1:
         return []
-    units = np.zeros((len(of_row), len(inverse)))
-    units[of_row == i] = np.eye(len(inverse))
-    metres = problem.in_metres(units)[of_row == i]
-    size = Displacement(*sized(metres @ inverse @ pull[of_row == i], metres @ inverse @ metres.T))
+    size = Displacement(*sized(metres @ freedom @ pull, metres @ freedom @ metres.T))
     words = f"the reading of {poses[i] if poses else f'pose {i}'} alone is off by {size.words}"
-    left = fit.square - drop, fit.dof - told
-    return [_judged(problem, "reading", words, size, told, left, len(np.unique(pose)))]
+    return [_judged(problem, "reading", words, size, told, (fit.square - drop, fit.dof - told), count)]
+
+
+def _numbered(
+    parts: Iterator[tuple[Observations, Array, Array]],
+) -> Iterator[tuple[int, tuple[Observations, Array, Array]]]:
+    """Each part with the number of its first pose."""
+    first = 0
+    for part in parts:
+        yield first, part
+        first += len(part[0].inputs)
+
+
+def _metres_of(block: Observations, mask: NDArray[np.bool_], pose: int) -> Array:
+    """What the numbers ``(m, m)`` of one pose are in metres; ``mask`` ``(n, ...)`` says which of all were observed."""
+    of_pose = np.zeros(mask.shape, dtype=np.bool_)
+    of_pose[pose] = mask[pose]
+    rows = np.flatnonzero(of_pose[mask])
+    units = np.zeros((int(mask.sum()), len(rows)))
+    units[rows] = np.eye(len(rows))
+    return in_metres(block, units)[rows]
 
 
 def _judged(
@@ -221,7 +242,7 @@ def _judged(
     alike: int,
 ) -> Hypothesis:
     """A hypothesis of ``told`` numbers that leaves a square of so many degrees of freedom."""
-    prediction, numbers = problem.prediction, 3 * int(seen_mask(problem.observed.points).sum())
+    prediction, numbers = problem.prediction, problem.numbers
     bic = prediction.deviance(left[0], numbers) + told * np.log(numbers) + 2 * np.log(alike)
     p = prediction.p(*left)
     return Hypothesis(kind, words, size, told, left[0], p, float(bic), p >= VERIFICATION)

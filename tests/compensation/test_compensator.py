@@ -9,6 +9,7 @@ from helpers.robots import IRB120, chain_of, perturbed, somewhere, table_robot
 from scipy import optimize
 
 from lab.campaign.robot import Robot, load_robot
+from lab.compensation import compensator as compensator_module
 from lab.compensation.compensator import Compensation, Compensator
 from lab.compensation.ik_results import AGREED_M
 from lab.core import se3
@@ -135,6 +136,24 @@ def test_a_path_stays_in_the_branch_that_its_first_target_names() -> None:
     found = corrected(of, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), reference)
     assert found.converged.all()
     np.testing.assert_allclose(found.joints, path, atol=1e-8)
+
+
+def test_targets_in_parts_are_corrected_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where a path goes on from one part to the next, far from joint positions zero; one is out of reach."""
+    of = compensator((), 14)
+    ends = np.deg2rad([[100.0, -60, -20, 150, -60, 250], [140.0, -30, 10, 120, -80, 300]])
+    path = ends[0] + np.linspace(0, 1, 9)[:, None] * (ends[1] - ends[0])
+    Ts, _ = of.arm.tool(path, of.values)
+    Ts[5, :3, 3] += [3.0, 0, 0]
+    reference = np.full(path.shape, np.nan)
+    reference[0] = path[0]
+    wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
+    whole = corrected(of, wanted, reference)
+    monkeypatch.setattr(compensator_module, "_BLOCK", 4)
+    parts = corrected(of, wanted, reference)
+    assert whole.converged.sum() == 8 and parts.reasons == whole.reasons and parts.passed_over == whole.passed_over
+    for name in ("joints", "uncorrected", "positions", "rotations", "differential", "cartesian", "singular_rad"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), atol=1e-12)
 
 
 def test_what_cannot_be_reached_says_why() -> None:

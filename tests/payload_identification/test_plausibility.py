@@ -52,6 +52,7 @@ WRENCH_MISTAKES: dict[str, tuple[Callable[[PayloadSamples], PayloadSamples], str
     "forces and moments in mN": (lambda s: replace(s, wrench=s.wrench * 1e3), "forces in Nmm or mN?"),
     "joints a row late": (lambda s: later(s, 1), "seem to be 1 row later than"),
     "joints two rows early": (lambda s: later(s, -2), "seem to be 2 rows earlier than"),
+    "joints four rows late": (lambda s: later(s, 4), "seem to be 4 rows later than"),
     "degrees that are radians": (lambda s: replace(s, joints=s.joints * np.pi / 180), "radians in columns of degrees"),
     "every row loaded": (lambda s: replace(s, loaded=np.ones(len(s), dtype=bool)), "half seems to be"),
     "nothing was carried": (lambda s: replace(s, loaded=~s.loaded, wrench=s.wrench * 1e-6), "no load at all"),
@@ -59,6 +60,7 @@ WRENCH_MISTAKES: dict[str, tuple[Callable[[PayloadSamples], PayloadSamples], str
 TORQUE_MISTAKES: dict[str, tuple[Callable[[PayloadSamples], PayloadSamples], str]] = {
     "torques in Nmm": (lambda s: replace(s, torques=s.torques * 1e3), "are torques or forces in Nmm or mN?"),
     "joints a row late": (lambda s: later(s, 1), "seem to be 1 row later than"),
+    "joints three rows early": (lambda s: later(s, -3), "seem to be 3 rows earlier than"),
 }
 
 

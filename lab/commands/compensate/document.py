@@ -6,6 +6,7 @@ from lab.commands.compensate.result import CompensationResult, NearSingular, nea
 from lab.commands.provenance import provenance_section
 from lab.commands.stops import VIA
 from lab.commands.values import joint_values
+from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.render.document import (
     PAGE,
@@ -21,7 +22,7 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import capital, fixed, short
-from lab.render.plots import SizeMap, Spread, histograms, size_maps, spread_by_size
+from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
 from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 from lab.render.svg import cube
 
@@ -174,8 +175,10 @@ def _map(result: CompensationResult) -> tuple[Block, ...]:
     off = positions[~result.found.converged]
     middle, half = cube([positions[reached]])
     near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
+    off, some = off[near], evenly(int(near.sum()), MOST_POINTS)
+    crosses = off if some is None else off[some]
     shown = SizeMap(
-        positions[rows], result.correction_m[rows], "how far a target is moved", off[near], "not reached", "targets"
+        positions[rows], result.correction_m[rows], "how far a target is moved", crosses, "not reached", "targets"
     )
     caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
     if beyond := int((~near).sum()):
@@ -192,7 +195,7 @@ def _every_target(result: CompensationResult) -> tuple[Block, ...]:
             *(fixed(value, 3) for value in joint_values(chain.prismatic, found.joints[i])),
             *(fixed(value, 3, signed=True) for value in moved[i]),
         )
-        for i in result.reached
+        for i in result.reached[:MOST_LISTED]
     )
     units = ("mm" if slides else "°" for slides in chain.prismatic)
     joints = (f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True))
@@ -200,5 +203,5 @@ def _every_target(result: CompensationResult) -> tuple[Block, ...]:
     note = (
         "Joint positions that bring the calibrated arm there, and how far the corrected target is from the wanted one."
     )
-    table = Table(header, rows, most_rows=MOST_LISTED, rest_in="joints.csv")
+    table = Table(header, rows, most_rows=MOST_LISTED, rest_in="joints.csv", count=len(result.reached))
     return (Paragraph(note, "note"), table) if rows else ()

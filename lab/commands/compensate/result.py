@@ -1,6 +1,6 @@
 """Corrected targets: typed, and as plain values for their JSON files."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["CompensationResult", "NearSingular", "near_singular", "verdict_of"]
 
 
+_BLOCK = 2_000  # targets whose derivatives are held at a time
 _USUAL_TOLERANCES = {"tolerance_mm": 1e3 * TOLERANCE_M, "tolerance_mrad": 1e3 * TOLERANCE_RAD}
 
 
@@ -150,15 +151,22 @@ class CompensationResult(Result):
         )
         return (words, *run)
 
-    @property
+    @cached_property
     def _tolerance_m(self) -> Array:
         """``(n,)`` how far the tolerances of the links let each target be missed (m, RMS)."""
         given = self.run.options.get("fitting", {})
         tolerance = Tolerance(*(given.get(key, usual) / 1e3 for key, usual in _USUAL_TOLERANCES.items()))
-        jacobian = self.run.arm.observe(self.arm_inputs, self.run.values)[1][:, self.target]
-        return tolerance_rms(self.run.arm, jacobian, tolerance)
+        parts = [tolerance_rms(self.run.arm, jacobian, tolerance) for jacobian in self._sensitivities()]
+        return np.concatenate(parts)
 
-    @property
+    def _sensitivities(self) -> Iterator[Array]:
+        """Derivatives ``(some, 3, p)`` of the aimed point by the parameters, of some targets at a time."""
+        return (self.run.arm.observe(each, self.run.values)[1][:, self.target] for each in self._blocks())
+
+    def _blocks(self) -> Iterator[Array]:
+        return (self.arm_inputs[first : first + _BLOCK] for first in range(0, len(self.arm_inputs), _BLOCK))
+
+    @cached_property
     def reached(self) -> NDArray[np.int_]:
         """The rows of the targets that are reached."""
         return np.flatnonzero(self.found.converged)
@@ -268,19 +276,20 @@ class CompensationResult(Result):
         write_files(folder, self)
         self.report(folder / "report.html")
 
-    @property
+    @cached_property
     def correction_m(self) -> Array:
         """Correction ``(n,)``: how far each target is moved for the controller (m); NaN where it is not reached."""
         return np.asarray(np.linalg.norm(self.found.positions - self.wanted.positions, axis=1))
 
-    @property
+    @cached_property
     def predicted_m(self) -> Array:
         """Predicted error ``(n,)`` at each target (m, RMS), from the covariance, the lack of fit and shared errors."""
         run = self.run
         lacking, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
-        jacobian = run.arm.observe(self.arm_inputs, run.values)[1][:, self.target]
-        rows = jacobian[..., [run.arm.names.index(name) for name in run.identified]]
-        known = larger * np.einsum("nif,fg,nig->n", rows, run.covariance, rows) + 3 * lacking**2
+        columns = [run.arm.names.index(name) for name in run.identified]
+        rows = (jacobian[..., columns] for jacobian in self._sensitivities())
+        squares = [((each @ run.covariance) * each).sum(axis=(1, 2)) for each in rows]
+        known = larger * np.concatenate(squares) + 3 * lacking**2
         return np.asarray(np.sqrt(known + self._shared_m**2 + self.load_m**2 + self.beyond_m**2))
 
     @cached_property
@@ -298,12 +307,15 @@ class CompensationResult(Result):
         run, shared = self.run, self.run.shared
         if shared is None:
             return np.zeros(len(self.arm_inputs))
-        slopes = by_joint_positions(run.arm, self.arm_inputs, run.values, run.robot.chain.size)[:, self.target]
-        scattered = np.einsum("nij,jk,nik->n", slopes, shared.joint_covariance(slopes.shape[2]), slopes)
+        size = run.robot.chain.size
+        slopes = np.concatenate(
+            [by_joint_positions(run.arm, each, run.values, size)[:, self.target] for each in self._blocks()]
+        )
+        scattered = np.einsum("nij,jk,nik->n", slopes, shared.joint_covariance(size), slopes)
         more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0)
         return np.asarray(np.sqrt(scattered + 3 * (shared.wandering_m**2 + shared.drift_m**2 + more)))
 
-    @property
+    @cached_property
     def load_m(self) -> Array:
         """The part ``(n,)`` of the predicted error that is the uncertainty of an identified payload (m, RMS)."""
         run, (arm, values) = self.run, self.run.geometry

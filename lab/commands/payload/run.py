@@ -94,7 +94,11 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | No
     ):  # numbers of a nonsensical file may overflow
         fitted = _fitted(options, robot, samples, mounting, method)
         strange = implausibilities(
-            fitted, _size(robot), samples, lambda other: _fitted(options, robot, other, mounting, method)
+            fitted,
+            _size(robot),
+            samples,
+            lambda other: _fitted(options, robot, other, mounting, method),
+            lambda joints: arm.flange(joints, arm.nominal(robot.tool))[:, 2, :3],
         )
         _refuse_senseless(fitted, strange)
     estimate = physical_estimate(fitted) if options.physical else fitted

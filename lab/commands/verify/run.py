@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["verify"]
 
 LEAST_SPREAD = 3  # poses whose spread says something
+_SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
 
@@ -168,10 +169,9 @@ def _beyond_range(
 
 def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:
     """Points that spread unlike the robot's are of another unit, or of another robot."""
-    predicted = prediction.arm.points(observations.inputs, prediction.values)
-    spreads = [
-        spread(np.where(np.isnan(observations.points), np.nan, points)) for points in (observations.points, predicted)
-    ]
+    some = observations.thinned(_SPREAD_OF)
+    predicted = prediction.arm.points(some.inputs, prediction.values)
+    spreads = [spread(np.where(np.isnan(some.points), np.nan, points)) for points in (some.points, predicted)]
     if (
         len(observations.inputs) >= LEAST_SPREAD
         and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]

@@ -143,22 +143,23 @@ def _landmarks(positions: Array, rotations: Array, turned: bool) -> Array:
 
 
 def ordered(
-    chain: JointSpec, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_]
+    chain: JointSpec, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_], before: Array | None = None
 ) -> tuple[Array, NDArray[np.int_]]:
     """The ways in order of preference: reached, within limits, not disliked, and near.
 
-    Near to a row's reference where that is given, else to the way preferred for the row before; for the first one
-    to joint positions zero. Joints that can turn more than once do it as that asks.
+    Near to a row's reference where that is given, else to the way preferred for the row before. Joints that can turn
+    more than once do it as that asks.
 
     Args:
         reference: ``(n, joints)`` joint positions, NaN where none are given.
         disliked: ``(n, k)``.
+        before: ``(joints,)`` joint positions preferred for what comes before the first row; zero if None.
 
     Returns:
         ``(n, k, joints)`` joint positions, and ``(n, k)`` the branches that they are of.
     """
     joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
-    last = chain.home
+    last = chain.home if before is None else before
     for i, ways in enumerate(solutions.joints):
         near = reference[i] if np.isfinite(reference[i]).all() else last
         turned = nearest_whole_turns(chain, ways, near)
