@@ -11,7 +11,7 @@ from lab.kinematics.inverse.analytic.determinant import Determinant
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["EXACT", "Axes", "ClosedForm", "Solutions", "in_plane", "plane_across"]
+__all__ = ["EXACT", "Axes", "ClosedForm", "Solutions", "in_plane", "meeting_point", "plane_across"]
 
 EXACT = 1e-9  # m or rad: by how much a nominal model may miss the shape that is asked for
 
@@ -103,3 +103,12 @@ def in_plane(plane: Array, vector: Array) -> complex:
     """A vector ``(3,)`` along the first two rows of a plane, as a complex number."""
     x, y = plane[:2] @ vector
     return complex(x, y)
+
+
+def meeting_point(origins: Array, axes: Array) -> tuple[Array, float]:
+    """The point ``(3,)`` nearest to some lines, and how far the farthest one misses it."""
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    point = np.linalg.lstsq(across.reshape(-1, 3), (across @ origins[:, :, None]).ravel(), rcond=None)[0]
+    return np.asarray(point, dtype=np.float64), float(
+        np.linalg.norm(across @ (point - origins)[:, :, None], axis=1).max()
+    )

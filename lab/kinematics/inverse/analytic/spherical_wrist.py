@@ -22,7 +22,7 @@ from lab.kinematics.inverse.analytic.determinant import Determinant, Term, deter
 from lab.kinematics.inverse.analytic.first_joint import Carried, Carrier
 from lab.kinematics.inverse.analytic.first_three_joints import Elbow, Lift, Telescope
 from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, type_2
-from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions, meeting_point
 from lab.kinematics.serial.chain import Chain
 
 __all__ = ["SphericalWrist"]
@@ -57,7 +57,7 @@ class SphericalWrist:
             return None
         joint_axes = Axes.of(chain)
         z = joint_axes.directions
-        centre, missed = _meeting_point(joint_axes.origins[3:], z[3:])
+        centre, missed = meeting_point(joint_axes.origins[3:], z[3:])
         if missed > EXACT or not joint_axes.square(3, 4) or not joint_axes.square(4, 5):
             return None
         carrier = Elbow.of(joint_axes, centre) or Telescope.of(joint_axes, centre) or Lift.of(joint_axes, centre)
@@ -167,15 +167,6 @@ class SphericalWrist:
 def _by_pose(values: NDArray[Number]) -> NDArray[Number]:
     """Values ``(6, 2, elbows, 2, n)`` as ``(n, branches, 6)``."""
     return values.reshape(len(values), -1, values.shape[-1]).transpose(2, 1, 0)
-
-
-def _meeting_point(origins: Array, axes: Array) -> tuple[Array, float]:
-    """The point ``(3,)`` nearest to some lines, and how far the farthest one misses it."""
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    point = np.linalg.lstsq(across.reshape(-1, 3), (across @ origins[:, :, None]).ravel(), rcond=None)[0]
-    return np.asarray(point, dtype=np.float64), float(
-        np.linalg.norm(across @ (point - origins)[:, :, None], axis=1).max()
-    )
 
 
 def _turned(R: Array, vector: Array) -> Array:
