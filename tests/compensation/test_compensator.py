@@ -286,7 +286,7 @@ def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["ur10.toml", "panda.toml"])
-def test_arms_without_a_closed_form_are_compensated_too(name: str) -> None:
+def test_arms_given_as_tables_are_compensated_too(name: str) -> None:
     robot = table_robot(name)
     of = compensator((), 12, robot)
     wanted = reachable(of, 100, 13)

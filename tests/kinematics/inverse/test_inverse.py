@@ -152,9 +152,8 @@ def test_a_scara_upside_down_or_out_of_reach_ends_somewhere() -> None:
 # All ways of a drawing
 
 
-@pytest.mark.parametrize("name", ["ur10.toml", "panda.toml"])
-def test_arms_without_a_closed_form_are_searched(name: str) -> None:
-    chain = table_robot(name).chain
+def test_an_arm_without_a_closed_form_is_searched() -> None:
+    chain = table_robot("panda.toml").chain
     arm = SerialArm(chain)
     joints = chain.random_joints(200, np.random.default_rng(10))
     drawing = NominalInverse(arm, arm.nominal())

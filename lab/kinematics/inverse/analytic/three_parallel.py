@@ -9,6 +9,7 @@ All is worked out from the joints' axes at zero joint positions.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,7 +69,7 @@ class ThreeParallel:
         w = z[1]
         plane = plane_across(w, np.cross(z[4], w))
         places = (origins[0], origins[1], origins[2], origins[3], point)
-        shoulder, upper, fore, hand = (in_plane(plane, b - a) for a, b in zip(places, places[1:], strict=False))
+        shoulder, upper, fore, hand = (in_plane(plane, b - a) for a, b in pairwise(places))
         if min(abs(upper), abs(fore)) < EXACT:
             return None
         T = axes.T_frame0_last
@@ -121,8 +122,12 @@ class ThreeParallel:
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
         phi, fifth, sixth, free_6 = self._turns(Ts_frame0_last[:, :3, :3], first, liked[5])  # (2, 2, n): joints 5, 1
-        bent = float(np.angle(self.upper))
-        place = (e + 1j * f)[None] - self.shoulder - self.hand * np.exp(1j * phi)
+        bent, place = float(np.angle(self.upper)), (e + 1j * f)[None] - self.shoulder
+        if free_6.any():
+            near = np.where(free_6, self._within_reach(place, phi), phi)
+            sixth = sixth - np.where(np.cos(fifth + self.bend) > 0, 1.0, -1.0) * (near - phi)
+            phi = near
+        place = place - self.hand * np.exp(1j * phi)
         (root, elbow), gap_8, (free_2, _) = type_8(
             abs(self.upper), abs(self.fore), place.real, place.imag, TINY, (liked[1] + bent, 0.0), BEND
         )  # (2, 2, 2, n): elbow, joint 5, joint 1
@@ -143,6 +148,21 @@ class ThreeParallel:
             np.zeros((count, 8)),
             free.reshape(6, 8, count).transpose(2, 1, 0),
         )
+
+    def _within_reach(self, place: Array, phi: Array) -> Array:
+        """The turns ``(2, 2, n)`` nearest to phi with which the planar arm reaches P, where joint 6 may make up for it.
+
+        Axis 4 is |place| and |hand| from the two ends of a triangle, and nears axis 2 as the hand turns to it.
+        """
+        product, squares = np.abs(place) * abs(self.hand), np.abs(place) ** 2 + abs(self.hand) ** 2
+        towards = np.angle(place) - np.angle(self.hand)
+        away = phi - towards - 2 * np.pi * np.round((phi - towards) / (2 * np.pi))
+        twice = np.maximum(2 * product, TINY)
+        nearest, farthest = abs(abs(self.upper) - abs(self.fore)), abs(self.upper) + abs(self.fore)
+        low, high = ((squares - bound**2) / twice for bound in (farthest, nearest))
+        cosine = np.clip(np.clip(np.cos(away), low, high), -1.0, 1.0)
+        moved = np.copysign(np.arccos(cosine), away)
+        return np.asarray(np.where(np.cos(away) == cosine, phi, towards + moved))
 
     def _turns(self, Rs: Array, first: Array, liked: Array) -> tuple[Array, Array, Array, Array]:
         """The turn phi about w, joints 5 and 6, and where joint 6 is free, ``(2, 2, n)``, for joint 1 ``(2, n)``."""

@@ -13,8 +13,10 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.inverse.analytic.determinant import Factor
 from lab.kinematics.inverse.analytic.khalil_one_unknown import type_2
+from lab.kinematics.inverse.analytic.scara import Scara
 from lab.kinematics.inverse.analytic.select import ClosedForm, closed_form_of
 from lab.kinematics.inverse.analytic.spherical_wrist import SphericalWrist
+from lab.kinematics.inverse.analytic.three_parallel import ThreeParallel
 from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -41,6 +43,14 @@ ODD = {  # all that may be at an angle or off an axis is
     "versatran, off its axis": chain_of(
         "versatran off", "craig", "RPPRRR", [0, 180, -90, 30, -90, 90], [0, 0.05, 0.1, 0, 0, 0],
         [10, 20, 30, 40, 50, 60], [0.1, 0, 0.2, 0, 0, 0.3],
+    ),
+    "ur10": chain_of(  # the public table (ur_description)
+        "ur10", "distal", "RRRRRR", [90, 0, 0, 90, -90, 0], [0, -0.612, -0.5723, 0, 0, 0], [0] * 6,
+        [0.1273, 0, 0, 0.163941, 0.1157, 0.0922],
+    ),
+    "ur, slanted": chain_of(  # axis 2 not square to axis 1, axes 3 and 4 against it, axis 4 off axis 5
+        "ur slanted", "craig", "RRRRRR", [0, 70, 180, 180, 90, -90], [0.1, 0.1, 0.5, 0.4, 0.05, 0],
+        [10, 20, 30, 40, 50, 60], [0.3, 0.05, 0.1, 0.1, 0.1, 0.1],
     ),
     "scara, antiparallel": chain_of(
         "a", "craig", "RRRP", [0, 0, 180, 0], [0, 0.4, 0.25, 0.1], [9, 8, 7, 6], [0.1, 0.2, 0.3, 0.4],
@@ -105,6 +115,20 @@ def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str, cou
     between = apart(chain, found.joints[:, :, None], found.joints[:, None])
     others = np.where(np.eye(form.branches, dtype=bool), np.inf, between)
     assert np.median(others.min(axis=(1, 2))) > 0.05  # all of them are different
+
+
+@pytest.mark.parametrize("count", SMALL_AND_FULL)
+@pytest.mark.parametrize("name", ["ur10", "ur, slanted"])
+def test_three_parallel_axes_have_up_to_eight_solutions(name: str, count: int) -> None:
+    chain, form = ALL[name], closed_form(ALL[name])
+    joints = chain.random_joints(count, np.random.default_rng(2))
+    Ts = flanges(chain, joints)
+    found = form.solve(Ts)
+    assert isinstance(form, ThreeParallel) and found.joints.shape == (count, 8, 6)
+    reached = found.gap_m == 0
+    assert reached.any(axis=1).all() and (reached.sum(axis=1) == 8).mean() > 0.4 and not found.free.any()
+    assert np.abs(flanges(chain, found.joints) - Ts[:, None])[reached].max() < 1e-11
+    assert apart(chain, found.joints, joints[:, None]).min(axis=1).max() < 1e-6  # near a double root
 
 
 def test_half_of_the_versatran_s_solutions_slide_out_backwards() -> None:
@@ -181,7 +205,7 @@ def solved_for(factor: Factor, joints: Array, joint: int, slides: bool) -> Array
 BY_JOINT = {"elbow": 2, "wrist": 4, "shoulder": 1, "slide": 2}  # which makes a factor zero
 SINGULAR = [
     (name, factor.name, {("versatran", "shoulder"): 2, ("scara", "elbow"): 1}.get((name, factor.name)))
-    for name in ("irb120", "rx130", "tx40", "scemi", "versatran", "scara", "stanford", "stanford, slanted")
+    for name in ("irb120", "rx130", "tx40", "scemi", "versatran", "scara", "stanford", "stanford, slanted", "ur10")
     for factor in closed_form(ALL[name]).determinant.factors
     if (name, factor.name) != ("stanford", "slide")  # where the shoulder's is zero too
 ]
@@ -215,17 +239,18 @@ def test_at_a_singularity_nothing_is_lost(name: str, kind: str, joint: int | Non
     if away == 1e-6:
         true = apart(chain, found.joints, joints[:, None]).min(axis=1) < 1e-5
         assert (true | free.any(axis=1)).mean() > 0.99  # at two singularities at once the pose does not say
-    turning = {"wrist": 3, "shoulder": 0}.get(kind)
+    turning = {"wrist": 5 if isinstance(form, ThreeParallel) else 3, "shoulder": 0}.get(kind)
     if away == 0 and turning is not None and passes_through_axis_1(form, kind):
         assert free[:, turning].mean() > 0.2  # the rest is off by rounding
         picked = apart(chain, found.joints[..., [turning] * chain.size], reference[:, None, [turning] * chain.size])
-        assert picked[found.free[..., turning]].max() < 1e-12
+        kept = picked[found.free[..., turning]] < 1e-12
+        assert kept.mean() > 0.5 if isinstance(form, ThreeParallel) else kept.all()  # with others the arm is too short
 
 
 def passes_through_axis_1(form: ClosedForm, kind: str) -> bool:
     """Whether joint 1 is free at the shoulder's singularity: where the wrist's centre comes onto its axis."""
-    assert isinstance(form, SphericalWrist)
-    return kind != "shoulder" or abs(getattr(form.carrier, "offset", 0.0)) < 1e-12
+    carrier = form.carrier if isinstance(form, SphericalWrist) else form
+    return kind != "shoulder" or abs(getattr(carrier, "offset", 0.0)) < 1e-12
 
 
 def test_two_equal_links_folded_back_leave_their_root_free() -> None:
@@ -330,9 +355,9 @@ def literature(name: str, q: Array) -> Array:
 def by_jacobian(chain: Chain, joints: Array) -> Array:
     """det J at the wrist's centre; of a SCARA that of x, y, z and the turn about its axes."""
     form, arm = closed_form(chain), SerialArm(chain)
-    at = form.centre if isinstance(form, SphericalWrist) else form.wrist
+    at = form.wrist if isinstance(form, Scara) else form.centre
     _, jacobian = arm.tool(joints, arm.assemble(np.zeros(6), chain.table, at[None]))
-    if isinstance(form, SphericalWrist):
+    if not isinstance(form, Scara):
         return np.linalg.det(jacobian)
     turn = form.plane[2] @ jacobian[:, 3:]
     return np.linalg.det(np.concatenate([jacobian[:, :3], turn[:, None]], axis=1))
