@@ -27,7 +27,7 @@ from lab.core.se3 import Array
 from lab.core.significance import EXTRAPOLATION
 from lab.kinematics.model import Model
 
-__all__ = ["MeasuredRange", "joint_regions", "measured_range", "prediction_squares"]
+__all__ = ["MeasuredRange", "joint_regions", "measured_range", "position_covariances", "prediction_squares"]
 
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
 _MOST = 1.0  # rad or m beyond, that a slope is good for
@@ -167,6 +167,24 @@ def _excess(estimates: Array, variances: Array, dof: int) -> float:
     return float(np.sqrt(excess * count / (count - 2)))
 
 
+def position_covariances(found: Identification, measured: MeasuredRange | None, inputs: Array) -> Array:
+    """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at some poses, the instrument's noise aside.
+
+    Args:
+        found: of points.
+        measured: what the model may lack beyond the joint positions that were measured; a process says so itself.
+        inputs: ``(n, joints + conditions)``.
+    """
+    if found.process is not None:
+        return found.process.covariances(inputs)
+    slopes = found.model.observe(inputs, found.values)[1][..., list(found.fit.free)]
+    squares = slopes @ found.covariance @ np.swapaxes(slopes, 2, 3)
+    if measured is not None and measured.is_worse_beyond:
+        unknown = measured.unknown(found.model, inputs, found.values)
+        squares = squares + unknown @ np.swapaxes(unknown, 2, 3)
+    return np.asarray(squares)
+
+
 def prediction_squares(
     found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array
 ) -> tuple[Array, Array]:
@@ -179,14 +197,9 @@ def prediction_squares(
         inputs: ``(n, joints + conditions)``.
         points: ``(n, k, 3)`` m.
     """
-    predicted, jacobian = found.model.observe(inputs, found.values)
-    slopes, error = jacobian[..., list(found.fit.free)], points - predicted
+    error = points - found.model.points(inputs, found.values)
     noise = max(found.residual_sigma_m, found.sigma_m if found.sigma_known else 0.0) ** 2 * np.eye(3)
-    alone = slopes @ found.covariance @ np.swapaxes(slopes, 2, 3) + noise
-    whole = alone
-    if measured is not None:
-        unknown = measured.unknown(found.model, inputs, found.values)
-        whole = alone + unknown @ np.swapaxes(unknown, 2, 3)
+    whole, alone = (position_covariances(found, each, inputs) + noise for each in (measured, None))
     with_range, without = (
         np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0]) for each in (whole, alone)
     )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
@@ -32,6 +33,7 @@ __all__ = [
     "WEAK",
     "Identification",
     "IdentifyOptions",
+    "PredictedCovariance",
     "Solve",
     "fit_base_and_tool",
     "identify",
@@ -72,6 +74,16 @@ class IdentifyOptions:
         return replace(self, fix=fix, free=free)
 
 
+class PredictedCovariance(Protocol):
+    """Covariances of the errors of predicted points, where they are not those of the parameters alone."""
+
+    def covariances(self, inputs: Array) -> Array:
+        """``(n, k, 3, 3)`` m^2 at poses ``(n, joints + conditions)``, each point alone."""
+
+    def covariance(self, inputs: Array) -> Array:
+        """``(n k 3, n k 3)`` m^2 of all points together."""
+
+
 @dataclass(frozen=True)
 class Identification:
     """What one set of measurements says of an arm.
@@ -88,6 +100,7 @@ class Identification:
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
         extra_residuals: what was known beside the measurements, weighted as they are: constraints, a prior.
         dof_each: ``(f,)`` of each parameter's interval, where the covariance is not that of one sigma alone.
+        process: covariances of predicted points, where what the parameters do not explain is predicted too.
         residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not observed.
         spread: of the measured points, to that of the nominal model's in the same poses: a wrong unit shows here.
     """
@@ -107,6 +120,7 @@ class Identification:
     warnings: tuple[str, ...]
     extra_residuals: ExtraResiduals
     dof_each: Array | None = None
+    process: PredictedCovariance | None = None
 
     @property
     def status(self) -> Status:

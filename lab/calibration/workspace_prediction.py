@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from lab.calibration.extrapolation import MeasuredRange
+from lab.calibration.extrapolation import MeasuredRange, position_covariances
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
@@ -98,14 +98,11 @@ def predict_over_workspace(
     inputs, jacobian = _target_jacobian(model, identification.values)
     placed = indices_of_groups(model.parameters, ("base", "tool"))
     of_tolerances = float(np.sqrt(np.mean(tolerance_rms(model, jacobian, tolerance, placed) ** 2)))
-    free = jacobian[..., list(identification.fit.free)]
-    squares = free @ identification.covariance @ np.swapaxes(free, 1, 2)
+    squares = position_covariances(identification, measured, inputs)[:, 0]
     if not np.isfinite(squares).all():
         return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
     share = 0.0
-    if measured is not None and measured.is_worse_beyond:
-        unknown = measured.unknown(model, inputs, identification.values)[:, 0]
-        squares = squares + unknown @ np.swapaxes(unknown, 1, 2)
+    if measured is not None and (measured.is_worse_beyond or identification.process is not None):
         share = float((measured.beyond(inputs[:, : len(measured.lower)]) > 0).any(axis=1).mean())
     rms = float(np.sqrt(np.trace(squares, axis1=1, axis2=2).mean()))
     known = identification.sigma_known and not lack_of_fit
@@ -128,11 +125,8 @@ def predicted_errors(
     model = identification.model
     if not observation_of(model).positions:
         return None
-    inputs, jacobian = _target_jacobian(model, identification.values)
-    free = jacobian[..., list(identification.fit.free)]
-    squares = np.einsum("nif,fg,nig->n", free, identification.covariance, free)
-    if measured is not None and measured.is_worse_beyond:
-        squares = squares + (measured.unknown(model, inputs, identification.values)[:, 0] ** 2).sum(axis=(1, 2))
+    inputs, _ = _target_jacobian(model, identification.values)
+    squares = np.trace(position_covariances(identification, measured, inputs)[:, 0], axis1=1, axis2=2)
     known = np.isfinite(squares)
     return (inputs[known], np.sqrt(np.maximum(squares[known], 0.0))) if known.any() else None
 

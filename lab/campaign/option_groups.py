@@ -63,7 +63,7 @@ Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 _GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
 MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(
-    _GROUPS
+    [*_GROUPS, "residual (what no group explains, as offsets of the joints; also auto+residual)"]
 )
 
 
@@ -93,13 +93,26 @@ class Fitting:
         """Refuse numbers that make no sense, with a LabError that names the option."""
         positive("--tolerance-mm", self.tolerance_mm)
         positive("--tolerance-mrad", self.tolerance_mrad)
-        if not all(self.groups) or len(set(self.groups)) < len(self.groups):
+        if not all(self.groups) or len(set(self.groups)) < len(self.groups) or self.model.count("residual") > 1:
             raise LabError(f"--model {self.model}: give geometric, auto, or different groups joined by +")
+        if self.residual and self.prior:
+            raise LabError("--prior: the group residual knows no prior of the parameters; leave one of them out")
 
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups asked for by name; none for geometric and auto."""
-        return () if self.model in ("geometric", "auto") else tuple(self.model.removeprefix("geometric+").split("+"))
+        named = self.parametric
+        return () if named in ("geometric", "auto") else tuple(named.removeprefix("geometric+").split("+"))
+
+    @property
+    def residual(self) -> bool:
+        """Whether what no group explains is to be predicted as offsets of the joints."""
+        return "residual" in self.model.split("+")
+
+    @property
+    def parametric(self) -> str:
+        """The model without that."""
+        return "+".join(name for name in self.model.split("+") if name != "residual") or "geometric"
 
 
 def comma_separated(kind: type[Options]) -> type[Options]:

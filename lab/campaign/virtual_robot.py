@@ -112,7 +112,7 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
 
 def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
     """What is to be written down at each pose: what the model may ask for, and what options set."""
-    groups = GROUPS if options.fitting.model == "auto" else options.fitting.groups
+    groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
     asked: dict[str, None] = {}
     for group in groups:
         with suppress(LabError):  # what cannot be built says so when it is to be fitted

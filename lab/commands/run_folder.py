@@ -31,6 +31,7 @@ _FILES = {
     "measurements.csv",
     "parameters.json",
     "covariance.csv",
+    "residual.csv",
     "result.json",
     LOAD_FILE,
     "calibrated.xml",

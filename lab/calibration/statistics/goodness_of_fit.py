@@ -20,6 +20,7 @@ from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 from lab.kinematics.model import Model
 
 __all__ = [
+    "NOT_TESTED",
     "By",
     "GoodnessOfFit",
     "Isotropy",
@@ -52,6 +53,14 @@ class GoodnessOfFit:
     p: float
     by: By
     words: str
+
+
+NOT_TESTED = GoodnessOfFit(
+    None,
+    float("nan"),
+    "nothing",
+    "lack of fit is not tested: the group residual follows what was measured; errors at other poses judge it",
+)
 
 
 def goodness_of_fit(

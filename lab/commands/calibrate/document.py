@@ -183,8 +183,9 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
         (each.joint, f"{each.stiffness:,.0f}", f"± {each.std:,.0f}" if np.isfinite(each.std) else "–")
         for each in result.stiffnesses
     )
+    groups = (*result.fit.groups, *["residual"] * (result.fit.process is not None))
     return (
-        Paragraph(f"Model: {model_name(result.fit.groups)}. {capital(result.fit.adequacy.words)}."),
+        Paragraph(f"Model: {model_name(groups)}. {capital(result.fit.adequacy.words)}."),
         Paragraph(_noise(result)),
         Paragraph(_truth(result)),
         _model_selection(result),

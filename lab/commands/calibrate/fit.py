@@ -15,8 +15,10 @@ from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
+from lab.calibration.residual.estimation import with_residual
+from lab.calibration.residual.process import GROUP
 from lab.calibration.statistics.candidate_models import SelectionTask
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit
+from lab.calibration.statistics.goodness_of_fit import NOT_TESTED, GoodnessOfFit, goodness_of_fit
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.model_selection import Selection, follow, select
@@ -36,6 +38,7 @@ from lab.commands.calibrate.warnings import (
     of_nominal,
     of_outliers,
     of_prior,
+    of_residual,
     of_size,
     of_stuck_search,
     of_twist,
@@ -118,7 +121,7 @@ class Fitter:
     def modelled(self, groups: Sequence[str], held: Sequence[str]) -> tuple[Model, IdentifyOptions]:
         """The arm with these groups less the parameters held, and what is asked of its identification."""
         model = self.model_with(groups)
-        request = self.request if self.options.model == "geometric" else self.request.of(model.names)
+        request = self.request if self.options.parametric == "geometric" else self.request.of(model.names)
         return model, replace(request, fix=(*request.fix, *held))
 
     def identified(
@@ -192,8 +195,8 @@ class Fitter:
             off += named_poses(held, self._off_held_out(found, clean, held, tail), held_out=True)
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = self._adequacy(found, clean, judged_by)
-        warnings = [judged.words] if judged.adequate is False else []
-        warnings += [] if robust else of_outliers(found, observations, outliers, self.options.model)
+        warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
+        warnings += [] if robust else of_outliers(found, observations, outliers, self.options.parametric)
         trusted = search.corrected(found)
         if not warnings and only_positions(observation) and search.shared is None:
             trusted, warnings = with_own_intervals(
@@ -202,9 +205,9 @@ class Fitter:
         if count := sum(pose.held_out for pose in off):
             warnings.append(f"{count} poses of the hold-out set are outliers: the error is with them")
         warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
-        if self.options.model == "auto":
-            lacking = {name: self.unanswerable(name) for name in CANDIDATES}
-            warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in lacking.items() if why]
+        if self.options.parametric == "auto":
+            refused = {name: self.unanswerable(name) for name in CANDIDATES}
+            warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in refused.items() if why]
         if self.options.prior:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         warnings += of_nominal(found, self.nominal(found.model))
@@ -213,20 +216,28 @@ class Fitter:
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs)
         warnings += of_joints(found, observations, clean, moves_before(self.data, clean.ids), self.robot.chain.encoders)
         warnings += of_twist(self.robot, found)
-        warnings += of_export(self.robot, found, groups, observations.inputs)
         measured = measured_range(found, observations, self.robot.chain.prismatic)
+        if self.options.residual:
+            trusted, judged = with_residual(found, clean), NOT_TESTED
+            search, tail = replace(search, shared=None), float("inf")  # the process has its own
+            warnings += of_residual(trusted)
+        warnings += of_export(self.robot, trusted, (*groups, *[GROUP] * self.options.residual), observations.inputs)
         said = tuple(warnings)
         return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail, measured)
 
+    def predicting(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
+        """One identification, outliers left out if asked for, with what no group explains where that is asked for."""
+        found, clean, _ = self.identified(rows, groups, held)
+        return with_residual(found, clean) if self.options.residual else found
+
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""
-        if self.options.model == "geometric":
+        if self.options.parametric == "geometric":
             return None
-        groups = self.options.groups
-        task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
-        task.refuse_unknown_wishes(CANDIDATES if self.options.model == "auto" else groups)
+        groups, task = self.options.groups, SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
+        task.refuse_unknown_wishes(CANDIDATES if self.options.parametric == "auto" else groups)
         found, clean, outliers = self.identified(rows, groups)
-        if self.options.model != "auto":
+        if self.options.parametric != "auto":
             model_with = self._weighed_as(found).model_with
             return follow(model_with, clean, self.nominal, groups, self.noise, self.request, seed=self.seed)
         selection = self._chosen(found, clean)
@@ -235,8 +246,8 @@ class Fitter:
         other = self._chosen(found, rows)  # a few poses that alone show an effect look like outliers without it
         if set(other.chosen) == set(selection.chosen):
             return selection
-        named_by = [len(rows) - len(self.identified(rows, s.chosen, s.held)[1]) for s in (selection, other)]
-        return other if named_by[1] < named_by[0] else selection
+        kept = [len(self.identified(rows, s.chosen, s.held)[1]) for s in (selection, other)]
+        return other if kept[1] > kept[0] else selection
 
     def _chosen(self, found: Identification, rows: Measurements) -> Selection:
         """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them."""
@@ -330,8 +341,7 @@ class Fitter:
 
     def _tail(self, found: Identification, rows: Measurements) -> float:
         """Degrees of freedom of the noise's tails; infinite where they may be Gaussian."""
-        observation = observation_of(found.model)
-        if not only_positions(observation):
+        if not only_positions(observation := observation_of(found.model)):
             return float("inf")
         alone = weighed(observation, rows, self.noise)[0].pose_by_pose()
         return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))

@@ -8,6 +8,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
@@ -63,6 +64,12 @@ class FitReport:
     noise: NoiseSearch
     tail_dof: float
     measured: MeasuredRange | None = None
+
+    @property
+    def process(self) -> JointProcess | None:
+        """The joints' offsets that no group explains; None where they were not asked for."""
+        found = self.identification.process
+        return found.process if isinstance(found, PredictedBy) else None
 
     @cached_property
     def instrument(self) -> InstrumentNoise | None:

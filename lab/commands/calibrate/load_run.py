@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -10,10 +11,12 @@ import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.verdict import gate_words
+from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.noise import noise_model_from_dict
 from lab.commands.calibrate.range_dict import measured_range_from_dict
+from lab.commands.calibrate.residual_file import read_residual
+from lab.commands.calibrate.run_findings import Findings
 from lab.commands.integrity import said_of_edits
 from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
 from lab.core import se3
@@ -30,71 +33,13 @@ from lab.kinematics.model import RigidArm
 if TYPE_CHECKING:
     from lab.commands.calibrate.result import CalibrationResult
 
-__all__ = ["Calibrated", "Findings", "calibrated_by", "folder_of", "read_calibrated"]
+__all__ = ["Calibrated", "calibrated_by", "folder_of", "read_calibrated"]
 
 _READ = ("config.json", "result.json", "parameters.json", "covariance.csv")
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
 
 
 Kind = TypeVar("Kind")
-
-
-@dataclass(frozen=True)
-class Findings:
-    """What of a run's ``result.json`` matters to whoever builds on it; its keys.
-
-    Attributes:
-        freedom: residual degrees of freedom.
-        after_mm, before_mm: errors after and before; None where nothing was there to validate on.
-        judged_by: on what; None without validation.
-        outliers: poses that the test of outliers names, each a mapping with its ``id``.
-        outliers_left_out: whether these were not fitted.
-        noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
-        noise_tail_freedom: degrees of freedom of its tails, of Student's t; None where Gaussian's will do.
-        measured_range: the joint positions that were fitted (``measured_range_to_dict``); None where it is not known.
-    """
-
-    model: str
-    verdict: str
-    reason: str
-    noise_known: bool
-    noise_mm: float | None
-    residual_mm: float | None
-    freedom: int
-    adequate: bool | None
-    adequacy: str
-    after_mm: Mapping[str, float] | None = None
-    before_mm: Mapping[str, float] | None = None
-    judged_by: str | None = None
-    outliers: tuple[Mapping[str, Any], ...] = ()
-    outliers_left_out: bool = False
-    noise_model: Mapping[str, Any] | None = None
-    noise_tail_freedom: float | None = None
-    measured_range: Mapping[str, Any] | None = None
-    reasons: tuple[str, ...] = ()
-    gate_mm: float | None = None
-    schema: int = 0
-    migrated: bool = False
-
-    @property
-    def usable(self) -> bool:
-        """Whether others may build on the run: it is good, or doubtful for reasons that they are told."""
-        return self.verdict in ("good", "doubtful")
-
-    @property
-    def words(self) -> str:
-        """The verdict with its gate, for a person."""
-        return f"{self.verdict}, {gate_words(self.gate_mm)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """What the result of whoever builds on the run holds of its verdict."""
-        return {"verdict": self.verdict, "reasons": list(self.reasons), "gate_mm": self.gate_mm}
-
-    def __post_init__(self) -> None:
-        """Refuse sizes below zero, with a LabError."""
-        for name in ("noise_mm", "residual_mm"):
-            if (size := getattr(self, name)) is not None and not size >= 0:
-                raise LabError(f"{name} is {size:g}; a standard deviation is not below zero")
 
 
 @dataclass(frozen=True)
@@ -113,6 +58,7 @@ class Calibrated:
         options: of the run.
         load: at the flange, where that was identified.
         estimates: ``(f,)`` of the identified parameters: ``values`` share aliased errors among more of them.
+        process: the offsets of its joints that no group explains; None where they were not asked for.
         edits: what is said of its files if they were changed since the run was written.
     """
 
@@ -130,6 +76,21 @@ class Calibrated:
     load: HandLoad | None
     estimates: Array
     edits: tuple[str, ...] = ()
+    process: JointProcess | None = None
+
+    def with_targets(self, targets: tuple[str, ...]) -> Arm:
+        """The arm with other targets."""
+        arm = self.robot.arm_with(targets, [name for name in self.groups if name != GROUP])
+        return arm if self.process is None else self.process.added_to(arm)
+
+    @cached_property
+    def predicted_by(self) -> PredictedBy | None:
+        """What says how sure predicted points are, where the arm's offsets that no group explains are predicted too."""
+        if self.process is None:
+            return None
+        arm = self.robot.arm_with(self.arm.targets, [name for name in self.groups if name != GROUP])
+        free = tuple(arm.names.index(name) for name in self.identified)
+        return PredictedBy(self.process, arm, self.values[: len(arm.names)], free)
 
     @property
     def geometry(self) -> tuple[RigidArm, Array]:
@@ -241,7 +202,7 @@ def read_calibrated(
     robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
     rows = {row.name: row for row in _rows(folder / "parameters.json")}
     covariance = _covariance(folder / "covariance.csv")
-    found = _calibrated(folder, robot, rows, covariance, result, config.options, payload)
+    found = _calibrated(folder, robot, rows, covariance, result, config.options, payload, None)
     return replace(found, edits=said_of_edits(folder, _READ, accept=accept_edited))
 
 
@@ -263,7 +224,8 @@ def calibrated_by(
     robot, payload = carrying(run.robot.placed_in(cell), load or run.options.fitting.load)
     found = run.identification
     names = tuple(found.model.names[i] for i in found.fit.free)
-    return _calibrated(folder, robot, rows, (names, found.covariance), findings, asdict(run.options), payload)
+    given = (names, found.covariance)
+    return _calibrated(folder, robot, rows, given, findings, asdict(run.options), payload, run.fit.process)
 
 
 def folder_of(run: "CalibrationResult | str | Path | None") -> dict[str, str]:
@@ -281,18 +243,24 @@ def _calibrated(
     result: "Findings",
     options: Mapping[str, Any],
     load: HandLoad | None,
+    process: JointProcess | None,
 ) -> Calibrated:
     """What a run found out, from the parts of its folder, or of a result.
 
     Args:
         rows: every parameter by its name.
         covariance: names ``(f)`` and matrix ``(f, f)`` of those that were identified.
+        process: of a result in memory; None of a folder, whose file has it.
     """
     targets = tuple(name.split(".")[1] for name in rows if name.startswith("tool.") and name.endswith(".x"))
     if not targets:
         raise LabError(f"{folder}/parameters.json: has no tool (tool.p1.x…), so nothing is there to be aimed")
     chosen = [name for name in result.model.split("+") if name != "geometric"]
-    arm = robot.arm_with(targets, [name for name in chosen if name not in CAMPAIGN_SPECIFIC])
+    arm = robot.arm_with(targets, [name for name in chosen if name not in (*CAMPAIGN_SPECIFIC, GROUP)])
+    if GROUP in chosen:
+        if process is None:
+            process = read_residual(folder, result.residual, robot.chain, arm.conditions, targets)
+        arm = process.added_to(arm)
     left_out = tuple(name for name in chosen if name in CAMPAIGN_SPECIFIC)
     if missing := [name for name in arm.names if name not in rows]:
         raise LabError(f"{folder}/parameters.json: has no {missing[0]}: it is of another robot, or was cut short")
@@ -303,7 +271,20 @@ def _calibrated(
     names, part = tuple(labels[i] for i in kept), matrix[np.ix_(kept, kept)]
     estimates = np.array([rows[name].estimate for name in names])
     return Calibrated(
-        folder, robot, arm, exported, nominal, se3.exp(turn), names, part, left_out, result, options, load, estimates
+        folder,
+        robot,
+        arm,
+        exported,
+        nominal,
+        se3.exp(turn),
+        names,
+        part,
+        left_out,
+        result,
+        options,
+        load,
+        estimates,
+        process=process,
     )
 
 

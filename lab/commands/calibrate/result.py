@@ -15,6 +15,7 @@ from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
+from lab.calibration.residual.process import GROUP
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.validation import TruthComparison, Validation
 from lab.calibration.verdict import Verdict, rotation_noise_rad
@@ -34,6 +35,7 @@ from lab.commands.calibrate.fit_result import FitReport, Named
 from lab.commands.calibrate.noise import noise_model_to_dict
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.range_dict import measured_range_to_dict
+from lab.commands.calibrate.residual_file import RESIDUAL_FILE, residual_columns, residual_to_dict, write_residual
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
 from lab.core.measurements import Measurements
@@ -183,7 +185,8 @@ class CalibrationResult(Result):
             "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "farthest_link": _distance_to_dict(self.verdict.farthest),
-            "model": "+".join(("geometric", *self.fit.groups)),
+            "model": "+".join(("geometric", *self.fit.groups, *[GROUP] * (self.fit.process is not None))),
+            "residual": residual_to_dict(self.fit.process),
             "groups": [_group_to_dict(group) for group in self.groups],
             "adequate": self.fit.adequacy.adequate,
             "adequacy": self.fit.adequacy.words,
@@ -195,15 +198,8 @@ class CalibrationResult(Result):
             "outliers_left_out": self.fit.left_out,
             "warnings": list(self.warnings),
         }
-        if (comparison := self.comparison) is not None:
-            result["truth"] = {
-                "max_abs_z": number(np.abs(comparison.z).max()),
-                "nees_per_parameter": number(comparison.nees_per_parameter),
-                "coverage_95": number(comparison.coverage_95),
-                "max_abs_error": number(np.abs(comparison.error).max()),
-                "bad_readings": len(self.bad),
-                "bad_named": outliers_found(self),
-            }
+        if self.comparison is not None:
+            result["truth"] = _truth_to_dict(self, self.comparison)
         return result
 
     def document(self) -> "Document":
@@ -242,6 +238,10 @@ class CalibrationResult(Result):
         text = robot.description(robot.kept_file, arm.targets, values)  # the others are lab compensate's, of good runs
         (folder / robot.kept_file).write_text(text, encoding="utf-8")
         write_json(folder / "result.json", self.to_dict())
+        if (process := self.fit.process) is not None:
+            model = self.identification.model
+            columns = residual_columns(robot.chain, model.conditions, model.targets)
+            write_residual(folder / RESIDUAL_FILE, process, columns)
         if observation_of(self.identification.model).positions:  # of a cable or a socket there is nothing to draw
             from lab.commands.calibrate.recording import record
 
@@ -275,6 +275,18 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
         "freedom": found.dof,
         "rigid": found.is_rigid,
         "words": found.words,
+    }
+
+
+def _truth_to_dict(result: CalibrationResult, comparison: TruthComparison) -> dict[str, Any]:
+    """How the estimates compare with a virtual robot's truth."""
+    return {
+        "max_abs_z": number(np.abs(comparison.z).max()),
+        "nees_per_parameter": number(comparison.nees_per_parameter),
+        "coverage_95": number(comparison.coverage_95),
+        "max_abs_error": number(np.abs(comparison.error).max()),
+        "bad_readings": len(result.bad),
+        "bad_named": outliers_found(result),
     }
 
 

@@ -131,6 +131,7 @@ def _judged_by_fresh(day: MeasuringDay, fitter: Fitter, fit: FitReport) -> Valid
             said = [*_impossible("poses", day.measurements), *said]
         return Validation("fresh", errors_of(identification, fresh), tuple(said), fresh)
     model = fitter.robot.arm_with(fresh.targets, [group for group in fit.groups if group not in CAMPAIGN_SPECIFIC])
+    model = model if fit.process is None else fit.process.added_to(model)
     found = validate_file(identification, model, fresh, ("base",))
     return replace(found, judged_by="fresh", warnings=tuple(said))
 
@@ -235,13 +236,14 @@ def _judged_by_rows(
         validation = replace(validation, warnings=(*validation.warnings, *sorted(said)))
         return validation.naming([pose.id for pose in fit.outliers if pose.held_out])
     with error_context(options.file):
-        again = partial(fitter.knowing(fit.noise.shared).identified, groups=fit.groups, held=fit.unshown)
-        validation = validate_folds(lambda part: again(part)[0], fit.identification, rows, options.seed)
+        again = partial(fitter.knowing(fit.noise.shared).predicting, groups=fit.groups, held=fit.unshown)
+        validation = validate_folds(again, fit.identification, rows, options.seed)
         return validation.naming([pose.id for pose in fit.outliers])
 
 
 def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options: MeasuredCampaign) -> Validation:
     model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in CAMPAIGN_SPECIFIC])
+    model = model if fit.process is None else fit.process.added_to(model)
     with error_context(options.validate):
         validation = validate_file(fit.identification, model, other, options.refit)
         validation = replace(validation, fitted_share=shared_rows(other, fit.rows))
@@ -335,7 +337,8 @@ def _outcome(
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
     warnings += _outside_limits(robot, data)
-    warnings += of_validation_beyond(identification, fit.measured, validation.rows)
+    if fit.process is None:
+        warnings += of_validation_beyond(identification, fit.measured, validation.rows)
     if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:
         warnings += _several_sessions(fit.rows)
     if validation.errors is not None:

@@ -10,6 +10,7 @@ from lab.calibration.noise.shared_errors import NOTABLE
 from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, prior_of
+from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.alternatives import Alternative
 from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
@@ -20,6 +21,7 @@ from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.model_words import listed
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
+from lab.core.significance import MODEL_GROUPS
 from lab.kinematics.dynamics.link_loads import link_ends
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.parameter import targets_of
@@ -32,6 +34,7 @@ __all__ = [
     "of_nominal",
     "of_outliers",
     "of_prior",
+    "of_residual",
     "of_size",
     "of_stuck_search",
     "of_twist",
@@ -81,6 +84,23 @@ def of_validation_beyond(found: Identification, measured: MeasuredRange | None, 
         f"first): there the model may be off by up to {1e3 * size:.2g} mm more (1σ), as the edges of the measured "
         "range say"
     ]
+
+
+def of_residual(found: Identification) -> list[str]:
+    """What the joints' offsets that no group explains say of the arm."""
+    assert isinstance(found.process, PredictedBy)
+    process = found.process.process
+    said = []
+    if process.p >= MODEL_GROUPS:
+        said.append(
+            f"residual: nothing in these measurements shows offsets of the joints (p = {process.p:.2g}); "
+            "leave the group out"
+        )
+    if len(process.inputs) < len(found.residuals):
+        said.append(
+            f"residual: of {len(found.residuals)} poses {len(process.inputs)}, evenly spaced, say the joints' offsets"
+        )
+    return said
 
 
 def of_stuck_search(outliers: Outliers) -> list[str]:

@@ -285,6 +285,9 @@ class CompensationResult(Result):
     def predicted_m(self) -> Array:
         """Predicted error ``(n,)`` at each target (m, RMS), from the covariance, the lack of fit and shared errors."""
         run = self.run
+        if run.predicted_by is not None:
+            known = np.trace(run.predicted_by.covariances(self.arm_inputs)[:, self.target], axis1=1, axis2=2)
+            return np.asarray(np.sqrt(known + self.load_m**2))
         lacking, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
         columns = [run.arm.names.index(name) for name in run.identified]
         rows = (jacobian[..., columns] for jacobian in self._sensitivities())
@@ -296,7 +299,7 @@ class CompensationResult(Result):
     def beyond_m(self) -> Array:
         """The part ``(n,)`` of the predicted error that comes of joints beyond their measured range (m, RMS)."""
         run = self.run
-        if run.measured is None:
+        if run.measured is None or run.process is not None:  # which says by itself what it does not know
             return np.zeros(len(self.arm_inputs))
         unknown = run.measured.unknown(run.arm, self.arm_inputs, run.values)[:, self.target]
         return np.asarray(np.sqrt((unknown**2).sum(axis=(1, 2))))

@@ -13,6 +13,7 @@ from lab.calibration.gauss_newton import Observations, whitening
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.noise.correlation import Correlation
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.campaign.instruments import named_instrument
@@ -23,7 +24,7 @@ from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
 from lab.core.errors import LabError
 from lab.core.instruments import observing
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, seen_mask
 from lab.formats.measurement_csv import read_measurements
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified
@@ -125,7 +126,7 @@ def _against(
     Where the run's residuals were more than noise, or its noise was estimated, they are the measure: what the model
     lacks is taken for noise of its own, and the covariance grows as the residuals say.
     """
-    arm = calibrated.robot.arm_with(rows.targets, calibrated.groups)
+    arm = calibrated.with_targets(rows.targets)
     strange = tuple(target for target in rows.targets if target not in calibrated.arm.targets)
     if strange and "tool" not in options.refit:
         raise LabError(
@@ -145,8 +146,31 @@ def _against(
     observations, _ = weighed(observation_of(arm), rows, _noise(calibrated, options))
     lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(observations, 0))
     tail = calibrated.result.noise_tail_freedom
+    if calibrated.predicted_by is not None:
+        if strange:
+            raise LabError(
+                f"target {strange[0]} was not identified, and {options.run} has the group residual, which is of its "
+                "own targets; measure one of these, or identify again without residual"
+            )
+        prediction = CalibrationPrediction(arm, values, free, 0.0 * covariance, dof, strange, tail)
+        return _beside_process(_widened(observations, lacking), calibrated.predicted_by, rows.targets), prediction
     prediction = CalibrationPrediction(arm, values, free, larger * covariance, dof, strange, tail)
     return _beyond_range(_widened(observations, lacking), prediction, calibrated.measured), prediction
+
+
+def _beside_process(observations: Observations, by: PredictedBy, targets: tuple[str, ...]) -> Observations:
+    """The measurements with the errors of what a process predicts, of all poses together."""
+    n, k, _ = observations.points.shape
+    which = [by.model.targets.index(target) for target in targets]
+    whole = by.covariance(observations.inputs).reshape(n, -1, 3, n, len(by.model.targets), 3)[:, which][..., which, :]
+    sizes, axes = np.linalg.eigh(whole.reshape(3 * n * k, 3 * n * k))
+    root = (axes * np.sqrt(np.maximum(sizes, 0.0))).reshape(n, k, 3, -1)
+    root = np.where(seen_mask(observations.points)[..., None, None], observations.in_units_of_noise(root), 0.0)
+    shared, nothing = root.reshape(n, 3 * k, -1), np.zeros((n, 3 * k, 0))
+    found = observations.correlation
+    if found is None:
+        found = Correlation(nothing, nothing, 0.0, nothing, np.arange(n, dtype=float))
+    return replace(observations, correlation=replace(found, trend=np.concatenate([found.trend, shared], axis=2)))
 
 
 def _beyond_range(

@@ -1,0 +1,81 @@
+"""The joints' offsets that no group explains: ``residual.csv`` of a run's folder, and sizes in ``result.json``."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lab.calibration.residual.kernels import COMPONENTS
+from lab.calibration.residual.process import GROUP, JointProcess
+from lab.core.errors import LabError
+from lab.formats.csv_table import CsvTable, write_columns
+from lab.kinematics.joints import JointSpec
+
+__all__ = ["RESIDUAL_FILE", "read_residual", "residual_columns", "residual_to_dict", "write_residual"]
+
+RESIDUAL_FILE = "residual.csv"
+
+
+def residual_to_dict(process: JointProcess | None) -> dict[str, Any] | None:
+    """The sizes of the process, SI variances too; None where there is none."""
+    if process is None:
+        return None
+    return {
+        "poses": len(process.inputs),
+        "p": process.p,
+        "noise_mm": 1e3 * process.noise_m,
+        "joint_scatter_mrad": 1e3 * process.scatter_rad,
+        "variances": dict(zip(COMPONENTS, process.variances.tolist(), strict=True)),
+        "upper_quartiles": dict(zip(COMPONENTS, process.upper.tolist(), strict=True)),
+    }
+
+
+def write_residual(path: Path, process: JointProcess, columns: Sequence[str]) -> None:
+    """A row a pose that the offsets come from: its inputs, which targets were seen, the joints' weights; SI.
+
+    Args:
+        columns: names of the inputs, then of the targets, then of the joints.
+    """
+    rows = np.concatenate([process.inputs, process.seen, process.weights], axis=1)
+    write_columns(path, {name: list(map(repr, column.tolist())) for name, column in zip(columns, rows.T, strict=True)})
+
+
+def residual_columns(chain: JointSpec, conditions: Sequence[str], targets: Sequence[str]) -> list[str]:
+    """Names of the columns of ``residual.csv``."""
+    joints = [f"position_{name}" for name in chain.joint_names]
+    return [*joints, *conditions, *(f"seen_{name}" for name in targets), *(f"weight_{n}" for n in chain.joint_names)]
+
+
+def read_residual(
+    folder: Path, content: Mapping[str, Any] | None, chain: JointSpec, conditions: Sequence[str], targets: Sequence[str]
+) -> JointProcess:
+    """The process of a run.
+
+    Args:
+        content: of ``result.json``, what ``residual_to_dict`` made.
+        conditions: that the arm's effects ask for.
+
+    Raises:
+        LabError: a file does not hold what a run writes.
+    """
+    path = folder / RESIDUAL_FILE
+    try:
+        if content is None:
+            raise LabError(f"has no {GROUP}, which the model has")
+        table = CsvTable(path)
+        names = residual_columns(chain, conditions, targets)
+        if tuple(table.header) != tuple(names):
+            raise LabError(f"{RESIDUAL_FILE}: its columns are not {', '.join(names)}")
+        rows = np.array([table.texts(name) for name in names], dtype=np.float64).T
+        sizes = [[float(content[key][name]) for name in COMPONENTS] for key in ("variances", "upper_quartiles")]
+        chance = float(content["p"])
+    except (LabError, ValueError, KeyError, TypeError) as error:
+        raise LabError(f"{folder}: {error}; run lab calibrate or lab identify again") from error
+    if not (np.isfinite(rows).all() and np.isfinite(sizes).all() and (np.array(sizes) >= 0).all()):
+        raise LabError(f"{path}: has numbers that cannot be; run lab calibrate or lab identify again")
+    size, first = chain.size, chain.size + len(conditions)
+    seen = rows[:, first : first + len(targets)] > 0
+    turning = ~np.array(chain.prismatic, dtype=np.bool_)
+    likely, upper = map(np.array, sizes)
+    return JointProcess(rows[:, :first], seen, likely, upper, rows[:, -size:], turning, chance)

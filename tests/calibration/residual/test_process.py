@@ -1,0 +1,141 @@
+"""The process of joints' offsets: against the joint Gaussian distribution itself, and on arms whose truth is known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120
+from scipy import stats
+
+from lab.calibration.extrapolation import prediction_squares
+from lab.calibration.identify import identify
+from lab.calibration.residual.estimation import with_residual
+from lab.calibration.residual.kernels import COMPONENTS, JointKernels
+from lab.calibration.residual.process import JointProcess, PredictedBy, total_covariance
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.commands.calibrate.residual_file import read_residual, residual_columns, residual_to_dict, write_residual
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
+
+ARM = IRB120.arm(("p1",))
+NOMINAL = ARM.nominal(IRB120.tool)
+TURNING = np.ones(6, dtype=np.bool_)
+SIZES = 1e-10 * np.array([1.0, 0.3, 2.0, 4.0, 8.0, 1.0, 3.0, 5.0])
+
+
+def waving(joints: Array) -> Array:
+    """Offsets that no group of the catalogue has: of each joint's own position, and of two together."""
+    own = 2e-4 * np.sin(3.0 * np.abs(joints))
+    own[:, 1] += 1e-4 * np.sin(joints[:, 1]) * np.cos(2 * joints[:, 2])
+    return own
+
+
+def campaign(poses: int, seed: int, *, rigid: bool) -> Measurements:
+    rng = np.random.default_rng(seed)
+    joints = IRB120.chain.random_joints(poses, rng)
+    points = ARM.points(joints if rigid else joints + waving(joints), NOMINAL)
+    return measured(IRB120.chain.joint_names, joints, ("p1",), points + 2e-5 * rng.standard_normal(points.shape))
+
+
+def test_it_predicts_as_the_joint_distribution_of_all_numbers_does() -> None:
+    """Parameters with an almost flat prior are one more Gaussian: condition all on what was measured, at one stroke."""
+    rng = np.random.default_rng(0)
+    there, here = IRB120.chain.random_joints(14, rng), IRB120.chain.random_joints(3, rng)
+    free = (0, 1, 2, 9)
+    both = np.concatenate([there, here])
+    slopes = by_joint_positions(ARM, both, NOMINAL, 6)[:, 0]
+    columns = ARM.observe(both, NOMINAL)[1][..., list(free)].reshape(-1, len(free))
+    whole = total_covariance(JointKernels(TURNING), SIZES, (both, slopes)) + 1e-1 * columns @ columns.T
+    split = 3 * len(there)
+    noisy = whole[:split, :split] + SIZES[0] * np.eye(split)
+    rows = rng.standard_normal(split) * 1e-4
+    gain = np.linalg.solve(noisy, whole[:split, split:]).T
+    expected, left = gain @ rows, whole[split:, split:] - gain @ whole[:split, split:]
+    process = JointProcess(there, np.ones((14, 1), bool), SIZES, SIZES, np.zeros((14, 6)), TURNING, 0.0)
+    by = PredictedBy(process, ARM, NOMINAL, free)
+    assert np.allclose(by.covariance(here), left, rtol=2e-4, atol=1e-4 * left.max())
+    assert np.allclose(by.covariances(here)[1, 0], left[3:6, 3:6], rtol=2e-4, atol=1e-4 * left.max())
+    likely = noisy - 1e-1 * columns[:split] @ columns[:split].T
+    inverse = np.linalg.inv(likely)
+    b = np.linalg.solve(columns[:split].T @ inverse @ columns[:split], columns[:split].T @ inverse @ rows)
+    weights = np.einsum("ni,nij->nj", (inverse @ (rows - columns[:split] @ b)).reshape(-1, 3), slopes[:14])
+    offsets = JointProcess(there, process.seen, SIZES, SIZES, weights, TURNING, 0.0).offsets(here)
+    predicted = columns[split:] @ b + np.einsum("nij,nj->ni", slopes[14:], offsets).ravel()
+    assert np.allclose(predicted, expected, rtol=0, atol=2e-4 * np.abs(expected).max())
+
+
+@pytest.mark.thorough
+def test_what_no_group_has_is_predicted_and_its_bounds_hold() -> None:
+    data, fresh = campaign(90, 1, rigid=False), campaign(300, 2, rigid=False)
+    found = identify(ARM, data, NOMINAL)
+    better = with_residual(found, data)
+    errors = [
+        np.linalg.norm(each.model.points(fresh.joints, each.values) - fresh.points, axis=2).mean()
+        for each in (found, better)
+    ]
+    assert errors[1] < 0.75 * errors[0]
+    assert isinstance(better.process, PredictedBy) and better.process.process.p < 1e-6
+    squares = prediction_squares(better, None, fresh.joints, fresh.points)[0]
+    assert (squares < 3 * stats.f.ppf(0.95, 3, better.dof)).mean() > 0.93
+    assert 0.15 < squares.mean() / 3 < 1.2  # by the upper quartile of each variance: wide rather than narrow
+    likely = replace(better.process, process=replace(better.process.process, upper=better.process.process.variances))
+    squares = prediction_squares(replace(better, process=likely), None, fresh.joints, fresh.points)[0]
+    assert 0.7 < squares.mean() / 3 < 1.3  # by the likeliest: as the errors are, where the truth is like the process
+    assert better.values[-1] == 1 and better.nominal_aligned[-1] == 0
+
+
+@pytest.mark.thorough
+def test_it_knows_less_where_nothing_was_measured() -> None:
+    """Joint 1 on one side only: the other side's function of its position is as unknown as before."""
+    whole, fresh = campaign(200, 8, rigid=False), campaign(200, 9, rigid=False)
+    data = whole.take(np.flatnonzero(whole.joints[:, 0] < 0)[:70])
+    found = with_residual(identify(ARM, data, NOMINAL), data)
+    assert found.process is not None
+    sizes = np.sqrt(np.trace(found.process.covariances(fresh.joints)[:, 0], axis1=1, axis2=2))
+    there = fresh.joints[:, 0] < 0
+    assert np.median(sizes[~there]) > 1.15 * np.median(sizes[there])
+    squares = prediction_squares(found, None, fresh.joints, fresh.points)[0]
+    assert (squares[~there] < 3 * stats.f.ppf(0.95, 3, found.dof)).mean() > 0.93
+
+
+@pytest.mark.thorough
+def test_a_rigid_arm_has_none_to_speak_of() -> None:
+    data, fresh = campaign(60, 3, rigid=True), campaign(200, 4, rigid=True)
+    found = identify(ARM, data, NOMINAL)
+    better = with_residual(found, data)
+    errors = [
+        np.linalg.norm(each.model.points(fresh.joints, each.values) - fresh.points, axis=2).mean()
+        for each in (found, better)
+    ]
+    assert errors[1] < 1.1 * errors[0]
+    assert isinstance(better.process, PredictedBy) and better.process.process.p > 0.01
+
+
+def test_a_file_gives_the_same_process_and_one_that_was_cut_is_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    process = JointProcess(
+        rng.standard_normal((4, 6)), rng.random((4, 1)) < 2, SIZES, 2 * SIZES, rng.standard_normal((4, 6)), TURNING, 0.1
+    )
+    write_residual(tmp_path / "residual.csv", process, residual_columns(IRB120.chain, (), ("p1",)))
+    content = residual_to_dict(process)
+    read = read_residual(tmp_path, content, IRB120.chain, (), ("p1",))
+    for name in ("inputs", "seen", "variances", "upper", "weights", "turning"):
+        assert np.array_equal(getattr(read, name), getattr(process, name)), name
+    with pytest.raises(LabError, match=r"residual\.csv: its columns are not"):
+        read_residual(tmp_path, content, IRB120.chain, (), ("p2",))
+    assert content is not None
+    with pytest.raises(LabError, match="run lab calibrate or lab identify again"):
+        read_residual(tmp_path, {**content, "variances": {}}, IRB120.chain, (), ("p1",))
+
+
+def test_components_have_names_of_their_own() -> None:
+    rng = np.random.default_rng(6)
+    joints = rng.standard_normal((2, 6))
+    assert len(COMPONENTS) == 2 + len(list(JointKernels(TURNING).of_offsets(joints, joints))) == len(set(COMPONENTS))
+    turned = joints + 2 * np.pi
+    for (_, near), (_, far) in zip(
+        JointKernels(TURNING).of_offsets(joints, joints), JointKernels(TURNING).of_offsets(joints, turned), strict=True
+    ):
+        assert np.allclose(near, far)  # a whole turn leads back
