@@ -93,7 +93,8 @@ class Fitting:
         """Refuse numbers that make no sense, with a LabError that names the option."""
         positive("--tolerance-mm", self.tolerance_mm)
         positive("--tolerance-mrad", self.tolerance_mrad)
-        if not all(self.groups) or len(set(self.groups)) < len(self.groups) or self.model.count("residual") > 1:
+        named = self.model.split("+")
+        if not all(named) or len(set(named)) < len(named):
             raise LabError(f"--model {self.model}: give geometric, auto, or different groups joined by +")
         if self.residual and self.prior:
             raise LabError("--prior: the group residual knows no prior of the parameters; leave one of them out")

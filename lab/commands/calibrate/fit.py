@@ -18,19 +18,18 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
 from lab.calibration.statistics.candidate_models import SelectionTask
-from lab.calibration.statistics.goodness_of_fit import NOT_TESTED, GoodnessOfFit, goodness_of_fit
+from lab.calibration.statistics.goodness_of_fit import NOT_TESTED
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.model_selection import Selection, follow, select
 from lab.calibration.statistics.outliers import HeldOut, Outliers, find_outliers, off_held_out
-from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
 from lab.commands.calibrate.last_made import LastMade
 from lab.commands.calibrate.noise import noise_of
-from lab.commands.calibrate.residuals import beside_shared_errors, by_distances, with_own_intervals
+from lab.commands.calibrate.residuals import adequacy_of, with_own_intervals
 from lab.commands.calibrate.warnings import (
     of_export,
     of_groups,
@@ -194,7 +193,7 @@ class Fitter:
         if held is not None and observation.positions:
             off += named_poses(held, self._off_held_out(found, clean, held, tail), held_out=True)
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
-        judged = self._adequacy(found, clean, judged_by)
+        judged = adequacy_of(found, clean, judged_by, self.noise, self._shape)
         warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
         warnings += [] if robust else of_outliers(found, observations, outliers, self.options.parametric)
         trusted = search.corrected(found)
@@ -345,29 +344,6 @@ class Fitter:
             return float("inf")
         alone = weighed(observation, rows, self.noise)[0].pose_by_pose()
         return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
-
-    def _adequacy(self, found: Identification, rows: Measurements, held: Measurements | None) -> GoodnessOfFit:
-        observation = observation_of(found.model)
-        observations, known = weighed(observation, rows, self.noise)
-        shared = self.noise.shared if self.noise.shared is None or not self.noise.shared.is_known else None
-        labels = repeats(rows) if shared is not None or not known else None
-        unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
-        if shared is not None and unrepeated:
-            alone = weighed(observation, rows, replace(self.noise, shared=None))[0]
-            instrument = (alone, self._shape) if known else None
-            return beside_shared_errors(found, observations, rows, shared, instrument)
-        if unrepeated and (judged := by_distances(found, observations, rows)) is not None:
-            return judged
-        return goodness_of_fit(
-            found.model,
-            observations,
-            found.fit,
-            known=known and shared is None,
-            shape=self._shape,
-            labels=labels,
-            held=weighed(observation, held, self.noise)[0] if held is not None and observation.positions else None,
-            extra_residuals=found.extra_residuals,
-        )
 
 
 @dataclass(frozen=True)

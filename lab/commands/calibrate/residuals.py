@@ -20,15 +20,16 @@ from lab.calibration.statistics.goodness_of_fit import (
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.weights import Noise
+from lab.calibration.statistics.replicates import repeats
+from lab.calibration.weights import Noise, weighed
 from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.significance import UNSOLICITED_WARNING
 
-__all__ = ["beside_shared_errors", "by_distances", "with_own_intervals"]
+__all__ = ["adequacy_of", "with_own_intervals"]
 
 
-def beside_shared_errors(
+def _beside_shared_errors(
     found: Identification,
     observations: Observations,
     rows: Measurements,
@@ -61,7 +62,7 @@ def beside_shared_errors(
     return replace(alone, words=f"{alone.words}, as if {words}; only repeats could tell that from what the model lacks")
 
 
-def by_distances(found: Identification, observations: Observations, rows: Measurements) -> GoodnessOfFit | None:
+def _by_distances(found: Identification, observations: Observations, rows: Measurements) -> GoodnessOfFit | None:
     """Whether residuals are more than the instrument's noise, where that is estimated from a tool's rigid distances.
 
     None where there are none, or where the noise is not the same in all directions: then distances, which lie across
@@ -134,4 +135,36 @@ def _uneven(numbers: float) -> float:
             stats.f.isf(UNSOLICITED_WARNING / 2, 2 * numbers, numbers),
             stats.f.isf(UNSOLICITED_WARNING / 2, numbers, 2 * numbers),
         )
+    )
+
+
+def adequacy_of(
+    found: Identification, rows: Measurements, held: Measurements | None, noise: Noise, shape: NoiseDistribution
+) -> GoodnessOfFit:
+    """Whether a model fits its rows, by the best test that there is something for.
+
+    Args:
+        held: poses that were not fitted; None where there are none to test by.
+        shape: of the instrument's noise.
+    """
+    observation = observation_of(found.model)
+    observations, known = weighed(observation, rows, noise)
+    shared = noise.shared if noise.shared is None or not noise.shared.is_known else None
+    labels = repeats(rows) if shared is not None or not known else None
+    unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
+    if shared is not None and unrepeated:
+        alone = weighed(observation, rows, replace(noise, shared=None))[0]
+        instrument = (alone, shape) if known else None
+        return _beside_shared_errors(found, observations, rows, shared, instrument)
+    if unrepeated and (judged := _by_distances(found, observations, rows)) is not None:
+        return judged
+    return goodness_of_fit(
+        found.model,
+        observations,
+        found.fit,
+        known=known and shared is None,
+        shape=shape,
+        labels=labels,
+        held=weighed(observation, held, noise)[0] if held is not None and observation.positions else None,
+        extra_residuals=found.extra_residuals,
     )
