@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
@@ -163,7 +163,7 @@ def _excess(estimates: Array, variances: Array, dof: int) -> float:
     if p_value_of_squares(squares, count, dof) >= EXTRAPOLATION:
         return 0.0
     most = float((estimates**2).sum())
-    excess = brentq(lambda size: float((estimates**2 / (variances + size)).sum()) - count, 0.0, most)
+    excess = scipy.optimize.brentq(lambda size: float((estimates**2 / (variances + size)).sum()) - count, 0.0, most)
     return float(np.sqrt(excess * count / (count - 2)))
 
 

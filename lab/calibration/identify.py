@@ -10,7 +10,6 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit
 from lab.calibration.identifiability import poses_needed
@@ -22,6 +21,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements, seen_mask
+from lab.core.probabilities import t_ppf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set, independent_columns
@@ -138,7 +138,7 @@ class Identification:
         if self.sigma_known and self.dof_each is None:
             return np.full(len(self.fit.free), 1.959963984540054)
         dof = np.full(len(self.fit.free), self.dof) if self.dof_each is None else self.dof_each
-        return np.asarray(np.where(dof > 0, scipy.stats.t.ppf(0.975, np.maximum(dof, 1)), np.nan))
+        return np.asarray(np.where(dof > 0, t_ppf(0.975, np.maximum(dof, 1)), np.nan))
 
     @property
     def plausible(self) -> bool:

@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
@@ -152,9 +150,9 @@ def configurations(joints: Array) -> Rows:
         cells, cell = np.unique(np.floor(joints * (_CELLS / SAME_CONFIGURATION)), axis=0, return_inverse=True)
         if len(cells) < len(joints):
             return configurations((cells + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell.ravel()]
-    pairs = cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
-    labels: Rows = connected_components(links, directed=False)[1].astype(np.int_)
+    pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
+    links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
+    labels: Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
     return labels
 
 

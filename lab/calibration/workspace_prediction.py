@@ -8,7 +8,7 @@ was never calibrated is the same with their variances, after base and tool are f
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.extrapolation import MeasuredRange, position_covariances
 from lab.calibration.identify import Identification
@@ -203,4 +203,4 @@ def length_not_exceeded(squares: Array, dof: float | None) -> float:
     high = float(np.sqrt(mean.max()))
     while exceeded(high) > 0:
         high *= 2
-    return float(brentq(exceeded, 0.0, high, xtol=1e-6 * high))
+    return float(scipy.optimize.brentq(exceeded, 0.0, high, xtol=1e-6 * high))

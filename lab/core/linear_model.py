@@ -11,9 +11,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
+from lab.core.probabilities import chi2_sf, f_sf, t_ppf
 from lab.core.se3 import Array
 
 __all__ = [
@@ -175,8 +175,8 @@ def p_value_of_squares(
         variance: of one number.
     """
     if dof is None:
-        return np.asarray(scipy.stats.chi2.sf(squares / variance, numbers))
-    return np.asarray(scipy.stats.f.sf(squares / numbers / variance, numbers, dof))
+        return np.asarray(chi2_sf(squares / variance, numbers))
+    return np.asarray(f_sf(squares / numbers / variance, numbers, dof))
 
 
 def matched_dof(mean: Array | float, variance: Array | float) -> Array:
@@ -192,4 +192,4 @@ def matched_dof(mean: Array | float, variance: Array | float) -> Array:
 
 def half_width_95(dof: Array | float) -> Array:
     """Half of a 95 % interval in standard deviations: Student's t, with infinite ``dof`` the normal's."""
-    return np.asarray(np.where(np.isinf(dof), NORMAL_HALF_WIDTH_95, scipy.stats.t.ppf(0.975, dof)))
+    return np.asarray(np.where(np.isinf(dof), NORMAL_HALF_WIDTH_95, t_ppf(0.975, dof)))

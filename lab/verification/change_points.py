@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from lab.core.linear_model import half_width_95, p_value_of_squares
+from lab.core.probabilities import chi2_isf, t_isf, t_sf
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.verification.difference import Estimates
@@ -26,7 +26,7 @@ __all__ = ["POWER", "ChangePoint", "Directions", "Series", "levels"]
 
 POWER = 0.95  # with which a minimum detectable change is found
 _YEAR = 365.25  # days
-_APART = float(stats.chi2.isf(0.01, 1))  # by how much more the best direction explains than one that is ruled out
+_APART = float(chi2_isf(0.01, 1))  # by how much more the best direction explains than one that is ruled out
 _MORE = 0.01  # level at which one direction alone does not explain a change
 
 
@@ -149,7 +149,7 @@ class Series:
         before = self._pooled(start, len(self._levels) - 1).information
         level = self._next_level / (len(self.directions.names) * (len(self._levels) - start))
         freedom = min(self._freedom[start:])
-        needed = stats.t.isf(level / 2, freedom) + stats.t.isf(1 - POWER, freedom)
+        needed = t_isf(level / 2, freedom) + t_isf(1 - POWER, freedom)
         columns = directions / self._scale[:, None]
         known = np.einsum("ic,ij,jc->c", columns, _of_difference(before, self._information[-1]), columns)
         with np.errstate(divide="ignore"):
@@ -164,7 +164,7 @@ class Series:
         """The likeliest change point, and its p, where the test after calibration ``last`` rejects."""
         z = self._scores(start, last)
         freedom, tried = min(self._freedom[start : last + 1]), z.size
-        p = float(min(1.0, tried * 2 * stats.t.sf(np.abs(z).max(), freedom)))
+        p = float(min(1.0, tried * 2 * t_sf(np.abs(z).max(), freedom)))
         return (start + int(np.abs(z).max(axis=1).argmax()), p) if p < self._levels[last] else None
 
     def _scores(self, start: int, last: int) -> Array:
@@ -196,7 +196,7 @@ class Series:
         if several:
             covariance = np.linalg.inv(information)
             own = np.diag(covariance)
-            chance = 2 * stats.t.sf(np.abs(d) / np.sqrt(own), freedom) * len(d)
+            chance = 2 * t_sf(np.abs(d) / np.sqrt(own), freedom) * len(d)
             kept = [i for i in np.argsort(chance, kind="stable").tolist() if chance[i] < level]
             sizes, variance = d * self._scale, own * self._scale**2  # the first directions are the parameters
         else:

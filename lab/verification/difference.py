@@ -8,9 +8,9 @@ procedure (1979), so that of an unchanged robot one is named in at most 1 % of t
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
 
 from lab.core.linear_model import half_width_95, p_value_of_squares
+from lab.core.probabilities import t_sf
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 
@@ -73,7 +73,7 @@ def difference_of(first: Estimates, second: Estimates) -> Difference:
     square = float(z @ np.linalg.solve(covariance / np.outer(std, std), z))
     p = float(p_value_of_squares(square, len(z), dof))
     freedom = np.inf if dof is None else float(dof)
-    moved = _holm(2 * scipy.stats.t.sf(np.abs(z), freedom)) if p < VERIFICATION else []
+    moved = _holm(2 * t_sf(np.abs(z), freedom)) if p < VERIFICATION else []
     half_widths = half_width_95(freedom) * std
     return Difference(first.names, changes, half_widths, p, tuple(first.names[i] for i in moved))
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+import scipy  # its statistics are loaded at their first use
 from scipy.optimize import brentq
 
 from lab.calibration.gauss_newton import Observations
@@ -18,6 +18,7 @@ from lab.calibration.weights import root_mean_square_sigma
 from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel, p_value_of_squares, triangle_of
 from lab.core.measurements import seen_mask
+from lab.core.probabilities import chi2_isf, f_isf
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
@@ -89,9 +90,9 @@ class CalibrationPrediction:
 
         def missed(shift: float) -> float:
             if self.dof is None:
-                return float(stats.ncx2.cdf(stats.chi2.isf(VERIFICATION, numbers), numbers, shift)) - (1 - _POWER)
-            bound = stats.f.isf(VERIFICATION, numbers, self.dof)
-            return float(stats.ncf.cdf(bound, numbers, self.dof, shift)) - (1 - _POWER)
+                return float(scipy.stats.ncx2.cdf(chi2_isf(VERIFICATION, numbers), numbers, shift)) - (1 - _POWER)
+            bound = f_isf(VERIFICATION, numbers, self.dof)
+            return float(scipy.stats.ncf.cdf(bound, numbers, self.dof, shift)) - (1 - _POWER)
 
         enough = 1.0
         while missed(enough) > 0:  # no larger than that: far out the distribution is not to be had

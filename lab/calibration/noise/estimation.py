@@ -13,6 +13,7 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.noise.likelihood import Components, Likelihood, RestrictedProblem
+from lab.core.probabilities import chi2_sf
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
 
@@ -147,5 +148,5 @@ def _p_value(kind: Kind, ratio: float) -> float:
     if ratio <= 0:
         return 1.0
     if kind == "wandering":
-        return min(1.0, _CORRELATIONS * 0.5 * float(scipy.stats.chi2.sf(ratio, 1)))
-    return 0.5 * float(scipy.stats.chi2.sf(ratio, 1))
+        return min(1.0, _CORRELATIONS * 0.5 * float(chi2_sf(ratio, 1)))
+    return 0.5 * float(chi2_sf(ratio, 1))

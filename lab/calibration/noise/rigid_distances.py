@@ -10,11 +10,11 @@ rigid arm leaves, and orthogonal to the rest: the rest is tested against them by
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.core.linear_model import p_value_of_squares
 from lab.core.measurements import seen_mask
+from lab.core.probabilities import chi2_ppf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 
@@ -94,7 +94,7 @@ def instrument_noise(points: Array) -> InstrumentNoise | None:
     squares, dof = _left(constant, numbers), len(numbers) - len(pairs)
     less, fewer = _left(np.concatenate([constant, moving], axis=1), numbers), dof - moving.shape[1]
     p = p_value_of_squares(max(squares - less, 0.0), moving.shape[1], fewer, max(less, 1e-300) / fewer)
-    high, low = np.sqrt(squares / stats.chi2.ppf([0.025, 0.975], dof))
+    high, low = np.sqrt(squares / chi2_ppf([0.025, 0.975], dof))
     return InstrumentNoise(float(np.sqrt(squares / dof)), float(low), float(high), dof, float(p))
 
 

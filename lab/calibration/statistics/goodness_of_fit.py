@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
 from lab.core.measurements import seen_mask
+from lab.core.probabilities import f_cdf, f_sf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 from lab.kinematics.model import Model
@@ -264,7 +264,7 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     gain = (1 / first + 1 / second) / variance
     inner, total = float((along**2).sum()), float((linear.residual**2).sum())
     square = (total - inner) / second / max(inner / first, 1e-300)
-    tails = stats.f.sf(square, gain * second, gain * first), stats.f.cdf(square, gain * second, gain * first)
+    tails = f_sf(square, gain * second, gain * first), f_cdf(square, gain * second, gain * first)
     p = min(1.0, 2 * float(min(tails)))
     ratio = float(np.sqrt(square))
     if p >= UNSOLICITED_WARNING:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Observations
 from lab.calibration.statistics.linearized import FULL_RANK, LinearizedFit, SubsetFit, linearized
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import Measurements, seen_mask
+from lab.core.probabilities import t_sf
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
 from lab.kinematics.model import Model
@@ -104,5 +104,5 @@ def _regressed(name: str, linear: LinearizedFit, within: SubsetFit, columns: Arr
         p = min(1.0, sessions * float(p_value_of_squares(pull @ pull, len(pull), dof, variance)))
         estimate, std = moves.back @ pull, np.sqrt(variance) * np.linalg.norm(moves.back, axis=1)
         fractions[told] = estimate
-        significant[told] = 2 * stats.t.sf(np.abs(estimate / std), dof) * joints < UNSOLICITED_WARNING
+        significant[told] = 2 * t_sf(np.abs(estimate / std), dof) * joints < UNSOLICITED_WARNING
     return Lag(name, p, fractions, significant)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, fit
 from lab.calibration.statistics.linearized import (
@@ -23,6 +22,7 @@ from lab.calibration.statistics.linearized import (
 )
 from lab.core.linear_model import p_value_of_squares
 from lab.core.measurements import seen_mask
+from lab.core.probabilities import chi2_isf, chi2_ppf, normal_sf
 from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.model import Model
@@ -32,7 +32,7 @@ __all__ = ["LEAST_SIGMA_M", "HeldOut", "Outliers", "find_outliers", "leave_out",
 _MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise
 LEAST_SIGMA_M = 1e-6  # an estimated sigma below is no instrument's, but what models leave of each other
 _DRAWS = 999  # (draws + 1) x level is a whole number: the test of Monte Carlo draws is then exact (Barnard 1963)
-_TUKEY_TAIL = 2 * stats.norm.sf(4.685)  # weight zero where noise is as rare as at Tukey's 4.685 sigma of one number
+_TUKEY_TAIL = 2 * normal_sf(4.685)  # weight zero where noise is as rare as at Tukey's 4.685 sigma of one number
 _ROUNDS = 30
 _FIRST_POSES = 4_000  # of very many, on which the search begins
 _SETTLED = 0.01  # sigma: a robust step below ends its iteration
@@ -318,9 +318,7 @@ def _weights_at(
 def _biweight(lengths: Array, size: NDArray[np.int_], tested: Mask, shrunk: float, floor: float) -> tuple[Array, float]:
     """Weights of residuals' lengths ``(n,)`` of so many numbers each, and the scale by their median."""
     numbers, index = np.unique(np.maximum(size, 1), return_inverse=True)
-    middle, end = (
-        np.sqrt(each)[index] for each in (stats.chi2.ppf(0.5, numbers), stats.chi2.isf(_TUKEY_TAIL, numbers))
-    )
+    middle, end = (np.sqrt(each)[index] for each in (chi2_ppf(0.5, numbers), chi2_isf(_TUKEY_TAIL, numbers)))
     scale = max(float(np.median((lengths / middle)[tested])) / shrunk, floor)
     weights = np.maximum(1 - (lengths / (scale * end)) ** 2, 0.0) ** 2
     weights[~tested & (size > 0)] = 1.0

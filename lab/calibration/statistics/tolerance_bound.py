@@ -1,8 +1,9 @@
 """An upper bound of most errors with confidence: what 95 % of them do not exceed, said wrongly in 5 % of campaigns."""
 
 import numpy as np
-from scipy import stats
+import scipy  # its statistics are loaded at their first use
 
+from lab.core.probabilities import binomial_cdf, normal_ppf
 from lab.core.se3 import Array
 
 __all__ = ["upper_tolerance_bound"]
@@ -22,9 +23,9 @@ def upper_tolerance_bound(lengths: Array) -> float:
     if count < _FEWEST:
         return float("inf")
     ranks = np.arange(1, count + 1)
-    serves = stats.binom.cdf(ranks - 1, count, _SHARE) >= _CONFIDENCE
+    serves = binomial_cdf(ranks - 1, count, _SHARE) >= _CONFIDENCE
     if serves.any():
         return float(np.sort(lengths)[int(np.argmax(serves))])
     roots = np.cbrt(lengths**2)
-    factor = stats.nct.ppf(_CONFIDENCE, count - 1, stats.norm.ppf(_SHARE) * np.sqrt(count)) / np.sqrt(count)
+    factor = scipy.stats.nct.ppf(_CONFIDENCE, count - 1, normal_ppf(_SHARE) * np.sqrt(count)) / np.sqrt(count)
     return float((roots.mean() + factor * roots.std(ddof=1)) ** 1.5)

@@ -3,13 +3,13 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
 
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import world_of
 from lab.core.linear_model import half_width_95
+from lab.core.probabilities import beta_ppf, normal_ppf
 from lab.core.se3 import Array
 from lab.render.document import Picture
 from lab.render.format import short
@@ -103,16 +103,22 @@ def _rank_correlation(at: Array, sizes: Array) -> float:
     known = np.isfinite(mean)
     if np.ptp(at[known]) == 0 or np.ptp(mean[known]) == 0:
         return 0.0
-    return float(stats.spearmanr(at[known], mean[known]).statistic)
+    return float(np.corrcoef(_ranks(at[known]), _ranks(mean[known]))[0, 1])
+
+
+def _ranks(values: Array) -> Array:
+    """Which of the values, in ascending order, each is; equal ones share the mean of theirs."""
+    _, which, count = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - (count - 1) / 2)[which])
 
 
 def _quantiles(residuals: Array) -> Picture:
     """Ordered residuals over their RMS against a normal distribution, with the 95 % band of single quantiles."""
     size = float(np.sqrt(np.mean(residuals**2))) or 1.0
     share = (np.arange(1, min(len(residuals), _QUANTILES) + 1) - 0.5) / min(len(residuals), _QUANTILES)
-    expected, found = stats.norm.ppf(share), np.quantile(residuals / size, share)
+    expected, found = normal_ppf(share), np.quantile(residuals / size, share)
     ranks = share * len(residuals)
-    ends = [stats.norm.ppf(stats.beta.ppf(p, ranks + 0.5, len(residuals) - ranks + 0.5)) for p in (0.025, 0.975)]
+    ends = [normal_ppf(beta_ppf(p, ranks + 0.5, len(residuals) - ranks + 0.5)) for p in (0.025, 0.975)]
     outside = float(np.mean((found < ends[0]) | (found > ends[1])))
 
     def draw(axes: "Axes") -> None:

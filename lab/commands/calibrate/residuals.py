@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
@@ -24,6 +23,7 @@ from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
 from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
+from lab.core.probabilities import f_isf
 from lab.core.significance import UNSOLICITED_WARNING
 
 __all__ = ["adequacy_of", "with_own_intervals"]
@@ -132,8 +132,8 @@ def _uneven(numbers: float) -> float:
     """The ratio of two variances, of twice as many and as many numbers, that chance hardly makes."""
     return float(
         max(
-            stats.f.isf(UNSOLICITED_WARNING / 2, 2 * numbers, numbers),
-            stats.f.isf(UNSOLICITED_WARNING / 2, numbers, 2 * numbers),
+            f_isf(UNSOLICITED_WARNING / 2, 2 * numbers, numbers),
+            f_isf(UNSOLICITED_WARNING / 2, numbers, 2 * numbers),
         )
     )
 

@@ -222,7 +222,6 @@ class CalibrationResult(Result):
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder that is there."""
         from lab.commands.calibrate.khalil_rows import khalil_rows
-        from lab.commands.payload.known_payload import read_hand_load
         from lab.commands.run_folder import config, write_json
         from lab.formats.measurement_csv import write_measurements
 
@@ -233,6 +232,8 @@ class CalibrationResult(Result):
         write_json(folder / "parameters.json", [*(row.to_dict() for row in self.parameters), *converted])
         _write_covariance(folder / "covariance.csv", self.identification)
         if options.fitting.load is not None:
+            from lab.commands.payload.known_payload import read_hand_load
+
             read_hand_load(options.fitting.load, accept_edited=options.fitting.accept_edited).write(folder)
         arm, values = self.rigid(self.exported)
         text = robot.description(robot.kept_file, arm.targets, values)  # the others are lab compensate's, of good runs

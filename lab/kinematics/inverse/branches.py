@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lab.core import se3
 from lab.core.random import rng_for
@@ -116,7 +116,7 @@ class NominalInverse:
         for turned in (True, False):
             rows = np.flatnonzero(wanted.turned == turned)
             if rows.size:
-                tree = cKDTree(_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
+                tree = scipy.spatial.cKDTree(_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
                 near[rows] = tree.query(_landmarks(wanted.positions[rows], wanted.rotations[rows], turned), k=SEARCHED)[
                     1
                 ]
