@@ -9,6 +9,7 @@ from lab.commands.inspect.format import joint_kind, joint_limits, tidy
 from lab.commands.inspect.serial_shape import LEAST, shape_of
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.mobility import mobility_of
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.kinematics.serial.khalil_frames import ANGULAR, khalil_frame
 
@@ -45,6 +46,7 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
     return {
         "reach_mm": tidy(1e3 * shape.reach_m),
         "ways": shape.ways,
+        "freedoms": _freedoms(chain),
         "determinant": shape.determinant or None,
         "singularities": [
             {
@@ -58,6 +60,20 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
             }
             for each in shape.singularities
         ],
+    }
+
+
+def _freedoms(chain: Chain) -> dict[str, Any]:
+    """Mobility index, degrees of freedom, redundancy with the joints that it frees, and what no joint moves."""
+    found = mobility_of(chain)
+    return {
+        "index": found.index,
+        "degrees_of_freedom": found.freedoms,
+        "redundancy": found.redundancy,
+        "free": [name for name, moves in zip(chain.joint_names, found.moving, strict=True) if moves],
+        "planar": found.planar,
+        "missing_displacements": len(found.held),
+        "missing_turns": len(found.still),
     }
 
 

@@ -21,9 +21,25 @@ def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
         Paragraph(f"{values['robot']}: Denavit-Hartenberg, {convention}, {_ORDERS[convention]}; mm and °"),
         Table(("i", "θ", "d", "a", "α", "limits", "speed per s"), _rows(values["joints"])),
         Paragraph(f"reach {printed(values['reach_mm'])} mm from axis 1 to the last frame{solutions}"),
+        Paragraph(_freedoms(values["freedoms"])),
         *_singularities(values),
         *_frames(values["khalil"]),
     )
+
+
+def _freedoms(values: Mapping[str, Any]) -> str:
+    """Joints and degrees of freedom, what is free and what cannot be moved, in a sentence."""
+    index, freedoms = values["index"], values["degrees_of_freedom"]
+    said = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"
+    if values["redundancy"]:
+        said += f": redundant by {values['redundancy']}; {', '.join(values['free'])} can move while it stands still"
+    else:
+        said += ": not redundant but at singularities"
+    if values["planar"]:
+        return f"{said}; it moves in a plane and turns about its normal"
+    lacks = [f"{count} {name}" for count, name in ((values["missing_displacements"], "of its displacements"),
+                                                   (values["missing_turns"], "of its turns")) if count]  # fmt: skip
+    return f"{said}; no joint makes {' and '.join(lacks)}" if lacks else said
 
 
 def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:

@@ -147,7 +147,7 @@ class _Model:
             options.twist_si if options.twist else None,
         )
         nominal = self.arm.dh_chain(self.values)
-        form = None if nominal is None else closed_form_of(nominal)
+        form = None if nominal is None else closed_form_of(nominal, options.tool_m)
         return placements(self.arm, self.values, None if form is None else form.determinant, task, rows, ids, solved)
 
     def solved(self, targets: _Targets) -> tuple[tuple[Placement, ...], tuple[Reached, ...]]:

@@ -82,13 +82,13 @@ class Solver:
         inverse = NominalInverse(self.arm, self.values)
         found = inverse.ways(wanted, reference)
         joints, branches = ordered(self.arm.chain, found, reference, np.zeros(found.gap_m.shape, dtype=np.bool_))
-        form = inverse.closed_form
+        form, closed = inverse.closed_form, inverse.exact(wanted)
         out = []
         for i, order in enumerate(branches):
             gap, tilt, free = found.gap_m[i, order], found.tilt_rad[i, order], found.free[i, order]
             kept = _different(
                 joints[i],
-                np.flatnonzero(gap <= (0.0 if form is not None and wanted.turned[i] else _REACHED_M)),
+                np.flatnonzero(gap <= (0.0 if closed[i] else _REACHED_M)),
                 self.arm.chain.prismatic,
             )
             named: list[dict[str, str]] = [{} for _ in kept]
@@ -100,7 +100,7 @@ class Solver:
             ways = tuple(
                 Solution(joints[i, k], name, free[k], float(tilt[k])) for k, name in zip(kept, named, strict=True)
             )
-            exact = form is not None and bool(wanted.turned[i])
+            exact = bool(closed[i])
             missed = 0.0 if kept else float(gap.min()) if exact else np.nan
             out.append(PoseSolutions(ways, missed, "closed form" if exact else "search"))
         return out

@@ -41,7 +41,7 @@ class NominalInverse:
 
     def __post_init__(self) -> None:
         chain = self.arm.dh_chain(self.values)
-        form = None if chain is None else closed_form_of(chain)
+        form = None if chain is None else closed_form_of(chain, self.tools[self.target])
         object.__setattr__(self, "closed_form", form)
 
     def ways(self, wanted: PoseTarget, reference: Array) -> Solutions:
@@ -52,7 +52,7 @@ class NominalInverse:
         Args:
             reference: joint positions ``(n, joints)`` near which to look, NaN where none are given.
         """
-        exact = wanted.turned & (self.closed_form is not None)
+        exact = self.exact(wanted)
         parts = [
             (rows, by(wanted.take(rows), reference[rows]))
             for rows, by in ((np.flatnonzero(exact), self._by_closed_form), (np.flatnonzero(~exact), self._searched))
@@ -65,6 +65,12 @@ class NominalInverse:
             for name in ("joints", "gap_m", "tilt_rad", "free"):
                 getattr(found, name)[rows, : part.gap_m.shape[1]] = getattr(part, name)
         return found
+
+    def exact(self, wanted: PoseTarget) -> NDArray[np.bool_]:
+        """``(n,)``: which targets the closed form is asked for."""
+        if self.closed_form is None:
+            return np.zeros(len(wanted), dtype=np.bool_)
+        return wanted.turned | self.closed_form.by_point
 
     def again(self, wanted: PoseTarget, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
         """Joint positions ``(n, joints)`` for other targets, in the branches and turns of ``joints``; what is reached.
@@ -105,7 +111,9 @@ class NominalInverse:
 
     def _by_closed_form(self, wanted: PoseTarget, reference: Array) -> Solutions:
         assert self.closed_form is not None
-        return self.closed_form.solve(self.last_frames(wanted), np.nan_to_num(reference))
+        found = self.closed_form.solve(self.last_frames(wanted), np.nan_to_num(reference))
+        found.tilt_rad[~wanted.turned] = 0.0
+        return found
 
     def _searched(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Newton's method from the reference, and from the nearest of many random poses."""

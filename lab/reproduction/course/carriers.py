@@ -138,7 +138,7 @@ def _type(kind: int, roots: Roots, miss: Callable[..., Array]) -> tuple[Answer, 
 
 CARRIER_ITEMS = (
     Item("Section 7.2", "The PRP arm: direct, inverse and differential models", _prp_models,
-         note="The lab's models of such an arm are those of a table of its own: lab kinematics TABLE.toml --symbolic."),
+         note="lab kinematics TABLE.toml --pose X,Y,Z has all solutions of such an arm, given as a table."),
     Item("Section 7.3", "The RRR arm: direct and inverse models", _rrr_models,
          note="L is the distance of the point from axis 1, with a sign; w is that sign. θ3 has two roots."),
     Item("Section 7.4", "The ten types of equations", _types,

@@ -51,8 +51,10 @@ def test_inspect_prints_it(capsys) -> None:
     assert main(["inspect", "rx130"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "reach 1360 mm from axis 1 to the last frame; 8 inverse-kinematics solutions of a pose" in said
+    assert "mobility index 6, 6 degrees of freedom of the last frame: not redundant but at singularities" in said
     assert "det J = −0.625 · 0.625 sin q3 sin q5 (0.625 sin q2 + 0.625 sin(q2+q3))" in said
     assert "wrist, sin q5 = 0: e.g. at (" in said and "with the self-motion +1 q4 −1 q6" in said
     assert main(["inspect", "course2r", "--json"]) == 0
     seen = json.loads(capsys.readouterr().out)
+    assert seen["freedoms"] | {"free": []} == seen["freedoms"] and seen["freedoms"]["degrees_of_freedom"] == 2
     assert seen["determinant"] is None and seen["ways"] is None and seen["singularities"] == []

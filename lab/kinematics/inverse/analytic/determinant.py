@@ -16,34 +16,36 @@ DIGITS = 6  # of a number in a text
 
 @dataclass(frozen=True)
 class Term:
-    """A coefficient times the sine or the cosine of a sum of joint positions, times the joint position of a slide.
+    """A coefficient times the sine or the cosine of a sum of joint positions, times the joint positions of slides.
 
     Attributes:
         coefficient: m, or without a unit where there is a slide.
         function: of the angle; empty where there is none.
-        angle: how each joint position counts in the angle, by joint: +1 or -1.
-        slide: the joint whose joint position is a factor.
+        angle: how each joint position counts in the angle, by joint: +1 or -1, or a multiple.
+        slides: the joints whose joint positions are factors.
     """
 
     coefficient: float
     function: Literal["", "sin", "cos"] = ""
     angle: tuple[tuple[int, float], ...] = ()
-    slide: int | None = None
+    slides: tuple[int, ...] = ()
 
     def at(self, joints: Array) -> Array:
         """Values ``(...)`` at joint positions ``(..., n)``."""
         angle = sum((sign * joints[..., joint] for joint, sign in self.angle), start=np.zeros(joints.shape[:-1]))
         turned = np.sin(angle) if self.function == "sin" else np.cos(angle)  # cos 0 where there is no function
-        return np.asarray(self.coefficient * turned * (1.0 if self.slide is None else joints[..., self.slide]))
+        return np.asarray(self.coefficient * turned * joints[..., list(self.slides)].prod(axis=-1))
 
     def words(self, names: tuple[str, ...]) -> str:
         """Its size for a person, without the coefficient's sign; empty for 1."""
-        words = [] if abs(self.size - 1) < NONE and (self.function or self.slide is not None) else [number(self.size)]
-        if self.slide is not None:
-            words.append(names[self.slide])
+        words = [] if abs(self.size - 1) < NONE and (self.function or self.slides) else [number(self.size)]
+        words += [names[joint] for joint in self.slides]
         if self.function:
-            angle = "".join(f"{'+' if sign > 0 else '-'}{names[joint]}" for joint, sign in self.angle).removeprefix("+")
-            words.append(f"{self.function} {angle}" if len(self.angle) == 1 else f"{self.function}({angle})")
+            parts = [("+" if sign > 0 else "-", "" if abs(sign) == 1 else f"{abs(sign):g} * ", names[joint])
+                     for joint, sign in self.angle]  # fmt: skip
+            angle = "".join(map("".join, parts)).removeprefix("+")
+            alone = len(self.angle) == 1 and abs(self.angle[0][1]) == 1
+            words.append(f"{self.function} {angle}" if alone else f"{self.function}({angle})")
         return " ".join(words)
 
     @property
@@ -111,19 +113,19 @@ def determinant(
             scale = np.sign(kept[0].coefficient) * (kept[0].size if len(kept) == 1 else 1.0)
             sign *= np.sign(scale)
             numbers.append(abs(float(scale)))
-            kept = tuple(Term(t.coefficient / scale, t.function, t.angle, t.slide) for t in kept)
+            kept = tuple(Term(t.coefficient / scale, t.function, t.angle, t.slides) for t in kept)
         tidied.append(Factor(name, kept, names))
     return Determinant(sign, tuple(length for length in numbers if abs(length - 1) > NONE), tuple(tidied))
 
 
-def real_part(number: complex, turning: Iterable[tuple[int, float]], slide: int | None = None) -> list[Term]:
+def real_part(number: complex, turning: Iterable[tuple[int, float]], slides: tuple[int, ...] = ()) -> list[Term]:
     """Re(number exp(i angle)), for an angle that is the sum of some joint positions, each times its sign."""
     angle = tuple(turning)
     if not angle:
-        return [Term(number.real, slide=slide)]
+        return [Term(number.real, slides=slides)]
     first = angle[0][1]  # the angle's first joint position counts positive, so that texts are alike
     angle = tuple((joint, first * sign) for joint, sign in angle)
-    return [Term(-first * number.imag, "sin", angle, slide), Term(number.real, "cos", angle, slide)]
+    return [Term(-first * number.imag, "sin", angle, slides), Term(number.real, "cos", angle, slides)]
 
 
 def number(value: float) -> str:

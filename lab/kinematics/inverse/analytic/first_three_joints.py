@@ -127,11 +127,11 @@ class Telescope:
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
         """See ``Carrier``."""
         second, level = (1, float(sign[1])), np.conj(self.column.level)
-        slide = [Term(float(sign[2]), slide=2), Term(self.upper.real)]
+        slide = [Term(float(sign[2]), slides=(2,)), Term(self.upper.real)]
         shoulder = [
             *real_part(level * self.shoulder, []),
             *real_part(level * self.upper, [second]),
-            *real_part(level * sign[2], [second], slide=2),
+            *real_part(level * sign[2], [second], slides=(2,)),
         ]
         return -1.0, [], [("slide", slide), ("shoulder", shoulder)]
 
@@ -172,7 +172,7 @@ class Lift:
 
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
         """See ``Carrier``."""
-        return self.up, [], [("shoulder", [Term(float(sign[2]), slide=2), Term(self.middle.real)])]
+        return self.up, [], [("shoulder", [Term(float(sign[2]), slides=(2,)), Term(self.middle.real)])]
 
 
 def _slid(e: Array, f: Array, drawn_in: complex, turn_liked: Array, slide_liked: Array) -> Roots:

@@ -43,6 +43,10 @@ class ClosedForm(Protocol):
         """How many solutions a pose has, some of which may be out of reach or the same."""
 
     @property
+    def by_point(self) -> bool:
+        """Whether the place of a point alone is met: the rotation is not asked for, and may be missed."""
+
+    @property
     def determinant(self) -> Determinant:
         """That of the Jacobian, in the factors that are zero at the arm's singularities."""
 

@@ -47,6 +47,7 @@ class Scara:
     wrist: Array
     R_frame0_last: Array
     branches: int = 2
+    by_point: bool = False
 
     @classmethod
     def of(cls, chain: Chain) -> "Scara | None":

@@ -49,6 +49,7 @@ class SphericalWrist:
     bend: float
     centre: Array
     R_frame0_last: Array
+    by_point: bool = False
 
     @classmethod
     def of(cls, chain: Chain) -> "SphericalWrist | None":

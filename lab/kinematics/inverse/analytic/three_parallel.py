@@ -53,6 +53,7 @@ class ThreeParallel:
     centre: Array
     R_frame0_last: Array
     branches: int = 8
+    by_point: bool = False
 
     @classmethod
     def of(cls, chain: Chain) -> "ThreeParallel | None":

@@ -1,0 +1,312 @@
+"""Arms of three joints of any kind: all joint positions that bring a point of the last link somewhere.
+
+Joint 3 alone moves the point in the frame of link 2, on a circle or a line. Joints 1 and 2 leave two numbers as they
+are: of a hinge 1 the point's height along the axis and its distance from it, of a slide 1 its two coordinates across.
+What joint 2 would have to do is eliminated from the two equations, which leaves one in joint 3: a trigonometric
+polynomial of degree 2 for a hinge, a polynomial of degree 4 for a slide (Pieper 1968; Khalil & Dombre 2002, section
+4.4). Its coefficients are read off values at five positions, its roots are eigenvalues, and a few steps of
+Newton's method make the joints exact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.kinematics.inverse.analytic.determinant import Determinant, determinant
+from lab.kinematics.inverse.analytic.first_three_joints import Elbow, Lift, Telescope
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions, plane_across
+from lab.kinematics.inverse.analytic.three_joint_determinant import fitted_factor
+from lab.kinematics.serial.chain import Chain
+
+__all__ = ["ThreeJoints"]
+
+_REACHED_M = 1e-11
+_POLISH, _NEAREST = 8, 60  # steps
+_ON_AXIS = 1e-14  # of the arm's size
+_OFF_CIRCLE = 1e-3  # a root nearer to the unit circle is tried as an angle
+_NODES = 5
+
+
+@dataclass(frozen=True)
+class ThreeJoints:
+    """Such an arm and its point, by its axes in frame 0 at zero joint positions.
+
+    Attributes:
+        point: ``(3,)`` in the last frame (m), and ``start`` in frame 0 at zero joint positions.
+        degree: of the polynomial in joint 3; of a hinge in its cosine and sine.
+        roots_of_second: how many positions of joint 2 there are for each of joint 3.
+    """
+
+    chain: Chain
+    axes: Axes
+    point: Array
+    start: Array
+    scale_m: float
+    degree: int = 0
+    roots_of_second: int = 1
+    by_point: bool = True
+
+    @classmethod
+    def of(cls, chain: Chain, point: Array) -> "ThreeJoints | None":
+        """The closed form for a point ``(3,)`` m of the last frame; None where it cannot be moved in space."""
+        if chain.size != 3:
+            return None
+        axes = Axes.of(chain)
+        start = se3.transform(axes.T_frame0_last, point[None])[0]
+        scale = float(np.abs(np.concatenate([axes.origins.ravel(), start, point])).max()) + 0.1
+        plain = cls(chain, axes, point, start, scale)
+        joints = rng_for(0, "structure").uniform(-1.5, 1.5, (40, 3))
+        if np.abs(np.linalg.det(plain._jacobian(joints.T).transpose(2, 0, 1))).max() < EXACT * scale:
+            return None
+        wanted = plain._place(joints.T)
+        _, second = plain._second(plain._third(joints.T[2]), wanted)
+        coefficients = np.abs(plain._coefficients(wanted))
+        size = coefficients.max()
+        degree = int(np.flatnonzero(coefficients.max(axis=1) > 1e-9 * size)[-1])
+        if not degree or not size > EXACT**2:
+            return None
+        return cls(chain, axes, point, start, scale, degree, len(second))
+
+    @property
+    def branches(self) -> int:
+        """How many solutions a place has, some of which may be the same or none."""
+        return (self.degree if self.chain.prismatic[2] else 2 * self.degree) * self.roots_of_second
+
+    @property
+    def determinant(self) -> Determinant:
+        """Of the point's Jacobian: in factors for the classical carriers, else as one sum."""
+        for kind in (Elbow, Telescope, Lift):
+            carrier = kind.of(self.axes, self.start)
+            if carrier is not None:
+                sign, lengths, factors = carrier.factors(self.chain.sign)
+                return determinant(self.chain.joint_names, sign * float(np.prod(self.chain.sign)), lengths, factors)
+
+        def value(joints: Array) -> Array:
+            J = self._jacobian((joints * self.chain.sign).T).transpose(2, 0, 1) * self.chain.sign
+            return np.asarray(np.linalg.det(J))
+
+        terms = fitted_factor(value, self.chain.prismatic)
+        if len(terms) == 1 and not terms[0].function and not terms[0].slides:  # three slides: it is never singular
+            return determinant(self.chain.joint_names, float(np.sign(terms[0].coefficient)), [terms[0].size], [])
+        return determinant(self.chain.joint_names, 1.0, [], [("position", terms)])
+
+    def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
+        """See ``ClosedForm``: the place alone is met, so that any rotation will do; none given counts as no turn."""
+        given = np.isfinite(Rs_frame0_last).all(axis=(1, 2))
+        return np.where(given[:, None, None], Rs_frame0_last, np.eye(3))
+
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """See ``ClosedForm``. The point is brought to its place; the tilt is how far the rotation is missed."""
+        count = len(Ts_frame0_last)
+        wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
+        liked = (np.broadcast_to(reference, (count, 3)) * self.chain.sign).T
+        third, real = self._roots(wanted)  # (k, n)
+        target = np.broadcast_to(wanted[:, None], (3, *third.shape))
+        at = self._third(third)
+        _, second = self._second(at, target)  # (m, k, n)
+        third = np.broadcast_to(third, second.shape)
+        target = np.broadcast_to(target[:, None], (3, *second.shape))
+        joints = np.stack([np.zeros_like(second), second, third])
+        joints[0] = self._first(joints, target)
+        joints = self._settled(joints.reshape(3, -1), target.reshape(3, -1), _POLISH).reshape(joints.shape)
+        joints, free = self._freed(joints, target, liked)
+        gap = np.linalg.norm(self._place(joints) - target, axis=0)
+        found = (gap <= _REACHED_M) & real
+        lost = ~found.any(axis=(0, 1))
+        if lost.any():
+            near = self._settled(joints[..., lost].reshape(3, -1), target[..., lost].reshape(3, -1), _NEAREST)
+            joints[..., lost] = near.reshape(3, *joints.shape[1:3], -1)
+            gap = np.linalg.norm(self._place(joints) - target, axis=0)
+        gap = np.where(found, 0.0, np.maximum(gap, np.where(lost, 0.0, self.scale_m)))
+        return self._told(joints, gap, free, Ts_frame0_last)
+
+    def _told(self, joints: Array, gap: Array, free: NDArray[np.bool_], Ts: Array) -> Solutions:
+        """The solutions as ``ClosedForm`` gives them."""
+        count = len(Ts)
+        hinges = ~np.array(self.chain.prismatic)
+        joints[hinges] -= 2 * np.pi * np.round(joints[hinges] / (2 * np.pi))
+        rows = joints.reshape(3, -1, count).transpose(2, 1, 0)
+        turned = self._turned(rows.reshape(-1, 3).T) @ self.axes.T_frame0_last[:3, :3]
+        wanted = np.repeat(Ts[:, :3, :3], rows.shape[1], axis=0)
+        tilt = np.linalg.norm(se3.log(wanted @ turned.swapaxes(1, 2)), axis=1).reshape(count, -1)
+        gaps, frees = gap.reshape(-1, count).T, free.reshape(3, -1, count).transpose(2, 1, 0)
+        return Solutions(rows * self.chain.sign, gaps.copy(), np.where(tilt <= EXACT, 0.0, tilt), frees.copy())
+
+    # The arm
+
+    def _moved(self, joint: int, amount: Array, points: Array) -> Array:
+        """Points ``(3, ...)`` carried by one joint."""
+        axis = self.axes.directions[joint]
+        if self.chain.prismatic[joint]:
+            return np.asarray(points + np.multiply.outer(axis, amount))
+        origin = self.axes.origins[joint].reshape(3, *(1,) * (points.ndim - 1))
+        lever = points - origin
+        along = np.multiply.outer(axis, np.tensordot(axis, lever, 1))
+        across = np.cross(axis, lever, axisb=0, axisc=0)
+        return np.asarray(origin + along + np.cos(amount) * (lever - along) + np.sin(amount) * across)
+
+    def _third(self, amount: Array) -> Array:
+        """The point ``(3, ...)`` in link 2."""
+        return self._moved(2, amount, np.broadcast_to(self.start.reshape(3, *(1,) * amount.ndim), (3, *amount.shape)))
+
+    def _place(self, joints: Array) -> Array:
+        """The point ``(3, ...)`` in frame 0."""
+        return self._moved(0, joints[0], self._moved(1, joints[1], self._third(joints[2])))
+
+    def _turned(self, joints: Array) -> Array:
+        """Rotations ``(n, 3, 3)`` of the last link from where it is at zero joint positions."""
+        R = np.tile(np.eye(3), (joints.shape[1], 1, 1))
+        for axis, slides, amount in zip(self.axes.directions, self.chain.prismatic, joints, strict=True):
+            R = R if slides else R @ se3.exp(amount[:, None] * axis)
+        return R
+
+    def _jacobian(self, joints: Array) -> Array:
+        """Of the point ``(3, 3, n)``."""
+        columns, point = list[Array](), self._third(joints[2])
+        for joint in (2, 1, 0):
+            axis, origin = self.axes.directions[joint], self.axes.origins[joint][:, None]
+            if joint < 2:
+                columns = [self._moved(joint, joints[joint], point + each) for each in columns]
+                point = self._moved(joint, joints[joint], point)
+                columns = [each - point for each in columns]
+            if self.chain.prismatic[joint]:
+                columns.append(np.broadcast_to(axis[:, None], point.shape))
+            else:
+                columns.append(np.cross(axis, point - origin, axisb=0, axisc=0))
+        return np.stack(columns[::-1], axis=1)
+
+    # The equations
+
+    def _second(self, at: Array, wanted: Array) -> tuple[Array, Array]:
+        """What is left of the equations for joint 3, and the positions ``(m, ...)`` of joint 2."""
+        return self._slide(at, wanted) if self.chain.prismatic[1] else self._hinge(at, wanted)
+
+    def _hinge(self, at: Array, wanted: Array) -> tuple[Array, Array]:
+        """Joint 2 turns the point about axis 2: two equations M w = r in where it is across the axis."""
+        _, w = self.axes.directions[:2]
+        plane, origin = plane_across(w), self.axes.origins[1]
+        u, v, h = np.tensordot(plane, at - origin.reshape(3, *(1,) * (at.ndim - 1)), 1)
+        rows, right = self._rows(plane, h, u**2 + v**2 + h**2, wanted)
+        left, size, basis = np.linalg.svd(rows)
+        across = np.tensordot(left.T, right, 1)
+        if size[1] > 1e-9 * self.scale_m:
+            e, f = np.tensordot(basis.T, across / size.reshape(2, *(1,) * u.ndim), 1)
+            return e**2 + f**2 - u**2 - v**2, (np.arctan2(f, e) - np.arctan2(v, u))[None]
+        reach, first = np.hypot(u, v), across[0] / size[0]
+        opening = np.arctan2(np.sqrt(np.maximum(reach**2 - first**2, 0.0)), first)
+        towards = np.arctan2(basis[0, 1], basis[0, 0])
+        return across[1], np.stack([towards + opening, towards - opening]) - np.arctan2(v, u)
+
+    def _rows(self, plane: Array, height: Array, square: Array, wanted: Array) -> tuple[Array, Array]:
+        """The two equations that joint 1 leaves: ``(2, 2)`` and right sides ``(2, ...)``, both in metres."""
+        axis, origin = self.axes.directions[0], self.axes.origins[1]
+        wide = (3, *(1,) * (wanted.ndim - 1))
+        if self.chain.prismatic[0]:
+            across = plane_across(axis)[:2]
+            right = np.tensordot(across, wanted - origin.reshape(wide), 1)
+            shift = across @ plane[2]
+            return self.scale_m * across @ plane[:2].T, self.scale_m * (right - np.multiply.outer(shift, height))
+        apart, lever = origin - self.axes.origins[0], wanted - self.axes.origins[0].reshape(wide)
+        along = np.tensordot(axis, lever, 1) - axis @ apart - (axis @ plane[2]) * height
+        far = ((lever**2).sum(axis=0) - square - apart @ apart) / 2 - (apart @ plane[2]) * height
+        rows = np.stack([self.scale_m * plane[:2] @ axis, plane[:2] @ apart])
+        return rows, np.stack([self.scale_m * along, far])
+
+    def _slide(self, at: Array, wanted: Array) -> tuple[Array, Array]:
+        """Joint 2 slides the point."""
+        first, along = self.axes.directions[:2]
+        wide = (3, *(1,) * (at.ndim - 1))
+        if self.chain.prismatic[0]:
+            normal = np.cross(first, along)
+            inverse = np.linalg.pinv(np.stack([first, along], axis=1))
+            return np.tensordot(normal, wanted - at, 1), np.tensordot(inverse, wanted - at, 1)[1][None]
+        origin = self.axes.origins[0].reshape(wide)
+        lever, there = at - origin, wanted - origin
+        height, cosine = np.tensordot(first, there - lever, 1), float(first @ along)
+        square = (there**2).sum(axis=0)
+        if abs(cosine) > EXACT:
+            moved = height / cosine
+            end = lever + np.multiply.outer(along, moved)
+            return (end**2).sum(axis=0) - square, moved[None]
+        half = np.tensordot(along, lever, 1)
+        root = np.sqrt(np.maximum(half**2 - (lever**2).sum(axis=0) + square, 0.0))
+        return height, np.stack([-half + root, -half - root])
+
+    def _first(self, joints: Array, wanted: Array) -> Array:
+        """Joint 1 by the two others."""
+        at, axis = self._moved(1, joints[1], self._third(joints[2])), self.axes.directions[0]
+        if self.chain.prismatic[0]:
+            return np.asarray(np.tensordot(axis, wanted - at, 1))
+        plane, origin = plane_across(axis)[:2], self.axes.origins[0].reshape(3, *(1,) * (at.ndim - 1))
+        (a, b), (c, d) = (np.tensordot(plane, each - origin, 1) for each in (at, wanted))
+        return np.asarray(np.arctan2(a * d - b * c, a * c + b * d))
+
+    # Joint 3
+
+    def _coefficients(self, wanted: Array) -> Array:
+        """Of the equation in joint 3, ``(5, n)`` or ``(3, n)``: of powers, or of exp(i k q3) from k = 0 to 2."""
+        if self.chain.prismatic[2]:
+            nodes = self.scale_m * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+            powers = np.linalg.inv(np.vander(nodes / self.scale_m, increasing=True))
+            return np.asarray(powers @ self._left(nodes, wanted))
+        nodes = 2 * np.pi * np.arange(_NODES) / _NODES
+        return np.asarray(np.fft.fft(self._left(nodes, wanted), axis=0)[:3] / _NODES)
+
+    def _left(self, nodes: Array, wanted: Array) -> Array:
+        """What is left of the equations ``(nodes, n)``."""
+        third = np.repeat(nodes[:, None], wanted.shape[1], axis=1)
+        return self._second(self._third(third), np.broadcast_to(wanted[:, None], (3, *third.shape)))[0]
+
+    def _roots(self, wanted: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Positions ``(k, n)`` of joint 3, and whether they are real roots, or nearly."""
+        found = self._coefficients(wanted)[: self.degree + 1]
+        if self.chain.prismatic[2]:
+            roots = _eigenvalues(found)
+            return self.scale_m * roots.real, np.abs(roots.imag) <= _OFF_CIRCLE
+        roots = _eigenvalues(np.concatenate([found[:0:-1].conj(), found]))
+        return np.angle(roots), np.abs(np.abs(roots) - 1) <= _OFF_CIRCLE
+
+    def _settled(self, joints: Array, wanted: Array, steps: int) -> Array:
+        """Joints ``(3, n)`` after damped steps of Newton's method towards places; none is taken that leads away."""
+        unit = np.where(self.chain.prismatic, self.scale_m, 1.0)[:, None]
+        joints, damping = joints.copy(), np.zeros(joints.shape[1])
+        missing = wanted - self._place(joints)
+        for _ in range(steps):
+            J = (self._jacobian(joints) * unit[None, :, :]).transpose(2, 0, 1)
+            normal = J.swapaxes(1, 2) @ J
+            size = np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+            slope = J.swapaxes(1, 2) @ missing.T[:, :, None]
+            step = np.linalg.solve(normal + (1e-14 + damping[:, None, None]) * size, slope)
+            moved = joints + unit * step[:, :, 0].T
+            left = wanted - self._place(moved)
+            better = (left**2).sum(axis=0) < (missing**2).sum(axis=0)
+            joints, missing = np.where(better, moved, joints), np.where(better, left, missing)
+            damping = np.where(better, damping / 10, np.maximum(10 * damping, 1e-6))
+        return joints
+
+    def _freed(self, joints: Array, wanted: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Hinges 1 and 2 as they are liked where the point is on their axes."""
+        free = np.zeros(joints.shape, dtype=np.bool_)
+        for joint, point in ((0, wanted), (1, self._third(joints[2]))):
+            if not self.chain.prismatic[joint]:
+                lever = point - self.axes.origins[joint].reshape(3, *(1,) * (point.ndim - 1))
+                across = np.cross(self.axes.directions[joint], lever, axisb=0, axisc=0)
+                free[joint] = np.linalg.norm(across, axis=0) <= _ON_AXIS * self.scale_m
+                joints[joint] = np.where(free[joint], liked[joint], joints[joint])
+        return joints, free
+
+
+def _eigenvalues(coefficients: Array) -> Array:
+    """The roots ``(d, n)`` of polynomials ``(d + 1, n)`` of rising powers, by their companion matrices."""
+    degree = len(coefficients) - 1
+    last = coefficients[-1]
+    size = np.abs(coefficients).max(axis=0)
+    last = np.where(np.abs(last) > 1e-14 * size, last, 1e-14 * np.maximum(size, 1e-300))
+    matrix = np.zeros((coefficients.shape[1], degree, degree), dtype=np.complex128)
+    matrix[:, 1:, :-1] = np.eye(degree - 1)
+    matrix[:, :, -1] = -(coefficients[:-1] / last).T
+    return np.asarray(np.linalg.eigvals(matrix).T)
