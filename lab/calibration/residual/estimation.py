@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
 from lab.calibration.residual.kernels import COMPONENTS, JointKernels
-from lab.calibration.residual.process import JointProcess, PredictedBy, total_covariance
+from lab.calibration.residual.process import JointProcess, PredictedBy, precisions, total_covariance
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
@@ -105,13 +105,16 @@ def _beside(
 ) -> tuple[Array, Array, Array]:
     """Parameters ``(p,)`` beside a process, by Gauss-Newton, their covariance, and V^-1 of what they leave."""
     values, free = found.values.copy(), list(found.fit.free)
+    near = precisions([found.model.parameters[i] for i in free])
     for _ in range(_MOST_STEPS):
         rows = _Rows.of(found, values, data, turning)
         covariance = sum(size * kind for size, kind in zip(variances, rows.kinds, strict=True))
         factor = scipy.linalg.cho_factor(covariance, lower=True)
         whitened = scipy.linalg.cho_solve(factor, rows.columns)
-        information = rows.columns.T @ whitened
-        step = np.linalg.solve(information, whitened.T @ rows.residual)
+        precision = near / rows.scale**2
+        information = rows.columns.T @ whitened + np.diag(precision)
+        away = (values - found.values)[free] * rows.scale
+        step = np.linalg.solve(information, whitened.T @ rows.residual - precision * away)
         moved = rows.columns @ step
         values[free] += step / rows.scale
         if np.sqrt(np.mean(moved**2)) < _CONVERGED_M:

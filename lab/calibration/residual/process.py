@@ -6,6 +6,7 @@ universal kriging (Cressie 1993, section 3.4). The variances of f are estimates 
 by the likeliest, the covariance of their error is by the upper quartile of each.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,11 +23,12 @@ from lab.kinematics.effects.effect import Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter
 
-__all__ = ["GROUP", "SHARE", "JointProcess", "PredictedBy", "total_covariance"]
+__all__ = ["GROUP", "SHARE", "JointProcess", "PredictedBy", "precisions", "total_covariance"]
 
 GROUP = "residual"
 SHARE = Parameter(GROUP, "share", GROUP, "ratio", "", 1.0)
 _BLOCK = 400  # poses that are worked out at once
+_AWAY = (5e-3, 15e-3)  # m and rad: one standard deviation of how far a link is from where least squares alone puts it
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,14 @@ class JointProcess:
         return added
 
 
+def precisions(parameters: Sequence[Parameter]) -> Array:
+    """``(f,)`` how surely each parameter is near where least squares alone puts it: links to ten usual tolerances.
+
+    A direction that the poses hardly tell would else take up what the process does not, and lead far away.
+    """
+    return np.array([1 / _AWAY[each.is_angle] ** 2 if each.is_link else 0.0 for each in parameters])
+
+
 def total_covariance(
     kernels: JointKernels, sizes: Array, first: tuple[Array, Array], second: tuple[Array, Array] | None = None
 ) -> Array:
@@ -151,10 +161,15 @@ class PredictedBy:
         weights = scipy.linalg.cho_solve(support.factor, weights.T).T
         lacking = columns / support.scale - weights @ support.columns
         weights = weights + lacking @ np.linalg.solve(support.information, support.whitened.T)
+        biased = (columns / support.scale - weights @ support.columns)[:, support.precision > 0]
         upper = self.process.upper
         crossed = weights @ total_covariance(kernels, upper, here, there)[:, self._rows].T
         return np.asarray(
-            total_covariance(kernels, upper, here) - crossed - crossed.T + weights @ support.upper @ weights.T
+            total_covariance(kernels, upper, here)
+            - crossed
+            - crossed.T
+            + weights @ support.upper @ weights.T
+            + (biased / support.precision[support.precision > 0]) @ biased.T
         )
 
     def _at(self, inputs: Array) -> tuple[tuple[Array, Array], Array]:
@@ -180,7 +195,8 @@ class PredictedBy:
             total_covariance(self.process.kernels, sizes, here)[kept] + sizes[0] * np.eye(len(self._rows))
             for sizes in (self.process.variances, self.process.upper)
         )
-        return _Support.of(likely, upper, columns[self._rows])
+        near = precisions([self.model.parameters[i] for i in self.free])
+        return _Support.of(likely, upper, columns[self._rows], near)
 
 
 @dataclass(frozen=True)
@@ -192,7 +208,8 @@ class _Support:
         upper: that covariance by the upper quartiles.
         columns, scale: derivatives by the parameters as unit columns, and the norms that they had.
         whitened: the covariance's inverse times ``columns``.
-        information: of the parameters, in these units.
+        precision: of the parameters beforehand, in these units.
+        information: of the parameters, in these units, ``precision`` included.
     """
 
     factor: tuple[Array, bool]
@@ -200,11 +217,13 @@ class _Support:
     columns: Array
     scale: Array
     whitened: Array
+    precision: Array
     information: Array
 
     @classmethod
-    def of(cls, likely: Array, upper: Array, columns: Array) -> "_Support":
+    def of(cls, likely: Array, upper: Array, columns: Array, near: Array) -> "_Support":
         factor = scipy.linalg.cho_factor(likely, lower=True)
         units, scale = unit_columns(columns)
         whitened = scipy.linalg.cho_solve(factor, units)
-        return cls(factor, upper, units, scale, whitened, units.T @ whitened)
+        precision = near / scale**2
+        return cls(factor, upper, units, scale, whitened, precision, units.T @ whitened + np.diag(precision))

@@ -12,7 +12,7 @@ from lab.calibration.extrapolation import prediction_squares
 from lab.calibration.identify import identify
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.kernels import COMPONENTS, JointKernels
-from lab.calibration.residual.process import JointProcess, PredictedBy, total_covariance
+from lab.calibration.residual.process import JointProcess, PredictedBy, precisions, total_covariance
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.commands.calibrate.residual_file import read_residual, residual_columns, residual_to_dict, write_residual
 from lab.core.errors import LabError
@@ -40,14 +40,18 @@ def campaign(poses: int, seed: int, *, rigid: bool) -> Measurements:
 
 
 def test_it_predicts_as_the_joint_distribution_of_all_numbers_does() -> None:
-    """Parameters with an almost flat prior are one more Gaussian: condition all on what was measured, at one stroke."""
+    """Parameters are one more Gaussian, links' of 5 mm and 15 mrad, the base's almost flat: all conditioned at one
+    stroke on what was measured."""
     rng = np.random.default_rng(0)
     there, here = IRB120.chain.random_joints(14, rng), IRB120.chain.random_joints(3, rng)
     free = (0, 1, 2, 9)
     both = np.concatenate([there, here])
     slopes = by_joint_positions(ARM, both, NOMINAL, 6)[:, 0]
     columns = ARM.observe(both, NOMINAL)[1][..., list(free)].reshape(-1, len(free))
-    whole = total_covariance(JointKernels(TURNING), SIZES, (both, slopes)) + 1e-1 * columns @ columns.T
+    near = precisions([ARM.parameters[i] for i in free])
+    assert (near[:3] == 0).all() and near[3] in (1 / 5e-3**2, 1 / 15e-3**2)
+    prior = np.where(near > 0, 1 / np.where(near > 0, near, 1.0), 1e-1)
+    whole = total_covariance(JointKernels(TURNING), SIZES, (both, slopes)) + (columns * prior) @ columns.T
     split = 3 * len(there)
     noisy = whole[:split, :split] + SIZES[0] * np.eye(split)
     rows = rng.standard_normal(split) * 1e-4
@@ -57,9 +61,10 @@ def test_it_predicts_as_the_joint_distribution_of_all_numbers_does() -> None:
     by = PredictedBy(process, ARM, NOMINAL, free)
     assert np.allclose(by.covariance(here), left, rtol=2e-4, atol=1e-4 * left.max())
     assert np.allclose(by.covariances(here)[1, 0], left[3:6, 3:6], rtol=2e-4, atol=1e-4 * left.max())
-    likely = noisy - 1e-1 * columns[:split] @ columns[:split].T
+    likely = noisy - (columns[:split] * prior) @ columns[:split].T
     inverse = np.linalg.inv(likely)
-    b = np.linalg.solve(columns[:split].T @ inverse @ columns[:split], columns[:split].T @ inverse @ rows)
+    information = columns[:split].T @ inverse @ columns[:split] + np.diag(near)
+    b = np.linalg.solve(information, columns[:split].T @ inverse @ rows)
     weights = np.einsum("ni,nij->nj", (inverse @ (rows - columns[:split] @ b)).reshape(-1, 3), slopes[:14])
     offsets = JointProcess(there, process.seen, SIZES, SIZES, weights, TURNING, 0.0).offsets(here)
     predicted = columns[split:] @ b + np.einsum("nij,nj->ni", slopes[14:], offsets).ravel()

@@ -1,0 +1,53 @@
+"""Warnings name what it was: the instrument where its targets show it, the arm before its poses, bad poses as bad."""
+
+import numpy as np
+import pytest
+
+import lab
+from lab.commands.calibrate.run import CalibrationResult
+
+
+def identified(seed: int, day: dict[str, object], **options: object) -> CalibrationResult:
+    measured = lab.simulate("irb120", seed=seed, **day).measurements
+    return lab.identify(measured, robot="irb120", seed=seed, **options)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("robust", [False, True])
+def test_who_holds_out_bad_readings_is_never_good(robust: bool) -> None:
+    """A fifth of the poses is off. Who leaves them out of the fit is told of them in the hold-out set."""
+    day = {"poses": 80, "bad_share": 0.2, "instrument": "uniform-8um"}
+    for seed in range(2):
+        result = identified(seed, day, holdout=0.3, robust=robust, noise_mm=0.005, gate_mm=100.0 if robust else None)
+        found = result.to_dict()
+        assert found["verdict"] != "good"
+        if robust:  # a fit that is spoilt by them need not name them
+            named = sum(pose["held_out"] for pose in found["outliers"])
+            assert result.validation.rows is not None and named > 0.05 * len(result.validation.rows)
+            assert any("of the hold-out set are outliers" in reason for reason in found["reasons"])
+            assert found["after_mm"]["mean"] > 5 * found["after_without_outliers_mm"]["mean"]
+    clean = identified(0, {**day, "bad_share": 0.0}, holdout=0.3, robust=robust, noise_mm=0.005, gate_mm=100.0)
+    assert clean.to_dict()["verdict"] == "good" and clean.validation.outlier_share == 0
+
+
+@pytest.mark.thorough
+def test_isotropy_is_the_instruments_only_where_several_targets_show_it() -> None:
+    tracker = identified(4, {"poses": 60, "targets": ("p1", "p2", "p3"), "instrument": "leica-at960"})
+    said = [words for words in tracker.to_dict()["warnings"] if "line of sight" in words or "isotropic" in words]
+    assert len(said) == 1 and "--instrument" in said[0] and "the arm may cause" not in said[0]
+    arm: list[str] = []
+    for seed in range(2):  # an arm that bends, seen by an instrument without any direction
+        day = {"poses": 60, "stiffness_nm_per_rad": 2e4, "payload_kg": (0.0, 3.0), "instrument": "uniform-8um"}
+        arm += identified(seed, day).to_dict()["warnings"]
+    uneven = [warning for warning in arm if "line of sight" in warning]
+    assert uneven and all("--model auto" in warning for warning in uneven)
+    assert not any("--instrument" in warning for warning in uneven)
+
+
+@pytest.mark.thorough
+def test_auto_is_proposed_before_poses_are_blamed() -> None:
+    day = {"poses": 80, "bad_share": 0.05, "instrument": "uniform-8um"}
+    said = [w for w in identified(2, day).to_dict()["warnings"] if "outliers" in w and "--robust" in w]
+    assert said and np.all([w.index("--model auto") < w.index("--robust") for w in said])
+    again = [w for w in identified(2, day, model="auto").to_dict()["warnings"] if "--robust" in w]
+    assert again and not any("--model auto" in w for w in again)
