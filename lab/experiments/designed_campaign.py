@@ -8,7 +8,8 @@ import numpy as np
 from lab.calibration.identify import Identification, identify
 from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.weights import Noise
-from lab.campaign.robot import Robot, load_robot
+from lab.campaign.robot import Robot, load_virtual
+from lab.commands.payload.known_payload import HandLoad
 from lab.core.instruments import Instrument, instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -33,17 +34,25 @@ PAYLOADS_KG = (0.0, 3.0)
 
 @dataclass(frozen=True)
 class DesignedCampaign:
-    """Which robot is measured, at which targets, and the groups of effects that the poses are designed for."""
+    """Which robot is measured, at which targets, and the groups of effects that the poses are designed for.
+
+    Attributes:
+        payloads_kg: what it carries, one of them at each pose.
+        load: where that hangs, as it was weighed; None at the last frame's origin.
+    """
 
     robot_name: str
     targets: tuple[str, ...]
     groups: tuple[str, ...]
     device_name: str = "uniform-8um"
+    payloads_kg: tuple[float, ...] = PAYLOADS_KG
+    load: HandLoad | None = None
 
     @cached_property
     def robot(self) -> Robot:
         """The nominal robot."""
-        return load_robot(self.robot_name)
+        robot = load_virtual(self.robot_name)
+        return robot if self.load is None else self.load.carried_by(robot)
 
     @property
     def device(self) -> Instrument:
@@ -55,7 +64,7 @@ class DesignedCampaign:
         """Joint positions ``(60, joints)`` and payloads ``(60,)`` kg, D-optimal for geometry and the groups."""
         model, arm = self.robot.serial_model, self.robot.arm_with(self.targets, self.groups)
         drawn = draw_candidates(model, self.targets, self.device, CANDIDATES, rng_for(0, "candidates")).joints
-        inputs = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in PAYLOADS_KG])
+        inputs = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in self.payloads_kg])
         rigid = model.values_before(self.robot.arm(self.targets), model.T_world_tracker)
         values = np.concatenate([rigid, np.zeros(len(arm.names) - len(rigid))])
         kept = list(base_set(arm, values).kept)
@@ -87,7 +96,7 @@ class DesignedCampaign:
     def fresh_errors(self, real: TrueRobot, found: Identification, seed: int, poses: int = FRESH) -> Array:
         """Lengths ``(poses, targets)`` m of the identified arm's errors at other poses and payloads."""
         joints = random_poses(real.robot, poses, rng_for(seed, "fresh"))
-        payload = rng_for(seed, "conditions").spawn(1)[0].choice(PAYLOADS_KG, poses)
+        payload = rng_for(seed, "conditions").spawn(1)[0].choice(self.payloads_kg, poses)
         exact = real.points(joints, self.targets, {"payload_kg": payload})
         known = {"payload_kg": payload} | {f"approach_{n}": np.zeros(poses) for n in real.robot.chain.joint_names}
         columns = (known.get(name, np.zeros(poses))[:, None] for name in found.model.conditions)

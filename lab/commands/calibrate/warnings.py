@@ -213,7 +213,7 @@ def of_joints(
 def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measurements) -> list[str]:
     """What was assumed of the payload, and which groups were not tried because a column of the file has gaps."""
     said = []
-    if {"compliance", "payload", "bending", "torsion"} & set(groups) and "payload_kg" not in data.conditions:
+    if {"compliance", "payload", "bending", "torsion", "tubes"} & set(groups) and "payload_kg" not in data.conditions:
         said.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
     if selection is not None:
         said += [

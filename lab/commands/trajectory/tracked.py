@@ -20,7 +20,7 @@ from lab.kinematics.effects.conditions import PAYLOAD, approach_of, rates_of
 __all__ = ["TrackedArm", "tracked_arm", "tracking_along", "tracking_warnings"]
 
 _GROUPS = ("bending", "torsion", "extension")
-_LOADED = {"compliance", "payload", *_GROUPS}
+_BENT = (".ei_y", ".ei_z", ".gj")
 _FAR_RAD = np.deg2rad(1.0)  # of a correction of a joint: near a singularity
 _LEFT = 1e-8  # m, rad
 
@@ -79,6 +79,12 @@ def _of_run(options: TrajectoryOptions, run: Calibrated) -> TrackedArm:
     payload, said = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
     if payload and PAYLOAD not in arm.conditions:
         said.append(f"{payload:.4g} kg make no difference: the model of {run.folder} has nothing that gives way")
+    hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.identified]
+    if hidden:
+        said.append(
+            f"{', '.join(hidden)} did not show at rest and is zero here, though inertia may load it; links that are "
+            "round tubes of metal are identified whole by --model tubes"
+        )
     unmoved = [name for name in run.groups if ".gravity" in name]
     if unmoved:
         said.append(f"{', '.join(listed(unmoved))} gives way to unknown masses, whose inertia is left out")

@@ -4,7 +4,7 @@ Fitted are compliances, 1/EI and 1/GJ, by the nominal model's masses at the nomi
 in them. What the sag changes in the loads is left out: of a sag of s over a reach of r, the share s/r.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -27,18 +27,28 @@ from lab.kinematics.parameter import section_parameter
 
 __all__ = ["Bending", "ElasticLinks", "elastic_links"]
 
-FITTED = {"bending": ("ei_y", "ei_z"), "torsion": ("gj",), "extension": ("ea",)}
+TWIST_OF_TUBES = 1.32  # EI / GJ = 1 + Poisson's ratio, 0.29 to 0.35 of steel and aluminium (Gere & Goodno 2009, H-2)
+Symbols = Mapping[str, tuple[float, float, float, float]]
+FITTED: Mapping[str, Symbols] = {  # of each parameter, what it makes of a link's COMPLIANCES
+    "bending": {"ei_y": (1, 0, 0, 0), "ei_z": (0, 1, 0, 0)},
+    "torsion": {"gj": (0, 0, 1, 0)},
+    "extension": {"ea": (0, 0, 0, 1)},
+    "tubes": {"ei": (1, 1, TWIST_OF_TUBES, 0)},
+}
 
 
 def elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Effect:
     """The fitted group: ``bending``, 1/EI about two axes (1/(N m^2)) of every link; ``torsion``, 1/GJ.
 
-    ``extension`` is 1/EA (1/N). With ``moving``, inertia loads the links too, as the joints' rates say.
+    ``extension`` is 1/EA (1/N); ``tubes`` is one 1/EI a link of round metal tubes, which bend about every axis and
+    twist by it. With ``moving``, inertia loads the links too, as the joints' rates say.
     """
-    own = [(link, COMPLIANCES.index(symbol)) for link in links.beams for symbol in FITTED[group]]
-    parameters = tuple(section_parameter(group, link, COMPLIANCES[i]) for link, i in own)
+    own = [(link, symbol) for link in links.beams for symbol in FITTED[group]]
+    parameters = tuple(section_parameter(group, link, symbol) for link, symbol in own)
     used = 18 if moving else 9  # at rest gravity is the same everywhere
-    by_loads = [links.beams[link].by_loads[:used, i] for link, i in own]
+    by_loads = [
+        np.tensordot(links.beams[link].by_loads[:used], FITTED[group][symbol], axes=(1, 0)) for link, symbol in own
+    ]
     chain = links.loads.chain
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
@@ -89,13 +99,14 @@ class ElasticLinks(SimulatedEffect):
         return (PAYLOAD,) if self.compliances.any() else ()
 
     def true_parameters(self) -> dict[str, float]:
-        """1/EI, 1/GJ and 1/EA."""
-        return {
-            f"link{link + 1}.{symbol}": float(self.compliances[link, COMPLIANCES.index(symbol)])
-            for link in range(len(self.compliances))
-            for group in FITTED.values()
-            for symbol in group
-        }
+        """1/EI, 1/GJ and 1/EA; of tubes 1/EI in the mean over the axes across."""
+        found = {}
+        for link, own in enumerate(self.compliances):
+            for symbols in FITTED.values():
+                for symbol, shares in symbols.items():
+                    across = np.array(shares) * [1, 1, 0 if sum(shares) > 1 else 1, 1]
+                    found[f"link{link + 1}.{symbol}"] = float(own @ across / across.sum())
+        return found
 
 
 @dataclass(frozen=True)
@@ -114,6 +125,12 @@ class Bending(VirtualEffect):
             "extension",
             lambda arm: _fitted("extension", arm),
             "links that grow longer under their load",
+            is_candidate=False,
+        ),
+        FittedGroup(  # which is known beforehand, not found: no candidate
+            "tubes",
+            lambda arm: _fitted("tubes", arm),
+            "links that bend and twist as round metal tubes, by one number each",
             is_candidate=False,
         ),
     )

@@ -24,7 +24,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.link_masses import loads_of
 
-ALONE = tuple(name for name in GROUPS if name != "payload")
+ALONE = tuple(name for name in GROUPS if name not in ("payload", "tubes"))  # tubes: bending and torsion in one
 PARAMETERS = {
     "compliance": 2,
     "payload": 3,
@@ -35,6 +35,7 @@ PARAMETERS = {
     "bending": 10,
     "torsion": 4,  # link 1 is upright: nothing twists it
     "extension": 5,
+    "tubes": 5,
     "backlash": 6,
     "drift": 7,
     "sessions": 12,
@@ -46,6 +47,7 @@ SIZES = {
     "bending": 1e-5,
     "torsion": 1e-5,
     "extension": 1e-6,
+    "tubes": 1e-5,
 }  # of the others 0.2 mrad, ...
 
 
@@ -82,7 +84,7 @@ def seen(arm: SerialArm | ArmWithEffects, values: Array, poses: int, rng: np.ran
 def test_derivatives_of_effects(chain: Chain, name: str) -> None:
     rng = np.random.default_rng(0)
     loads = IRB120.loads if chain is IRB120.chain else loads_on(chain, rng)
-    if chain is VERSATRAN and name in ("bending", "torsion", "extension"):
+    if chain is VERSATRAN and name in ("bending", "torsion", "extension", "tubes"):
         with pytest.raises(LabError, match="has no joint or link that could have it"):
             effect(name, chain, loads, SESSIONS)  # slides alone, and links without a length
         return

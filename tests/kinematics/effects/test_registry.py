@@ -46,7 +46,10 @@ def test_the_order_is_that_of_every_run_so_far() -> None:
     assert GROUPS[:9] == (
         "compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions"
     )  # fmt: skip
-    assert set(GROUPS) - set(CANDIDATES) == {"payload", "extension"} and CAMPAIGN_SPECIFIC == ("drift", "sessions")
+    assert set(GROUPS) - set(CANDIDATES) == {"payload", "extension", "tubes"} and CAMPAIGN_SPECIFIC == (
+        "drift",
+        "sessions",
+    )
     draws = [kind.draws for kind in EFFECTS if kind.draws]
     assert draws[:6] == [2, 1, 1, 1, 2, 2]
 
