@@ -57,6 +57,10 @@ def test_bending_links_are_found_and_never_taken_for_joint_springs(arms: int) ->
         assert case["right"] >= 0.95 * case["arms"] and case["fresh_over_bound"]["mean"] <= 1.3
     for share in found["intervals"].values():
         assert 0.93 <= share <= 0.97
+    for point in found["curve"]:
+        if point["left_um"] > 3:
+            assert point["found"] >= 0.95 * point["arms"]
+        assert point["springs alone"] <= 0.05 * point["arms"]  # else that it cannot be told apart is the right answer
 
 
 @pytest.mark.slow

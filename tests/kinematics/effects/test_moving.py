@@ -30,8 +30,9 @@ def test_generalized_forces_of_inertia_are_mujocos() -> None:
         for i in range(5):
             for rate, sign in ((1.0, -1.0), (0.0, 1.0)):
                 data.qpos[:], data.qvel[:], data.qacc[:] = q[i], rate * v[i], rate * a[i]
-                mujoco.mj_fwdPosition(model, data)
-                mujoco.mj_fwdVelocity(model, data)
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                mujoco.mj_comVel(model, data)
                 mujoco.mj_rne(model, data, 1, held)
                 expected[i] += sign * held
         found = links.inertia(q, v, a, np.zeros(5))
