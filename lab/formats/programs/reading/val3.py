@@ -30,7 +30,7 @@ from lab.formats.programs.reading.spelling import MOVING_XYZ
 
 __all__ = ["read_val3"]
 
-_DATA = re.compile(r"<Data\b([^>]*)>(.*?)</Data\s*>", re.DOTALL)
+_DATA = re.compile(r"<Data\b([^>]*[^/>])>(.*?)</Data\s*>", re.DOTALL)  # one that ends with "/>" has no values
 _VALUE = re.compile(r"<Value\b([^>]*?)/?>", re.DOTALL)
 _ATTRIBUTE = re.compile(r'([\w:]+)\s*=\s*"([^"]*)"')
 _CODE = re.compile(r"<Code\b[^>]*>(.*?)</Code\s*>", re.DOTALL)
