@@ -25,6 +25,7 @@ Triple = tuple[float, ...]
 # Largest angle off a reflector's axis, representative: hollow corner cubes take 30 degrees, cat's eyes 60 to 75.
 ACCEPTANCE_DEG = {"corner cube": 30.0, "cat's eye": 75.0}
 _SIZES = {"box": ("size_mm",), "cylinder": ("radius_mm", "height_mm"), "mesh": ("file",)}
+_FARTHEST_MM = 1e6
 _UNITS = {"mm": 1e-3, "m": 1.0}
 
 
@@ -39,6 +40,8 @@ class Place:
         for name in ("position_mm", "rotation_deg"):
             if len(getattr(self, name)) != 3:
                 raise LabError(f"{name} is {list(getattr(self, name))}: give three numbers, [x, y, z]")
+        if any(abs(length) > _FARTHEST_MM for length in self.position_mm):
+            raise LabError(f"position_mm is {list(self.position_mm)}: farther than a kilometre; give it in mm")
 
     @property
     def pose(self) -> Array:

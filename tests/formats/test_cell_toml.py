@@ -35,6 +35,9 @@ def test_limits_are_the_narrowest_and_cables_count_from_home(tmp_path: Path) -> 
     np.testing.assert_allclose(np.rad2deg(start), [0, 0, 0, 30, 0, 0], atol=1e-12)
 
 
+POST = "[[obstacle]]\nname = 'post'\nshape = 'cylinder'\nradius_mm = 50\nheight_mm = 900\n"
+HAND = "[[obstacle]]\nname = 'hand'\nshape = 'mesh'\nfile = 'hand.stl'\n"
+PLATE = "[[plate]]\nname = 'plate'\nshape = 'box'\nsize_mm = [1, 2, 3]\n"
 WRONG = {
     "colour = 1\n": "'colour' is no option",
     "path = 'x'\n": "'path' is no option",
@@ -60,6 +63,31 @@ WRONG = {
     "[reflector]\nacceptance_deg = 20\n": 'acceptance_deg goes with kind = "other"',
     "[reflector]\nkind = 'other'\nacceptance_deg = 0\n": "give an angle above 0",
     "[robot]\nposition_mm = 3\n": "a list, each a number",
+    "[robot]\nposition_mm = [1, 2, inf]\n": "position_mm is inf",
+    BOX + "position_mm = [1e300, 0, 0]\n": "farther than a kilometre",
+    BOX + "position_mm = 'here'\n": "give a list, each a number",
+    BOX + "color = 'red'\n": "'color' is no option",
+    BOX.replace('"table"', "3"): "give a text",
+    POST.replace("50", "0"): "radius_mm is missing",
+    POST.replace("900", "-900"): "a length is not above zero",
+    POST.replace("900", "'high'"): "give a number",
+    POST + "size_mm = [1, 2, 3]\n": "size_mm is not of this shape",
+    HAND.replace("file = 'hand.stl'\n", ""): "file is missing",
+    HAND + "unit = 'inch'\n": "give one of mm, m",
+    HAND + "radius_mm = 1\n": "radius_mm is not of this shape",
+    PLATE + PLATE: "its name 'plate' is taken",
+    PLATE.replace("3]", "true]"): "a list, each a number",
+    POINT + "axis = [nan, 0, 1]\n": "axis is nan",
+    POINT.replace("position_mm = [1, 2, 3]\n", ""): "'tool.position_mm' is missing",
+    "[tool]\nname = 'p1'\n": "a list",
+    "[instrument]\nposition = [1, 2, 3]\n": "'position' is no option",
+    "[instrument]\nrotation_deg = [1, 2, 3, 4]\n": "give three numbers",
+    "[reflector]\nkind = 'other'\nacceptance_deg = 200\n": "up to 180",
+    "[joints.q1]\nlower = 3\n": "'lower' is no option",
+    "[joints.q1]\nlower_deg = 'x'\n": "give a number",
+    "[joints]\nq1 = 3\n": "a group of options",
+    "[home]\nq1_deg = 'zero'\n": "give a number",
+    "\0": "not a TOML file",
     "obstacle = 3\n": "a list",
     "x = = 3\n": "not a TOML file",
 }
@@ -82,6 +110,9 @@ def test_what_makes_no_sense_is_one_line_with_the_file(text: str, tmp_path: Path
         ("[joints.q1]\nlower_mm = 1\n", "joint q1 is revolute"),
         ("[joints.q1]\nlower_deg = 170\n", "joint q1 is left no room"),
         ("[home]\nq1_deg = 1\n", "[home] has q1_deg; give q1_deg, q2_deg"),
+        ("[home]\nq1_rad = 1\n", "[home] has q1_rad; give q1_deg, q2_deg"),
+        ("[joints.q1]\ncable_deg = -5\n", "joint q1 is left no room"),
+        ("[joints.q1]\nlower_deg = 20\nupper_deg = 10\n", "joint q1 is left no room"),
     ],
 )
 def test_joints_that_the_robot_does_not_have_are_told(text: str, words: str, tmp_path: Path) -> None:

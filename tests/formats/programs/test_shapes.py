@@ -272,7 +272,9 @@ def test_val3() -> None:
 
 def test_variables_of_val3_without_values_hide_nothing() -> None:
     """As RoboDK's post processor writes them: an element that closes itself before the points."""
-    empty = '<Data name="nTraj" access="public" xsi:type="array" type="num" size="1"/>\n    <Data name="mSpeed" />\n    '
+    empty = (
+        '<Data name="nTraj" access="public" xsi:type="array" type="num" size="1"/>\n    <Data name="mSpeed" />\n    '
+    )
     more = VAL3.replace("<Data ", empty + "<Data ")
     assert names(read("a.dtx", more)) == names(read("a.dtx", VAL3)) and len(left(read("a.dtx", more))) == 1
 
