@@ -156,3 +156,14 @@ def test_measurements_in_memory_are_a_virtual_campaign() -> None:
     found = lab.identify(day.measurements, robot=day.robot, instrument="uniform-8um", validate=day.validation)
     whole = lab.calibrate("irb120", poses=30, seed=5)
     assert found.to_dict()["after_mm"] == whole.to_dict()["after_mm"]
+
+
+@pytest.mark.thorough
+def test_kinematics_of_a_table_load_no_statistics() -> None:
+    """A process that works out one pose takes most of its time to load libraries: none that it has no use for."""
+    code = "import sys; from lab.cli import main; main(sys.argv[1:]); print(*sys.modules)"
+    asked = ["kinematics", "tx40", "--joints", "10,20,30,40,50,60", "--json"]
+    done = subprocess.run([sys.executable, "-c", code, *asked], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "lab.commands.kinematics.run" in loaded
+    assert not {"scipy.spatial", "scipy.special", "scipy.fft", "numpy.testing", "lab.payload_identification"} & loaded

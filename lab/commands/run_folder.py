@@ -12,20 +12,19 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lab.commands.payload.known_payload import LOAD_FILE
 from lab.core.errors import LabError
 from lab.core.limits import TEXT_BYTES
 from lab.core.version import __version__
 from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, is_being_written, resolved
-from lab.formats.programs.registry import program_file_names
 from lab.formats.structured import read_json
 from lab.formats.text_file import read_bytes
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["SCHEMA", "config", "free_name", "input_files", "run_folder", "write_json"]
+__all__ = ["LOAD_FILE", "SCHEMA", "config", "free_name", "input_files", "run_folder", "write_json"]
 
+LOAD_FILE = "load.json"  # a payload, in the folder of a run
 _FILES = {
     "config.json",
     "measurements.csv",
@@ -56,8 +55,7 @@ _FILES = {
     "recording.rrd",
     "report.html",
     CHECKSUMS,
-    *program_file_names(),
-}  # a folder with anything else is not replaced
+}  # and programs: a folder with anything else is not replaced
 SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas says it
 LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
@@ -118,7 +116,9 @@ def _refuse_other_files(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise LabError(f"{out}: is a file; give --out a folder")
     there = {path.name: path for path in out.iterdir()} if out.exists() else {}
-    known = _FILES | _program_of(out / "config.json")
+    from lab.formats.programs.registry import program_file_names
+
+    known = _FILES | set(program_file_names()) | _program_of(out / "config.json")
     strays = [name for name, path in there.items() if name not in known or path.is_symlink() or not path.is_file()]
     if strays:
         raise LabError(f"{out}: holds {min(strays)}, which is no file of a run; give --out another folder")

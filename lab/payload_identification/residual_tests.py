@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.core.linear_model import p_value_of_squares
 from lab.core.se3 import Array
@@ -120,9 +120,9 @@ def _slow(columns: Array, series: Sequence[Series]) -> Array:
     slow = np.array(columns)
     for part in series:
         rows = slice(part.first, part.last)
-        transformed = fft.dct(columns[rows], axis=0, norm="ortho")
+        transformed = scipy.fft.dct(columns[rows], axis=0, norm="ortho")
         transformed[part.slow :] = 0.0
-        slow[rows] = fft.idct(transformed, axis=0, norm="ortho")
+        slow[rows] = scipy.fft.idct(transformed, axis=0, norm="ortho")
     return slow
 
 
@@ -132,8 +132,8 @@ def _slowness(solution: ChannelSolution, series: Sequence[Series]) -> float:
     basis = solution.model.basis.reshape(*solution.residual.shape, -1)
     for part in series:
         rows = slice(part.first, part.last)
-        power = fft.dct(solution.residual[rows], axis=0, norm="ortho") ** 2
-        left = 1 - (fft.dct(basis[rows], axis=0, norm="ortho") ** 2).sum(axis=2)
+        power = scipy.fft.dct(solution.residual[rows], axis=0, norm="ortho") ** 2
+        left = 1 - (scipy.fft.dct(basis[rows], axis=0, norm="ortho") ** 2).sum(axis=2)
         for i, which in enumerate((slice(0, part.slow), slice(part.slow, None))):
             squares[i] += power[which].sum()
             dof[i] += left[which].sum()

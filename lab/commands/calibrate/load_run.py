@@ -18,7 +18,8 @@ from lab.commands.calibrate.range_dict import measured_range_from_dict
 from lab.commands.calibrate.residual_file import read_residual
 from lab.commands.calibrate.run_findings import Findings
 from lab.commands.integrity import said_of_edits
-from lab.commands.payload.known_payload import LOAD_FILE, HandLoad, carrying
+from lab.commands.payload.known_payload import HandLoad, carrying
+from lab.commands.run_folder import LOAD_FILE
 from lab.core import se3
 from lab.core.covariance import refuse_impossible_covariance
 from lab.core.errors import LabError

@@ -8,6 +8,7 @@ import numpy as np
 
 from lab.campaign.robot import Robot
 from lab.commands.integrity import said_of_edits
+from lab.commands.run_folder import LOAD_FILE
 from lab.commands.values import plain_numbers
 from lab.core.covariance import refuse_impossible_covariance
 from lab.core.errors import LabError
@@ -16,9 +17,7 @@ from lab.core.se3 import Array
 from lab.formats.structured import read_json
 from lab.payload_identification.estimate import LoadEstimate
 
-__all__ = ["LOAD_FILE", "HandLoad", "carrying", "read_hand_load"]
-
-LOAD_FILE = "load.json"  # in the folder of a run
+__all__ = ["HandLoad", "carrying", "read_hand_load"]
 
 
 @dataclass(frozen=True)
