@@ -8,6 +8,7 @@ from lab.commands.inspect.closed_shape import SINGULAR, closed_shape_of
 from lab.commands.inspect.format import joint_kind, joint_limits, tidy
 from lab.commands.values import joint_values, number
 from lab.core.se3 import Array
+from lab.kinematics.closed.classical.mobility import body_count
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Step
 
@@ -78,12 +79,20 @@ def _step(mechanism: Mechanism, step: Step) -> dict[str, Any]:
 
 def closed_shape(mechanism: Mechanism) -> dict[str, Any]:
     """Freedoms, modes, where it gets, and how near it comes to being singular."""
-    shape = closed_shape_of(mechanism)
+    shape, count = closed_shape_of(mechanism), body_count(mechanism.tree)
     flat = shape.course is not None and shape.course.is_planar
     reached = None if shape.reachable is None else number(shape.reachable)
     return {
         "mobility": shape.mobility,
         "freedoms_at_home": shape.freedoms,
+        "grubler": {
+            "planar": count.planar,
+            "bodies": count.bodies,
+            "joints": len(count.freedoms),
+            "joint_freedoms": sum(count.freedoms),
+            "internal": count.internal,
+            "mobility": count.mobility,
+        },
         "closed_form": None if shape.course is None else {"of": shape.course.name, **_numbers(shape.course.dimensions)},
         "assembly_modes": shape.modes,
         "working_modes": shape.working,

@@ -52,13 +52,23 @@ def _length(rod: dict[str, Any], signs: dict[str, int]) -> str:
     return f"{printed(rod['length_mm'])}{' exact' if rod['exact'] else ''}"
 
 
+def _gruebler(count: Mapping[str, Any]) -> str:
+    """The count of bodies and joints, as textbooks print it."""
+    most, internal = (3, "") if count["planar"] else (6, f" − {count['internal']} internal")
+    turns = "" if count["planar"] or not count["internal"] else "; each rod turns about itself"
+    bodies, joints = f"{most} × {count['bodies']} bodies", f"{most} × {count['joints']} joints"
+    freedoms = f"{count['joint_freedoms']} freedoms of the joints"
+    return f"Grübler's count {count['mobility']} = {bodies} − {joints} + {freedoms}{internal}{turns}"
+
+
 def _shape(values: Mapping[str, Any]) -> tuple[Block, ...]:
     """Freedoms, modes, workspace, and singularities."""
     count = f"{_counted(len(values['joints']), 'joint')} + {_counted(values['passive'], 'passive value')}"
     closures = _counted(values["closures"], "closure")
     lines = [
         f"mobility {values['mobility']} = {count} − {closures}; by the rank at the nominal position, "
-        f"{values['freedoms_at_home']}"
+        f"{values['freedoms_at_home']}",
+        _gruebler(values["grubler"]),
     ]
     if values["closed_form"] is None:
         lines.append("no closed form of it is known, so its modes are not counted")

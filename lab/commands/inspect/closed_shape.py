@@ -81,7 +81,8 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
     found = () if search is None else search.singularities()
     extents = _extents(mechanism, joints, places, [each.place for each in found])
     modes = None if course is None else np.isfinite(course.modes(mechanism.home[None])).all(axis=2).sum()
-    working = None if course is None else np.isfinite(course.inverse_solutions(home.passive.T)).sum(axis=1).prod()
+    ways = None if course is None else course.inverse_solutions(home.passive.T)[..., course.order]
+    working = None if ways is None else np.isfinite(ways).sum(axis=1).prod()
     return ClosedShape(
         mobility=mechanism.size + len(mechanism.tree.passive) - mechanism.tree.equations,
         freedoms=mechanism.size + len(mechanism.tree.passive) - _rank(home),

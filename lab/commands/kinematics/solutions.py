@@ -77,7 +77,8 @@ class Solver:
         """
         mechanism = self.arm.chain if isinstance(self.arm.chain, Mechanism) else None
         course = None if mechanism is None else classical_model_of(mechanism)
-        if mechanism is not None and course is not None and (wanted.turned.all() or not _turns(mechanism)):
+        alone = course is not None and len(course.order) == self.arm.chain.size  # no joint beside those of the legs
+        if mechanism is not None and course is not None and alone and (wanted.turned.all() or not _turns(mechanism)):
             return [self._by_legs(course, wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
         inverse = NominalInverse(self.arm, self.values)
         found = inverse.ways(wanted, reference)

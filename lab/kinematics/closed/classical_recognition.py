@@ -35,7 +35,8 @@ class ClassicalModel(ABC):
     answers by its methods.
 
     Attributes:
-        order: ``(legs,)`` the joint of each leg of the closed form.
+        order: ``(legs,)`` the joint of each leg of the closed form; others, as one that turns the tool in the platform,
+            move none.
         sense, zero: ``(legs,)`` what the closed form takes of a leg's joint is zero + sense x joint position.
         axes, origin: ``(z, z)`` and ``(z,)``: the closed form's pose is axes @ (passive - origin).
         middle: ``(joints,)`` positions of joints that turn are given within half a turn of these.
@@ -96,8 +97,8 @@ class ClassicalModel(ABC):
         return self.zero + self.sense * joints[:, self.order]
 
     def _of_joints(self, legs: Array) -> Array:
-        """Joint positions ``(..., joints)`` of what the closed form gives of the legs."""
-        joints = np.empty_like(legs)
+        """Joint positions ``(..., joints)`` of what the closed form gives of the legs; of others, their middle."""
+        joints = np.broadcast_to(self.middle, (*legs.shape[:-1], len(self.middle))).copy()
         joints[..., self.order] = (legs - self.zero) * self.sense
         return joints
 

@@ -73,6 +73,7 @@ def passive_values_of(mechanism: Mechanism, T_base_platform: Array) -> tuple[Arr
 def working_modes(mechanism: Mechanism, course: ClassicalModel, passive: Array) -> list[WorkingMode]:
     """Every way of the legs to the pose of passive values ``(z,)``; none where a leg does not reach it."""
     ways = course.inverse_solutions(passive[None])[0]  # (w, joints)
-    choices = [np.flatnonzero(np.isfinite(column)) for column in ways.T]
+    of_legs = [np.flatnonzero(np.isfinite(column)) for column in ways.T]
+    choices = [found if j in course.order else found[:1] for j, found in enumerate(of_legs)]
     rows = np.arange(mechanism.size)
     return [WorkingMode(ways[list(each), rows], tuple(int(i) for i in each)) for each in product(*choices)]

@@ -1,25 +1,90 @@
 """How many freedoms a mechanism has by count."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from lab.core.errors import LabError
+from lab.kinematics.closed.structure import BASE, Tree
 
-__all__ = ["mobility"]
+__all__ = ["BodyCount", "body_count", "mobility"]
+
+_SPACE, _PLANE = 6, 3
 
 
-def mobility(bodies: int, joints_freedoms: Sequence[int], planar: bool = False) -> int:
-    """Gruebler's count m (bodies - 1 - joints) + sum of freedoms, m = 3 in the plane and 6 in space.
+def mobility(bodies: int, joints_freedoms: Sequence[int], planar: bool = False, internal: int = 0) -> int:
+    """Gruebler's count m (bodies - 1 - joints) + sum of freedoms - internal ones, m = 3 in the plane and 6 in space.
 
-    A special geometry may leave more freedoms than that, and some may be a body's idle turn about itself.
+    A special geometry may leave more freedoms than that.
 
     Args:
         bodies: how many there are, the base among them.
         joints_freedoms: of each joint: a hinge or a slide 1, a universal joint 2, a ball joint 3.
+        internal: freedoms that move no other body, as a rod's idle turn about itself (m_int of Mallem 2011, 11.4).
 
     Raises:
         LabError: there is no body, or a joint has freedoms that no joint has.
     """
-    most = 3 if planar else 6
-    if bodies < 1 or not all(0 < freedoms < most for freedoms in joints_freedoms):
+    most = _PLANE if planar else _SPACE
+    if bodies < 1 or internal < 0 or not all(0 < freedoms < most for freedoms in joints_freedoms):
         raise LabError(f"mobility: at least one body, and joints of 1 to {most - 1} freedoms")
-    return most * (bodies - 1 - len(joints_freedoms)) + sum(joints_freedoms)
+    return most * (bodies - 1 - len(joints_freedoms)) + sum(joints_freedoms) - internal
+
+
+@dataclass(frozen=True)
+class BodyCount:
+    """The bodies and joints that a description stands for.
+
+    Attributes:
+        bodies: that move; a step that a joint or the loops move carries one.
+        freedoms: of each joint between two of them, or to the base.
+        internal: of rods with ball ends, which turn about themselves.
+    """
+
+    planar: bool
+    bodies: int
+    freedoms: tuple[int, ...]
+    internal: int
+
+    @property
+    def mobility(self) -> int:
+        """By Gruebler's count."""
+        return mobility(self.bodies + 1, self.freedoms, self.planar, self.internal)
+
+
+def body_count(tree: Tree) -> BodyCount:
+    """The bodies of a mechanism.
+
+    A platform that the loops alone place is a free body where it has all freedoms there are; else it is guided by the
+    slides and hinges of its passive steps. A rod has a ball joint at both ends, in the plane a hinge; a leg whose
+    length a joint sets is two bodies with a slide between them.
+    """
+    planar = _is_planar(tree)
+    most, bodies, freedoms, internal = (_PLANE if planar else _SPACE), 0, list[int](), 0
+    for frame in tree.frames:
+        passive = sum(step.passive for step in frame.path)
+        moving = passive + sum(step.joint is not None for step in frame.path)
+        if frame.on == BASE and passive == moving == most:
+            bodies += 1
+            continue
+        bodies += moving
+        freedoms += [1] * moving
+    for rod in tree.rods:
+        length = rod.joint is not None
+        bodies += 1 + length
+        freedoms += [1] * length + [1 if planar else 3] * 2
+        internal += not planar
+    freedoms += [most - len(pin.axes) for pin in tree.pins]
+    return BodyCount(planar, bodies, tuple(freedoms), internal)
+
+
+def _is_planar(tree: Tree) -> bool:
+    """Whether all motions are in the plane of x and y, by the axes of their steps."""
+    if any(2 in pin.axes for pin in tree.pins):
+        return False
+    for frame in tree.frames:
+        for step in frame.path:
+            tilts = step.is_turn and step.axis != 2 and (step.passive or step.joint is not None or step.value != 0.0)
+            rises = not step.is_turn and step.axis == 2 and (step.passive or step.joint is not None)
+            if tilts or rises:
+                return False
+    return True
