@@ -77,7 +77,7 @@ TABLES = [
     ),
     toml("unknown key of a joint", swapped(ARM_TOML, "a_mm", "offset = 1\na_mm"), "joint q1", "'offset'", "theta_deg"),
     toml("a slide in degrees", swapped(ARM_TOML, "upper_mm", "upper_deg"), "joint rail", "give upper_mm"),
-    toml("unknown key on top", "units = 1\n" + ARM_TOML, "'units'", "drive, height_mm, joint, name, tool"),
+    toml("unknown key on top", "units = 1\n" + ARM_TOML, "'units'", "drive, height_mm, joint, link, name, tool"),
     toml("a word for a number", swapped(ARM_TOML, "d_mm = 300", 'd_mm = "300"'), "joint q1", "d_mm is '300'", "finite"),
     toml("a truth for a number", swapped(ARM_TOML, "d_mm = 300", "d_mm = true"), "joint q1", "d_mm is True", "finite"),
     toml("infinite", swapped(ARM_TOML, "d_mm = 300", "d_mm = inf"), "joint q1", "d_mm is inf", "finite number"),
