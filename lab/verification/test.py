@@ -72,6 +72,7 @@ class Verified:
         statistic: r' S^-1 r, without what was fitted anew.
         numbers: its degrees of freedom.
         sigma_freedom: those with which sigma was estimated; None where it was known.
+        values: ``(p,)`` of the arm as the run has them, with what was fitted anew.
         errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
         promised_m: the root mean square length that the run makes one expect here.
         hypotheses: the best first; none where the arm is good.
@@ -86,6 +87,7 @@ class Verified:
     numbers: int
     sigma_freedom: int | None
     p: float
+    values: Array
     errors: Array
     promised_m: float
     hypotheses: tuple[Hypothesis, ...]
@@ -136,6 +138,7 @@ def verify(
         numbers=fit.dof,
         sigma_freedom=prediction.dof,
         p=p,
+        values=fit.values,
         errors=errors,
         promised_m=promised,
         hypotheses=tuple(found),

@@ -11,9 +11,11 @@ from markupsafe import Markup
 
 _WRITES = {
     "lab.commands.calibrate.recording": "record",
+    "lab.commands.compensate.recording": "record_compensation",
     "lab.commands.design.recording": "record_plan",
     "lab.commands.dynamics.recording": "record_dynamics",
     "lab.commands.payload.recording": "record_payload",
+    "lab.commands.verify.recording": "record_verification",
 }  # by module: the function that writes a file
 
 

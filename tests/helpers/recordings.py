@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 import rerun_cli
 from rerun.chunk import RrdReader
@@ -42,7 +43,9 @@ def column(path, entity, name, timeline="pose"):
     for chunk in reader.stream(store=reader.recordings()[0]).filter(content=entity):
         batch = chunk.to_record_batch()
         if timeline in batch.schema.names and name in batch.schema.names:
-            rows.update(zip(batch.column(timeline).to_pylist(), batch.column(name).to_pylist(), strict=True))
+            at = batch.column(timeline)
+            at = at.cast("int64") if pa.types.is_duration(at.type) else at  # ns
+            rows.update(zip(at.to_pylist(), batch.column(name).to_pylist(), strict=True))
     index = sorted(rows)
     return index, [rows[i] for i in index]
 

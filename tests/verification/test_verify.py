@@ -289,6 +289,7 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
         "SHA256SUMS",
         "config.json",
         "result.json",
+        "recording.rrd",
         "report.html",
     }
     assert json.loads((runs / "out" / "result.json").read_text()) == bad

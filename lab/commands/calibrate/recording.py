@@ -1,6 +1,7 @@
 """A campaign as a rerun recording: what it measured, what it found, and how sure, pose by pose.
 
-What moves is on the timeline ``pose``, the 0-based row among all that were measured;
+What moves is on the timelines ``pose``, the 0-based row among all that were measured, and ``time``, two poses a second;
+on ``time`` the arm moves from pose to pose;
 ``convergence/rms`` is on the timeline ``iteration``. Positions are float32 there: the numbers to
 compute with are in the run's other files.
 """
@@ -21,6 +22,7 @@ from lab.core.se3 import Array
 from lab.render.document import Bullets, Document, Section, Strong, Text
 from lab.render.format import format_magnification
 from lab.render.markdown import to_markdown
+from lab.render.poses_in_time import TIME, draw_moves, pose_times
 from lab.render.recording_layout import SUMMARY, bars, close_view, eye, layout, main_view
 from lab.render.rerun_primitives import (
     Times,
@@ -49,6 +51,8 @@ def record(path: Path, outcome: CalibrationResult) -> None:
         recording.send_blueprint(_blueprint(outcome, shown))
         draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
         draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
+        arm, values = outcome.rigid(outcome.identification.values)
+        draw_moves(recording, outcome.robot.model, arm, values, shown.at, outcome.fitted.joints[shown.rows])
         _instrument(recording, outcome, shown)
         _points(recording, shown)
         _outliers(recording, shown)
@@ -115,7 +119,7 @@ def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
         bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
     )
     right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
-    return layout(left, right, "pose")
+    return layout(left, right, TIME)
 
 
 def _close_views(shown: Scene) -> rrb.Horizontal:
@@ -132,7 +136,9 @@ def _close_views(shown: Scene) -> rrb.Horizontal:
 
 def _errors() -> rrb.TimeSeriesView:
     """Both errors by one logarithmic scale."""
-    return rrb.TimeSeriesView(origin=_LOG_ERRORS, name="Error by pose, log10 of mm (0 is 1 mm, −2 is 0.01 mm)")
+    return rrb.TimeSeriesView(
+        origin=_LOG_ERRORS, name="Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
+    )
 
 
 def _identity(outcome: CalibrationResult) -> str:
@@ -144,7 +150,7 @@ def _identity(outcome: CalibrationResult) -> str:
 
 
 def _poses(rows: NDArray[np.int_]) -> Times:
-    return [rr.TimeColumn("pose", sequence=rows)]
+    return pose_times(rows)
 
 
 def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:

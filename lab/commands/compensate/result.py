@@ -270,10 +270,14 @@ class CompensationResult(Result):
         return corrections_picture(self).draw()
 
     def write(self, folder: Path) -> None:
-        """Write tables, programs, the calibrated arm, ``result.json`` and ``report.html``."""
+        """Write tables, programs, the calibrated arm, ``result.json``, ``recording.rrd`` and ``report.html``."""
         from lab.commands.compensate.files import write_files
 
         write_files(folder, self)
+        if len(self.reached):
+            from lab.commands.compensate.recording import record_compensation
+
+            record_compensation(folder / "recording.rrd", self)
         self.report(folder / "report.html")
 
     @cached_property

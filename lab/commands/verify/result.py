@@ -108,11 +108,13 @@ class VerificationResult(Result):
         return errors_picture(self).draw()
 
     def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``."""
+        """Write ``config.json``, ``result.json``, ``recording.rrd`` and ``report.html``."""
         from lab.commands.run_folder import config, write_json
+        from lab.commands.verify.recording import record_verification
 
         write_json(folder / "config.json", config("verify", self.options, self.calibrated.robot.sha256))
         write_json(folder / "result.json", self.to_dict())
+        record_verification(folder / "recording.rrd", self)
         self.report(folder / "report.html")
 
     def _unit(self, what: str) -> str:

@@ -1,0 +1,225 @@
+"""What an arm misses points by, pose by pose, as a rerun recording: arrows of one magnification, and one view closer.
+
+What moves is on the timelines ``pose`` and ``time``, as in ``poses_in_time``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.kinematics.model import RigidArm
+from lab.render.document import Bullets, Document, Section, Strong, Text
+from lab.render.format import format_magnification
+from lab.render.markdown import to_markdown
+from lab.render.poses_in_time import TIME, draw_moves, pose_times
+from lab.render.recording_layout import SUMMARY, close_view, eye, layout, main_view
+from lab.render.rerun_primitives import (
+    Colour,
+    draw_instrument,
+    draw_legs,
+    draw_shells,
+    draw_tag,
+    markdown,
+    recording_to,
+)
+from lab.render.scene import LARGEST_FACTOR, magnification, moved, reach_of, world_legs
+from lab.render.skeleton import skeleton
+from lab.render.style import RGB_MEASURED, RGB_UNCERTAINTY
+from lab.simulation.meshes import body_poses, instrument_body, shells
+from lab.simulation.model import RobotModel
+
+__all__ = ["ErrorScene", "PointErrors", "record_errors"]
+
+_ARROW, _SPHERE = 0.15, 0.08  # of the reach: how long the mean arrow and the median radius are to be drawn
+_LEAST_MM = 1e-9  # what a logarithmic plot shows of an error of nothing
+_LOG_ERRORS = "error_log10_mm"
+
+
+@dataclass(frozen=True)
+class PointErrors:
+    """Errors of one kind at every pose.
+
+    Attributes:
+        name: of the kind, a word.
+        words: what an arrow leads from and to.
+        colour_name: its colour, in words.
+        vectors: ``(m, k, 3)`` m in the instrument's frame, NaN where there are none.
+    """
+
+    name: str
+    words: str
+    colour: Colour
+    colour_name: str
+    vectors: Array
+
+
+@dataclass(frozen=True)
+class ErrorScene:
+    """An arm that goes through poses, and what it misses points by.
+
+    Attributes:
+        model: what is drawn.
+        arm, values: the arm's geometry, with the base ``(p,)`` that the instrument sees.
+        joints: ``(m, joints)`` of the poses, in their order.
+        names: of the poses.
+        points: ``(m, k, 3)`` m in the instrument's frame: where the errors are drawn from; NaN where there is none.
+        points_words: what these points are.
+        errors: of each kind, all drawn with one magnification.
+        expected: ``(m,)`` m, how long an error is to be expected (RMS), drawn as a sphere in a view of its own.
+    """
+
+    model: RobotModel
+    arm: RigidArm
+    values: Array
+    joints: Array
+    names: Sequence[str]
+    points: Array
+    points_words: str
+    errors: Sequence[PointErrors]
+    expected: Array
+
+    @property
+    def T_world_instrument(self) -> Array:
+        """Pose ``(4, 4)`` of the instrument's frame in the world."""
+        return self.model.T_world_frame0 @ se3.inverse(self.arm.T_tracker_frame0(self.values))
+
+    @property
+    def numbers(self) -> NDArray[np.int_]:
+        """``(m,)`` the poses' numbers, from 0."""
+        return np.arange(len(self.joints))
+
+
+def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, document: Document) -> None:
+    """Write the recording of a scene, with the blueprint that shows it, and what its command says beside it.
+
+    Args:
+        robot: its name.
+        identity: the same for the same content.
+    """
+    model, arm, values, joints = scene.model, scene.arm, scene.values, scene.joints
+    at, T_world_frame0 = pose_times(scene.numbers), model.T_world_frame0
+    legs = world_legs(T_world_frame0, arm, values, joints)
+    points = moved(scene.T_world_instrument, scene.points)
+    there = np.isfinite(points).all(axis=2)
+    origins = moved(T_world_frame0, skeleton(arm, values, joints).origins)
+    reach = max(reach_of(T_world_frame0, points[there], legs), reach_of(T_world_frame0, origins, legs))
+    hidden = instrument_body(model)
+    with recording_to(path, robot, identity) as recording:
+        recording.send_blueprint(_blueprint(scene, origins, points[there], reach))
+        visible = [shell for shell in shells(model) if shell.body != hidden]
+        draw_shells(recording, at, visible, body_poses(model, arm, values, joints))
+        draw_legs(recording, at, legs, reach)
+        draw_moves(recording, model, arm, values, scene.numbers, joints)
+        draw_instrument(recording, "instrument's frame", scene.T_world_instrument)
+        _draw_points(recording, scene, points, reach)
+        factor = _draw_arrows(recording, scene, points, reach)
+        sphere = _draw_expected(recording, scene, points, reach)
+        _draw_numbers(recording, scene)
+        legend = _legend(scene, factor, sphere)
+        whole = Document(document.title, (*document.blocks, legend))
+        recording.log(SUMMARY, markdown(to_markdown(whole)), static=True)
+
+
+def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> None:
+    """All points, those of the pose that is shown larger, and where the close view looks."""
+    there, at = np.asarray(np.isfinite(points).all(axis=2)), pose_times(scene.numbers)
+    recording.log(
+        "world/targets/all", rr.Points3D(points[there], colors=RGB_MEASURED, radii=0.004 * reach), static=True
+    )
+    columns = rr.Points3D.columns(positions=points[there]).partition(there.sum(axis=1))
+    recording.send_columns("world/targets/measured", at, columns)
+    style = rr.Points3D.from_fields(colors=RGB_MEASURED, radii=0.009 * reach)
+    recording.log("world/targets/measured", style, static=True)
+    seen = np.flatnonzero(there[:, 0])
+    focus = rr.Transform3D.columns(translation=points[seen, 0])
+    recording.send_columns("world/focus", pose_times(seen), focus)
+    labels = [str(scene.names[i]) for i in seen]
+    below = points[seen, 0] - np.array([0.0, 0.0, 1.4 * _SPHERE * reach])
+    names = rr.Points3D.columns(positions=below, labels=labels)
+    recording.send_columns("world/magnified/name", pose_times(seen), names)
+    recording.log("world/magnified/name", rr.Points3D.from_fields(radii=0.0005, show_labels=True), static=True)
+
+
+def _draw_arrows(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> float:
+    """The errors of all kinds, magnified by one factor, which is given back; each names itself at its tip."""
+    lengths = np.concatenate([np.linalg.norm(each.vectors, axis=2).ravel() for each in scene.errors])
+    known = lengths[np.isfinite(lengths)]
+    factor = min(max(magnification(float(known.mean()) if len(known) else 0.0, _ARROW * reach), 1.0), LARGEST_FACTOR)
+    rotation = scene.T_world_instrument[:3, :3]
+    for each in scene.errors:
+        vectors, entity = factor * each.vectors @ rotation.T, f"world/errors/{each.name}"
+        there = np.asarray(np.isfinite(points + vectors).all(axis=2))
+        columns = rr.Arrows3D.columns(origins=points[there], vectors=vectors[there]).partition(there.sum(axis=1))
+        recording.send_columns(entity, pose_times(scene.numbers), columns)
+        recording.log(entity, rr.Arrows3D.from_fields(colors=each.colour, radii=0.008 * reach), static=True)
+        first = np.flatnonzero(there[:, 0])
+        text = f"{each.name} {format_magnification(factor)}"
+        tips = (points + vectors)[first, 0]
+        draw_tag(recording, f"{entity}/factor", pose_times(first), tips, text, each.colour)
+    return factor
+
+
+def _draw_expected(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> float:
+    """The error to expect as a sphere round the first point, in the close view; its magnification."""
+    there = np.flatnonzero(np.isfinite(points[:, 0]).all(axis=1) & np.isfinite(scene.expected) & (scene.expected > 0))
+    if not len(there):
+        return 1.0
+    factor = min(magnification(float(np.median(scene.expected[there])), _SPHERE * reach), LARGEST_FACTOR)
+    at, radii, centers = pose_times(there), factor * scene.expected[there], points[there, 0]
+    shape = rr.Ellipsoids3D.columns(half_sizes=np.repeat(radii[:, None], 3, axis=1), centers=centers)
+    recording.send_columns("world/magnified/expected", at, shape)
+    style = rr.Ellipsoids3D.from_fields(
+        colors=RGB_UNCERTAINTY, fill_mode="TransparentFillMajorWireframe", line_radii=0.0008
+    )
+    recording.log("world/magnified/expected", style, static=True)
+    above = centers + np.array([0.0, 0.0, 1.1]) * radii[:, None]
+    text = f"expected {format_magnification(factor)}"
+    draw_tag(recording, "world/magnified/expected/factor", at, above, text, RGB_UNCERTAINTY)
+    return factor
+
+
+def _draw_numbers(recording: rr.RecordingStream, scene: ErrorScene) -> None:
+    """Mean errors of every pose by a logarithmic scale, and the expected one."""
+    kinds = [(each.name, _mean_lengths(each.vectors), each.colour) for each in scene.errors]
+    for name, lengths, colour in (*kinds, ("expected", scene.expected, RGB_UNCERTAINTY)):
+        used = np.flatnonzero(np.isfinite(lengths))
+        logarithms = np.log10(np.maximum(1e3 * lengths[used], _LEAST_MM))
+        entity = f"{_LOG_ERRORS}/{name}"
+        recording.send_columns(entity, pose_times(scene.numbers[used]), rr.Scalars.columns(scalars=logarithms))
+        recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=2), static=True)
+
+
+def _mean_lengths(vectors: Array) -> Array:
+    """Mean length ``(m,)`` of those of the vectors ``(m, k, 3)`` that are not NaN; NaN where all are."""
+    lengths = np.linalg.norm(vectors, axis=2)
+    known = np.isfinite(lengths)
+    count = np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+    return np.asarray(np.where(known, lengths, 0.0).sum(axis=1) / count)
+
+
+def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
+    """What the colours mean and by how much each is magnified."""
+    arrows = format_magnification(factor)
+    lines: list[Text] = [(Strong("yellow"), f": {scene.points_words}")]
+    lines += [(Strong(each.colour_name), f": {each.words}, {arrows}") for each in scene.errors]
+    lines.append((Strong("violet"), f": the error to expect (RMS) as a sphere, {format_magnification(sphere)}"))
+    return Section("What is shown", (Bullets(tuple(lines)),))
+
+
+def _blueprint(scene: ErrorScene, origins: Array, points: Array, reach: float) -> rrb.Blueprint:
+    """The arm large, the errors by pose below it; the target from near by and the text beside it."""
+    controls = eye(origins, points, reach, scene.T_world_instrument[:3, 3])
+    plot = rrb.TimeSeriesView(
+        origin=_LOG_ERRORS, name="Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
+    )
+    left = rrb.Vertical(main_view("Arm, targets, errors", controls), plot, row_shares=[3, 1])
+    close = close_view("magnified", "The error to expect, magnified apart", reach)
+    text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
+    return layout(left, rrb.Vertical(close, text, row_shares=[1.0, 1.5]), TIME)

@@ -1,0 +1,73 @@
+"""Recordings of verifications and of corrected targets."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.recordings import column, rrd, statics
+
+from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.compensate.recording import record_compensation
+from lab.commands.compensate.run import compensate
+from lab.commands.verify.recording import record_verification
+from lab.commands.verify.run import verify
+
+pytestmark = [pytest.mark.usefixtures("strict_recordings"), pytest.mark.figures]
+
+VECTORS, TIPS = "Arrows3D:vectors", "Points3D:positions"
+
+
+def factor_of(path: Path, entity: str) -> float:
+    """The magnification that the arrows' label says."""
+    said = statics(path, entity, "Points3D:labels")[0]
+    return float(said.split("×")[1].replace(",", ""))
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 2e-4])
+def test_a_verification_shows_measured_less_predicted(seven_run: Path, seven, tmp_path: Path, home, shift_m) -> None:
+    """To scale and in the world: arrows of an arm that was moved are longer than the sphere of what is expected."""
+    points = seven.measurements.points + np.array([shift_m, 0, 0])
+    result = verify(str(seven_run), replace(seven.measurements, points=points).take(range(6)))
+    path = tmp_path / "recording.rrd"
+    record_verification(path, result)
+    assert rrd(home, "verify", path).returncode == 0
+    factor = factor_of(path, "/world/errors/observed/factor")
+    rows, vectors = column(path, "/world/errors/observed", VECTORS)
+    lengths = np.linalg.norm(np.array(vectors), axis=2)
+    assert rows == list(range(6))
+    np.testing.assert_allclose(lengths / factor, result.verified.errors, rtol=1e-4)
+    tips = np.array(column(path, "/world/errors/observed/factor", TIPS)[1])[:, 0]
+    origins = np.array(column(path, "/world/errors/observed", "Arrows3D:origins")[1])[:, 0]
+    np.testing.assert_allclose(tips - origins, np.array(vectors)[:, 0], atol=1e-6)
+    radius = np.array(column(path, "/world/magnified/expected", "Ellipsoids3D:half_sizes")[1])
+    np.testing.assert_allclose(
+        radius / factor_of(path, "/world/magnified/expected/factor"), result.verified.promised_m, rtol=1e-4
+    )
+    text = statics(path, "/summary", "TextDocument:text")[0]
+    assert ("vermilion" in text) is (shift_m > 0) and "What is shown" in text
+    assert len(column(path, "/world/arm/link3", "Transform3D:translation", "time")[0]) > 6
+
+
+def test_corrected_targets_show_what_the_arm_would_miss(seven_run: Path, tmp_path: Path) -> None:
+    """Stops that are only passed have no target; the arrows are what the nominal model's joints would miss."""
+    calibrated = read_calibrated(seven_run)
+    arm, values = calibrated.geometry
+    points = 1e3 * arm.points(0.6 * arm.chain.random_joints(6, np.random.default_rng(1)), values)[:, 0]
+    file = tmp_path / "targets.csv"
+    file.write_text("p1_x_mm,p1_y_mm,p1_z_mm\n" + "".join("{},{},{}\n".format(*row) for row in points.tolist()))
+    result = compensate(file, run=str(seven_run))
+    path = tmp_path / "recording.rrd"
+    record_compensation(path, result)
+    at_targets = np.flatnonzero(result.stops.which >= 0).tolist()
+    rows, vectors = column(path, "/world/errors/uncorrected", VECTORS)
+    shown = [(row, value) for row, value in zip(rows, vectors, strict=True) if value]
+    factor = factor_of(path, "/world/errors/uncorrected/factor")
+    lengths = np.linalg.norm([value[0] for _, value in shown], axis=1) / factor
+    assert [row for row, _ in shown] == at_targets and len(rows) == len(result.stops.joints)
+    aimed = result.reached[result.stops.which[at_targets]]
+    missed = arm.points(result.found.uncorrected, values)[:, 0] - result.wanted.positions
+    np.testing.assert_allclose(lengths, np.linalg.norm(missed, axis=1)[aimed], rtol=1e-4)
+    np.testing.assert_allclose(lengths, result.correction_m[aimed], rtol=0.05)  # as far as the targets are moved
+    logs = np.array(column(path, "/error_log10_mm/expected", "Scalars:scalars")[1])[:, 0]
+    np.testing.assert_allclose(logs, np.log10(1e3 * result.predicted_m[aimed]), rtol=1e-9)
