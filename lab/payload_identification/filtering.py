@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal, sparse
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -68,13 +68,13 @@ class Band:
             np.convolve(smooth, [*_FIRST[::-1], 0.0, *(-f for f in _FIRST)]) / self.step_s,
             np.convolve(smooth, [*_SECOND[::-1], -2 * sum(_SECOND), *_SECOND]) / self.step_s**2,
         )
-        q, speed, acceleration = (signal.oaconvolve(joints - start, k[:, None], "valid", axes=0) for k in kernels)
+        q, speed, acceleration = (scipy.signal.oaconvolve(joints - start, k[:, None], "valid", axes=0) for k in kernels)
         return q + start, speed, acceleration
 
     def smoothed(self, values: Array) -> Array:
         """Values ``(n, ...)`` low-passed as ``motion`` does the readings, at the same rows."""
         kernel = np.pad(self._smooth(), len(_FIRST))
-        smooth: Array = signal.oaconvolve(values, kernel.reshape(-1, *[1] * (values.ndim - 1)), "valid", axes=0)
+        smooth: Array = scipy.signal.oaconvolve(values, kernel.reshape(-1, *[1] * (values.ndim - 1)), "valid", axes=0)
         return smooth
 
     def trimmed(self, values: Array) -> Array:
@@ -96,7 +96,7 @@ class Band:
         count = 1 + (len(values) - len(kernel)) // self.every
         columns = np.arange(len(kernel)) + self.every * np.arange(count)[:, None]
         rows = len(kernel) * np.arange(count + 1)
-        weights = sparse.csr_array((np.tile(kernel, count), columns.ravel(), rows), shape=(count, len(values)))
+        weights = scipy.sparse.csr_array((np.tile(kernel, count), columns.ravel(), rows), shape=(count, len(values)))
         thinned: Array = (weights @ values.reshape(len(values), -1)).reshape(count, *values.shape[1:])
         return thinned
 

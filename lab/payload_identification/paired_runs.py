@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.core.errors import LabError
 from lab.core.load_samples import PayloadSamples
@@ -83,8 +83,8 @@ def _common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilt
     kept = len(band.kept(np.zeros(rows - 2 * settled)))
     lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:kept]
     lags = np.pad(lags, (0, kept - len(lags))) / (response @ response)
-    factor = np.linalg.cholesky(linalg.toeplitz(lags))
-    return SharedFilter(band, gain, came_through, linalg.solve_triangular(factor, np.eye(kept), lower=True))
+    factor = np.linalg.cholesky(scipy.linalg.toeplitz(lags))
+    return SharedFilter(band, gain, came_through, scipy.linalg.solve_triangular(factor, np.eye(kept), lower=True))
 
 
 @dataclass(frozen=True)
