@@ -1,4 +1,7 @@
-"""How fast the lab is: medians on one thread, and the ratio to scipy with finite differences in the same run."""
+"""How fast the lab is: medians of processor time on one thread, and their ratios to a yardstick run in between.
+
+python scripts/benchmark.py [--history FILE]
+"""
 
 from lab.experiments.script import run_script
 from lab.experiments.speed import Options, answer

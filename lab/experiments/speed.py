@@ -1,13 +1,17 @@
-"""How fast the lab is: medians on one thread, and the ratio to scipy with finite differences in the same run."""
+"""How fast the lab is: medians of processor time on one thread, and their ratios to a yardstick run in between."""
 
+import json
+import os
+import platform
 import subprocess
 import sys
 import tempfile
 import time
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +39,7 @@ from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.experiments.closed_loop import compensator_of
 from lab.experiments.script import Answer, paragraphs
+from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.analytic.select import closed_form_of
@@ -75,21 +80,79 @@ BUDGET_MS = {
 
 @dataclass(frozen=True)
 class Options:
-    """How to print."""
+    """How to print, and where to keep."""
 
     json: Flag = False
     """Print one JSON object."""
+    history: Path | None = None
+    """Add a line with the figures, their ratios and the machine to this file of JSON lines."""
 
 
 def median_ms(call: Callable[[], Any], repeats: int) -> float:
-    """The median time of a call, after one that does not count."""
+    """The median processor time of a call with the processes that it starts, after one call that does not count."""
     call()
     times = []
     for _ in range(repeats):
-        started = time.perf_counter()
+        started = _processor_s()
         call()
-        times.append(time.perf_counter() - started)
+        times.append(_processor_s() - started)
     return 1e3 * float(np.median(times))
+
+
+def _processor_s() -> float:
+    spent = os.times()
+    return time.process_time() + spent.children_user + spent.children_system
+
+
+class Yardstick:
+    """A load that no change of the lab touches, measured before and after every figure: what it takes says how fast the
+    machine is just then, and a figure over it compares from hour to hour, and roughly from machine to machine.
+
+    Half of it are numpy's calls on short arrays, as a walk along a chain of 50 poses makes them; half a matrix product.
+    """
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(0)
+        self._axes, self._angles = rng.standard_normal((3, 5, 50)), rng.standard_normal((150, 50))
+        self._matrix = rng.standard_normal((300, 300))
+
+    def __call__(self) -> None:
+        """The load, about two milliseconds."""
+        x, y, z = self._axes
+        for angle in self._angles:
+            c, s = np.cos(angle), np.sin(angle)
+            x, y, z = c * y + s * z, c * z - s * y, x
+        self._matrix @ self._matrix
+
+    def ms(self) -> float:
+        """What it takes now."""
+        return median_ms(self, 15)
+
+
+def over_yardstick(parts: Sequence[Callable[[], dict[str, float]]]) -> tuple[dict[str, float], dict[str, float]]:
+    """The figures of all parts, and what each is over the yardstick, measured before and after its part."""
+    yardstick, figures, ratios = Yardstick(), {}, {}
+    before = yardstick.ms()
+    for part in parts:
+        found = part()
+        after = yardstick.ms()
+        figures |= found
+        ratios |= {name: 2 * ms / (before + after) for name, ms in found.items() if not name.startswith("MB")}
+        before = after
+    return figures, ratios
+
+
+def machine() -> str:
+    """The processor's name and how many of them, Python and numpy, and whether the kernels are compiled."""
+    info = Path("/proc/cpuinfo")
+    models = [line.split(":", 1)[1].strip() for line in _lines(info) if line.startswith("model name")]
+    kernels = "compiled kernels" if machine_code() is not None else "no compiled kernels"
+    name = models[0] if models else platform.processor() or platform.machine()
+    return f"{os.cpu_count()} x {name}, Python {platform.python_version()}, numpy {np.__version__}, {kernels}"
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
 
 
 def peak_beyond_result_mb(call: Callable[[], tuple[np.ndarray, np.ndarray]]) -> float:
@@ -248,13 +311,21 @@ def processes() -> dict[str, float]:
 
 
 def answer(options: Options) -> Answer:
-    """Measure everything, and set it beside its budget."""
-    results = kernels() | mechanisms() | planning() | effects() | stacked() | compensation() | processes()
+    """Measure everything, and set it beside its budget and the yardstick."""
+    parts = (kernels, mechanisms, planning, effects, stacked, compensation, processes)
+    results, ratios = over_yardstick(parts)
     ratio = results["that fit by scipy, finite differences"] / results["its fit alone"]
-    lines = []
+    lines = [f"{machine()}; processor time of medians, and how many yardsticks that is"]
     for name, value in results.items():
         unit = "MB" if name.startswith("MB") else "ms"
         budget = 50 if unit == "MB" else BUDGET_MS.get(name)
-        lines.append(f"{name:46} {value:10.3f} {unit}" + (f"   (budget {budget:g})" if budget else ""))
+        beside = f"{ratios[name]:10.3f} x" if name in ratios else " " * 12
+        lines.append(f"{name:46} {value:10.3f} {unit} {beside}" + (f"   (budget {budget:g} ms)" if budget else ""))
     lines.append(f"the fit is {ratio:.1f} times faster than scipy's least_squares from the same start")
-    return Answer(results | {"times faster than scipy": ratio}, Document("How fast is the lab?", paragraphs(lines)))
+    if options.history is not None:
+        kept = {"date": time.strftime("%Y-%m-%dT%H:%M:%S"), "machine": machine(), "ms": results, "yardsticks": ratios}
+        with options.history.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(kept) + "\n")
+        lines.append(f"added to {options.history}")
+    figures = results | {"times faster than scipy": ratio} | {f"{name}, yardsticks": x for name, x in ratios.items()}
+    return Answer(figures, Document("How fast is the lab?", paragraphs(lines)))
