@@ -187,6 +187,7 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
     return (
         Paragraph(f"Model: {model_name(groups)}. {capital(result.fit.adequacy.words)}."),
         Paragraph(_noise(result)),
+        Paragraph("" if result.fit.remaining is None else result.fit.remaining.words, shown_in=PAGE),
         Paragraph(_truth(result)),
         _model_selection(result),
         selection_figure(result),

@@ -7,11 +7,14 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
+from lab.calibration.noise.shared_errors import row_times
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
+from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
+from lab.calibration.statistics.remaining_error import NEARLY, RemainingError, remaining_error
 from lab.core.measurements import Measurements
 
 __all__ = ["FitReport", "Named", "named_poses"]
@@ -72,11 +75,41 @@ class FitReport:
         return found.process if isinstance(found, PredictedBy) else None
 
     @cached_property
+    def remaining(self) -> RemainingError | None:
+        """What the remaining error is made of; None where no points were observed, or nothing is left over."""
+        return _remaining(self)
+
+    @cached_property
     def instrument(self) -> InstrumentNoise | None:
         """The instrument's noise as distances between targets say it; None where they say nothing."""
         if not only_positions(observation_of(self.identification.model)):
             return None
         return instrument_noise(self.rows.points)
+
+
+def _remaining(report: FitReport) -> RemainingError | None:
+    """The residuals of a report, taken apart."""
+    found, rows = report.identification, report.rows
+    if not only_positions(observation_of(found.model)) or found.process is not None:
+        return None
+    instrument_m = found.sigma_m if found.sigma_known else float("nan")
+    if not found.sigma_known and report.instrument is not None and report.instrument.is_rigid:
+        instrument_m = report.instrument.sigma_m
+    shared = report.noise.shared
+    if shared is not None and found.sigma_known:
+        instrument_m = shared.independent_m
+    groups = () if report.selection is None else report.selection.groups
+    size = rows.joints.shape[1]
+    return remaining_error(
+        found.residuals,
+        rows.joints,
+        row_times(rows),
+        found.dof,
+        instrument_m=instrument_m,
+        shared=shared,
+        scatter_slopes=by_joint_positions(found.model, rows.inputs(found.model.conditions), found.values, size),
+        nearly=tuple(group.name for group in groups if not group.chosen and group.f_p < NEARLY),
+    )
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:

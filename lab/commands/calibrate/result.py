@@ -17,6 +17,7 @@ from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.process import GROUP
 from lab.calibration.statistics.model_selection import GroupTrial
+from lab.calibration.statistics.remaining_error import RemainingError
 from lab.calibration.validation import TruthComparison, Validation
 from lab.calibration.verdict import Verdict, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance
@@ -183,6 +184,7 @@ class CalibrationResult(Result):
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
             "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
+            "remaining_error": _remaining_to_dict(self.fit.remaining),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "farthest_link": _distance_to_dict(self.verdict.farthest),
             "model": "+".join(("geometric", *self.fit.groups, *[GROUP] * (self.fit.process is not None))),
@@ -276,6 +278,19 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
         "freedom": found.dof,
         "rigid": found.is_rigid,
         "words": found.words,
+    }
+
+
+def _remaining_to_dict(found: RemainingError | None) -> dict[str, Any] | None:
+    """What the remaining error of a coordinate is made of, in mm."""
+    if found is None:
+        return None
+    sizes = {"total_mm": found.total_m, "instrument_mm": found.instrument_m, "shared_mm": found.shared_m}
+    alike = {"neighbouring_joints": found.over_joints, "successive_poses": found.over_time}
+    return {name: number(1e3 * size) for name, size in {**sizes, "rest_mm": found.rest_m}.items()} | {
+        **{name: None if each is None else asdict(each) for name, each in alike.items()},
+        "seen_not_taken": list(found.nearly),
+        "measure_next": found.measure_next,
     }
 
 

@@ -1,0 +1,180 @@
+"""What the remaining error is made of: the instrument, errors that poses share, and what nobody has explained.
+
+The mean square of the residuals is what the instrument makes of it (given, or read off rigid distances), what the noise
+model found beside it, and a rest. A rest that is alike at neighbouring joint positions is the arm's, one that is alike
+from pose to pose is time's: the mean product of neighbours' residuals over their mean square, against permutations.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.validation import configurations
+from lab.core.measurements import seen_mask
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.core.significance import MODEL_GROUPS
+
+__all__ = ["NEARLY", "Likeness", "RemainingError", "remaining_error"]
+
+_DRAWS = 199  # (draws + 1) x level is a whole number
+_LEAST_POSES = 20
+NEARLY = 0.05  # of a group that was not taken: told
+_SMALL = 0.1  # of the mean square: a rest that needs no explanation
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """How alike the residuals of neighbours are.
+
+    Attributes:
+        correlation: one where they are equal, zero where they have nothing in common.
+        p: the chance of as much without any order of the poses.
+    """
+
+    correlation: float
+    p: float
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it is more than chance makes (1 %)."""
+        return self.correlation > 0 and self.p <= MODEL_GROUPS
+
+
+@dataclass(frozen=True)
+class RemainingError:
+    """The residuals of one coordinate, root mean squares in m.
+
+    Attributes:
+        total_m: of the residuals, for the parameters that were fitted.
+        instrument_m: the instrument's part; NaN where nothing says it.
+        shared_m: the part of joint scatter, wandering and drift.
+        rest_m: what is left of the total.
+        over_joints: of neighbours in joint positions; None where poses are few.
+        over_time: of poses one after the other; None where poses are few.
+        nearly: groups that were tried, seen at 5 % and not taken.
+    """
+
+    total_m: float
+    instrument_m: float
+    shared_m: float
+    rest_m: float
+    over_joints: Likeness | None
+    over_time: Likeness | None
+    nearly: tuple[str, ...] = ()
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether nearly all of it is the instrument's and what poses share."""
+        return bool(np.isfinite(self.instrument_m) and self.rest_m**2 <= _SMALL * self.total_m**2)
+
+    @property
+    def words(self) -> str:
+        """How much is whose, for a person."""
+        said = [f"What remains is {1e3 * self.total_m:.2g} mm a coordinate (root mean square)"]
+        if np.isfinite(self.instrument_m):
+            said.append(f"the instrument makes {1e3 * self.instrument_m:.2g} mm of it")
+        if self.shared_m:
+            said.append(f"what poses share {1e3 * self.shared_m:.2g} mm")
+        if not self.is_explained:
+            whose = "the instrument's or the arm's" if np.isnan(self.instrument_m) else "of unknown origin"
+            said.append(f"{1e3 * self.rest_m:.2g} mm is {whose}")
+        for found, where in ((self.over_joints, "neighbouring joint positions"), (self.over_time, "successive poses")):
+            if found is not None and found.is_shown:
+                said.append(f"residuals of {where} are alike (correlation {found.correlation:.2g}, p = {found.p:.2g})")
+        if self.nearly:
+            said.append(f"seen at 5 % and not taken: {', '.join(self.nearly)}")
+        return f"{'; '.join(said)}. Next: {self.measure_next}."
+
+    @property
+    def measure_next(self) -> str:
+        """What to measure next, for a person."""
+        if self.over_time is not None and self.over_time.is_shown and not self.shared_m:
+            return "measure a reference pose again and again, and write down time_s: the residuals follow the time"
+        if self.over_joints is not None and self.over_joints.is_shown:
+            return (
+                "measure more poses where the robot is to work, and try --model auto, then residual: the residuals "
+                "are alike at neighbouring joint positions, so the arm makes them"
+            )
+        if not np.isfinite(self.instrument_m):
+            return "measure some poses twice, or say --instrument: nothing tells the instrument's part from the arm's"
+        if self.shared_m > max(self.instrument_m, self.rest_m):
+            return "visit some poses several times: only repeats tell what the joints scatter from what the model lacks"
+        if self.is_explained:
+            return "more poses lower the parameters' uncertainty; no effect is left to be found at this noise"
+        return "visit some poses several times: repeats say whether what is left comes back with the pose"
+
+
+def remaining_error(
+    residuals: Array,
+    joints: Array,
+    order: Array,
+    dof: int,
+    *,
+    instrument_m: float,
+    shared: SharedErrors | None,
+    scatter_slopes: Array,
+    nearly: tuple[str, ...] = (),
+) -> RemainingError | None:
+    """Take the residuals of a fit apart; None where nothing is left over.
+
+    Args:
+        residuals: ``(n, k, 3)`` m, NaN where not observed.
+        joints: ``(n, joints)`` rad or m.
+        order: ``(n,)`` when each pose was measured.
+        dof: residual degrees of freedom.
+        instrument_m: the instrument's noise of a coordinate; NaN where nothing says it.
+        shared: errors that poses share.
+        scatter_slopes: ``(n, k, 3, joints)`` derivatives by the joints' positions.
+        nearly: groups that were seen and not taken.
+    """
+    mask = seen_mask(residuals)
+    numbers = 3 * int(mask.sum())
+    if dof < 1 or not np.any(filled := np.where(mask[..., None], residuals, 0.0)):
+        return None
+    total = float((filled**2).sum()) / dof
+    common = 0.0
+    if shared is not None:
+        slopes = np.where(mask[..., None, None], scatter_slopes, 0.0)
+        scattered = np.einsum("nkdi,ij,nkdj->", slopes, shared.joint_covariance(joints.shape[1]), slopes)
+        common = float(scattered) / numbers + shared.wandering_m**2
+        common += shared.drift_m**2 / 3  # of a steady drift from minus to plus that size
+    own = 0.0 if np.isnan(instrument_m) else instrument_m**2
+    rest = max(total - own - common, 0.0)
+    joints_apart, in_time = None, None
+    if len(joints) >= _LEAST_POSES:
+        joints_apart = _likeness(filled, _neighbours(joints))
+        ordered = np.argsort(order, kind="stable")
+        in_time = _likeness(filled, np.stack([ordered[:-1], ordered[1:]], axis=1))
+    sizes = (float(np.sqrt(each)) for each in (total, common, rest))
+    found, common_m, rest_m = sizes
+    return RemainingError(found, instrument_m, common_m, rest_m, joints_apart, in_time, nearly)
+
+
+def _neighbours(joints: Array) -> NDArray[np.int_]:
+    """``(n, 2)`` each pose with the nearest one that is no repeat of it."""
+    labels = configurations(joints)
+    first = np.unique(labels, return_index=True)[1]
+    if len(first) < 2:
+        return np.empty((0, 2), dtype=np.int_)
+    scaled = joints / np.maximum(joints.std(axis=0), 1e-12)
+    nearest = cKDTree(scaled[first]).query(scaled[first], k=2)[1][:, 1]
+    return np.stack([first, first[nearest]], axis=1)
+
+
+def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> Likeness | None:
+    """The mean product of pairs' residuals over their mean square, against poses in an order by chance."""
+    if len(pairs) < _LEAST_POSES // 2:
+        return None
+    rows = residuals.reshape(len(residuals), -1)
+    rng, square = rng_for(0, "flips"), float((rows**2).mean())
+
+    def mean(values: Array) -> float:
+        return float((values[pairs[:, 0]] * values[pairs[:, 1]]).mean()) / square
+
+    here = mean(rows)
+    drawn = np.array([mean(rng.permutation(rows)) for _ in range(_DRAWS)])
+    return Likeness(here, float((1 + np.count_nonzero(drawn >= here)) / (1 + _DRAWS)))
