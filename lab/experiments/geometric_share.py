@@ -191,7 +191,8 @@ def _picture(found: Sequence[Share]) -> Figure:
             )
             colour = REFERENCE if name == ALL else SERIES[i % len(SERIES)][0]
             spread: Array = np.array([middle - low, high - middle])
-            axes.errorbar(LEVELS, middle, spread, fmt="o-", color=colour, markersize=4, capsize=3, label=name)
+            mark = "s--" if name == ALL else "o-"
+            axes.errorbar(LEVELS, middle, spread, fmt=mark, color=colour, markersize=4, capsize=3, label=name)
         axes.axhline(100 * PRINTED, color=MUTED, linestyle=":", label="95 % (Judd & Knasinski 1990)")
         axes.set_xticks(LEVELS, [f"{level:g}" for level in LEVELS])
         axes.set_xticks([], minor=True)
