@@ -99,8 +99,12 @@ class ThreeJoints:
         given = np.isfinite(Rs_frame0_last).all(axis=(1, 2))
         return np.where(given[:, None, None], Rs_frame0_last, np.eye(3))
 
-    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """See ``ClosedForm``. The point is brought to its place; the tilt is how far the rotation is missed."""
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0, *, nearest: bool = True) -> Solutions:
+        """See ``ClosedForm``. The point is brought to its place; the tilt is how far the rotation is missed.
+
+        Args:
+            nearest: whether places out of reach get the joints that come nearest, which takes longer.
+        """
         count = len(Ts_frame0_last)
         wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
         liked = (np.broadcast_to(reference, (count, 3)) * self.chain.sign).T
@@ -116,7 +120,7 @@ class ThreeJoints:
         joints, free = self._freed(joints, target, liked)
         gap = np.linalg.norm(self._place(joints) - target, axis=0)
         found = (gap <= _REACHED_M) & real
-        lost = ~found.any(axis=(0, 1))
+        lost = ~found.any(axis=(0, 1)) & nearest
         if lost.any():
             near = self._settled(joints[..., lost].reshape(3, -1), target[..., lost].reshape(3, -1), _NEAREST)
             joints[..., lost] = near.reshape(3, *joints.shape[1:3], -1)

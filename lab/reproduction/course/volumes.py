@@ -1,0 +1,85 @@
+"""Section 6.1: the volumes that the five carriers reach, hinges turning by 360° and slides moving by L."""
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lab.core.se3 import Array
+from lab.kinematics.sections import reached_volume
+from lab.kinematics.serial.chain import Chain
+from lab.render.document import Picture
+from lab.render.style import AFTER
+from lab.render.svg import axes_picture
+from lab.reproduction.answer import Answer, holds, number
+from lab.reproduction.item import Item
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["VOLUME_ITEMS"]
+
+_CLOSED = {  # L = 1 m: closed formulas
+    "RPP, cylindrical (6.1.1)": np.pi,
+    "RRR, anthropomorphic (6.1.2)": 32 * np.pi / 3,
+    "PPP, Cartesian (6.1.3)": 1.0,
+    "RRP, spherical (6.1.4)": 4 * np.pi / 3,
+    "PRR, toric (6.1.5)": 4 * np.pi,
+}
+
+
+def _carrier(kinds: str, alpha: tuple[float, ...], a: tuple[float, ...], theta: tuple[float, ...] = (0, 0, 0)) -> Chain:
+    """A carrier of Craig's convention in metres whose slides move from 0 to 1."""
+    prismatic = tuple(kind == "P" for kind in kinds)
+    table = np.zeros((3, 5))
+    table[:, 0], table[:, 2], table[:, 3] = np.deg2rad(theta), a, np.deg2rad(alpha)
+    lower = np.where(prismatic, 0.0, -np.pi)
+    return Chain(
+        name=kinds, convention="craig", joint_names=("q1", "q2", "q3"), prismatic=prismatic, table=table,
+        sign=np.ones(3), lower=lower, upper=np.where(prismatic, 1.0, np.pi), speed=np.full(3, np.inf),
+        acceleration=np.full(3, np.inf), parallel=(False,) * 3,
+    )  # fmt: skip
+
+
+@cache
+def _volumes() -> dict[str, float]:
+    end, origin = np.array([1.0, 0.0, 0.0]), np.zeros(3)
+    arms: tuple[tuple[Chain, Array], ...] = (
+        (_carrier("RPP", (0, 0, -90), (0, 0, 0)), origin),
+        (_carrier("RRR", (0, 90, 0), (0, 0, 1)), end),
+        (_carrier("PPP", (0, -90, -90), (0, 0, 0), (0, 90, 0)), origin),
+        (_carrier("RRP", (0, -90, 90), (0, 0, 0)), origin),
+        (_carrier("PRR", (0, 0, 0), (0, 0, 1)), end),
+    )
+    return {name: reached_volume(chain, point, 2.5) for name, (chain, point) in zip(_CLOSED, arms, strict=True)}
+
+
+def _answers() -> tuple[Answer, ...]:
+    found = _volumes()
+    apart = max(abs(found[name] / closed - 1) for name, closed in _CLOSED.items())
+    return (
+        *(number(f"volume / L³, {name}", "", value, digits=2) for name, value in found.items()),
+        holds("π, 32 π/3, 1, 4 π/3 and 4 π, relative", apart, within=1e-3),
+    )
+
+
+def _picture() -> tuple[Picture, ...]:
+    found = _volumes()
+
+    def draw(axes: "Axes") -> None:
+        at = np.arange(len(found))[::-1]
+        axes.barh(at, list(found.values()), color=AFTER, height=0.6)
+        for place, value in zip(at, found.values(), strict=True):
+            axes.text(value + 0.4, float(place), f"{value:.2f}", va="center", fontsize=8)
+        axes.set_yticks(at, list(found))
+        axes.set(xlabel="volume / L³", xlim=(0, 40))
+
+    return (axes_picture("carriers", "Volumes of the five carriers", (5.6, 2.6), draw, (2.2, 0.5, 0.15, 0.15)),)
+
+
+VOLUME_ITEMS = (
+    Item("Section 6.1", "Volumes of the five carriers", _answers, "",
+         "Hinges turn by 360°, slides move from 0 to L, and "
+         "a link is as long as L if it bears a hinge, else nothing. By exact sections of what the closed-form inverse "
+         "reaches within the limits (lab.kinematics.sections); no command shows them.", _picture),
+)  # fmt: skip
