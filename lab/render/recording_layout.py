@@ -10,7 +10,7 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.render.style import RGB_BACKDROP, RGB_FLOOR
 
-__all__ = ["FAR", "SUMMARY", "backdrop", "bars", "close_view", "eye", "layout", "main_view"]
+__all__ = ["FAR", "SUMMARY", "backdrop", "bars", "close_view", "eye", "layout", "magnified_view", "main_view"]
 
 SUMMARY = "summary"  # the entity of a recording's text
 _POSES_PER_SECOND = 2.0  # when it is played
@@ -38,6 +38,25 @@ def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
         origin="world",
         name=name,
         contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/magnified/**", "- /world/focus/**"],
+        line_grid=_floor(),
+        eye_controls=controls,
+        background=backdrop(),
+    )
+
+
+def magnified_view(name: str, origins: Array, reach_m: float) -> rrb.Spatial3DView:
+    """What is magnified, without the arm's shells, from the side; ``origins`` ``(m, f, 3)`` are the frames'."""
+    middle = origins.mean(axis=(0, 1))
+    controls = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=middle + reach_m * np.array([0.35, -1.1, 0.3]),
+        look_target=middle,
+        eye_up=(0.0, 0.0, 1.0),
+    )
+    return rrb.Spatial3DView(
+        origin="world",
+        name=name,
+        contents=["+ /world/magnified/**", "+ /world/path"],
         line_grid=_floor(),
         eye_controls=controls,
         background=backdrop(),

@@ -14,7 +14,7 @@ from lab.compensation.elastic_tracking import Tracking
 from lab.kinematics.dynamics.link_loads import link_loads
 from lab.render.bent_links import bent_links
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import FAR, SUMMARY, eye, layout, main_view
+from lab.render.recording_layout import FAR, SUMMARY, eye, layout, magnified_view, main_view
 from lab.render.rerun_primitives import Times, draw_legs, draw_shells, markdown, recording_to
 from lab.render.scene import drawn_rows, magnification, moved, world_legs
 from lab.render.skeleton import skeleton
@@ -41,7 +41,7 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
         draw_legs(recording, at, world_legs(model.T_world_frame0, arm, values, joints), reach)
         tool = moved(model.T_world_frame0, sampled.Ts_base_tool[:, :3, 3])
         recording.log("world/path", rr.LineStrips3D([tool], colors=RGB_PATH, radii=0.002 * reach), static=True)
-        _draw_bent_links(recording, at, result, rows, reach)
+        factor = _draw_bent_links(recording, at, result, rows, reach)
         every: Times = [rr.TimeColumn("time", duration=sampled.times)]
         for name, column in zip(
             arm.chain.joint_names, joint_values(arm.chain.prismatic, sampled.joints).T, strict=True
@@ -54,9 +54,11 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
             _draw_errors(recording, every, result.tracking)
         recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
         ahead = origins[0, 0] + FAR * reach * np.array([1.0, -1.0, 0.0])
-        view = main_view("Robot and path", eye(origins, tool, reach, ahead))
+        views = [main_view("Robot and path", eye(origins, tool, reach, ahead))]
+        if factor is not None:
+            views.append(magnified_view(f"Links: rigid in grey, deflection x {factor:g}", origins, reach))
         text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
-        recording.send_blueprint(layout(rrb.Vertical(view), rrb.Vertical(text, *curves), "time"))
+        recording.send_blueprint(layout(rrb.Vertical(*views), rrb.Vertical(text, *curves), "time"))
 
 
 def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> None:
@@ -70,23 +72,28 @@ def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> N
 
 def _draw_bent_links(
     recording: rr.RecordingStream, at: Times, result: TrajectoryResult, rows: NDArray[np.int_], reach: float
-) -> None:
-    """Of an arm that bends: its links as lines, rigid in grey, and bent, magnified, each in a colour of its own."""
+) -> float | None:
+    """Of an arm that bends: its links as lines, rigid in grey, and bent, magnified, each in a colour of its own.
+
+    Returns:
+        By how much; None of an arm that is rigid, of which nothing is drawn.
+    """
     found, loads = result.tracking, result.robot.loads
     if found is None or loads is None:
-        return
+        return None
     bent = sum((part for name, part in found.parts.items() if name != "geometry"), np.zeros_like(found.total))
     largest = float(np.linalg.norm(bent[:, :3], axis=1).max())
     if not largest > 0:
-        return
+        return None
     factor = magnification(largest, _MAGNIFIED * reach)
     links, joints = link_loads(loads), result.sampled.joints[rows]
     sag, torsors = found.standing[rows] - joints, {link: each[rows] for link, each in found.torsors.items()}
-    for name, scale, size in (("rigid", 0.0, 0.002), (f"bent_{factor:g}_times", factor, 0.005)):
+    for name, scale, size in (("rigid", 0.0, 0.002), ("bent", factor, 0.005)):
         for link, lines in bent_links(links, joints, sag, torsors, scale).items():
-            entity = f"world/links/{name}/link{link + 1}"
+            entity = f"world/magnified/{name}/link{link + 1}"
             colour = RGB_LINKS[link % len(RGB_LINKS)] if scale else RGB_ROD
             style = rr.LineStrips3D.from_fields(colors=[colour], radii=[size * reach])
             recording.log(entity, style, static=True)
             placed = moved(result.robot.T_world_frame0, lines)
             recording.send_columns(entity, at, rr.LineStrips3D.columns(strips=list(placed)))
+    return factor
