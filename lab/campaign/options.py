@@ -154,6 +154,8 @@ class DesignOptions:
     home: Numbers = ()
     """Where the measuring day starts and ends: joint positions in deg (mm of a slide); zero if not given, or the
     nominal configuration of a mechanism."""
+    reference_every: int | None = None
+    """Measure the first pose again after every so many poses, and last: its scatter is the repeatability."""
     controller: Controller | None = None
     """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
     no_check: Flag = False
@@ -167,6 +169,8 @@ class DesignOptions:
             raise LabError("--check: leave out --no-check and --extend beside it; they are of plans that are made")
         whole("--seed", self.seed, 0, SEED)
         whole("--starts", self.starts, 1, STARTS)
+        if self.reference_every is not None:
+            whole("--reference-every", self.reference_every, 1, POSES)
         whole("--candidates", self.candidates, 1, CANDIDATES)
         TARGETS("--targets", self.targets)
         if self.poses is not None:

@@ -35,6 +35,7 @@ __all__ = [
     "plan_tour",
     "rated",
     "tour_trajectory",
+    "with_reference",
 ]
 
 DEFAULT_SPEED = np.pi  # rad/s; small arms' axes reach 2.5 to 7
@@ -51,7 +52,7 @@ class Tour:
     """A closed tour.
 
     Attributes:
-        order: ``(m,)``, the poses in the order in which they are measured.
+        order: ``(m,)``, the poses in the order in which they are first measured.
         stops: ``(s, n)`` joint positions to move to one after the other: home, poses and detours' poses, home.
         measured: ``(s,)``, which pose is measured at a stop, -1 where none is.
         seconds: time on the move; time to measure is not in it.
@@ -181,6 +182,40 @@ def fastest_way(start: Array, end: Array, safe: Array, chain: JointSpec, free: F
     """
     roads = RoadmapGraph(end[None], chain.speed, chain.acceleration, free, start, safe)
     return roads.nodes[list(roads.fastest(0, 1))]
+
+
+def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: FreePath) -> Tour:
+    """The tour with its first pose measured again after every so many poses, and last.
+
+    Args:
+        tour: from home to home.
+        every: how many poses.
+        safe: ``(k, n)`` joint positions that a detour may pass through.
+        chain: with known rates (``rated``).
+        free: whether the straight joint path between two joint positions is free, the same both ways.
+
+    Raises:
+        LabError: there is no free way.
+    """
+    places = np.flatnonzero(tour.measured >= 0)
+    reference = tour.stops[places[0]]
+    stops, measured = [tour.stops[: places[0]]], tour.measured[: places[0]].tolist()
+    ends = [*places[1:].tolist(), len(tour.stops) - 1]
+    for count, (here, end) in enumerate(zip(places.tolist(), ends, strict=True), start=1):
+        stops.append(tour.stops[here : here + 1])
+        measured.append(int(tour.measured[here]))
+        if (count % every and count < len(places)) or len(places) == 1:
+            stops.append(tour.stops[here + 1 : end])
+            measured += tour.measured[here + 1 : end].tolist()
+            continue
+        there = fastest_way(tour.stops[here], reference, safe, chain, free)[1:]
+        back = fastest_way(reference, tour.stops[end], safe, chain, free)[1:-1]
+        stops += [there, back]
+        measured += [-1] * (len(there) - 1) + [int(tour.order[0])] + [-1] * len(back)
+    stops.append(tour.stops[-1:])
+    every_stop = np.concatenate(stops)
+    seconds = rest_to_rest_seconds(np.diff(every_stop, axis=0), chain.speed, chain.acceleration).sum()
+    return Tour(tour.order, every_stop, np.array([*measured, -1]), float(seconds))
 
 
 def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:

@@ -18,7 +18,7 @@ def assert_good(found: dict, most_over_floor: float) -> None:
     assert found["touched"] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_short_day() -> None:
     found = figures(Options(candidates=40, poses=20, targets=4))
     assert_good(found, 1.5)

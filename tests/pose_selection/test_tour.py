@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from lab.pose_selection.tour import (
     plan_tour,
     rated,
     tour_trajectory,
+    with_reference,
 )
 from lab.pose_selection.tsp import (
     _or_change,
@@ -277,6 +279,27 @@ def test_few_poses_are_toured_too(count: int) -> None:
 def test_a_pose_measured_twice_is_no_trouble() -> None:
     joints = np.array([[0.2, 1.0], [1.8, 1.0], [0.2, 1.0], [0.2, 1.8], [1.8, 1.8]])
     assert_consistent(plan_tour(joints, *FLAT, around_a_disc, np.random.default_rng(0)), joints, FLAT, around_a_disc)
+
+
+@pytest.mark.parametrize(
+    ("count", "every", "visits"),
+    [(5, 2, [0, 1, 0, 2, 3, 0, 4, 0]), (4, 2, [0, 1, 0, 2, 3, 0]), (3, 10, [0, 1, 2, 0]), (1, 2, [0])],
+)
+def test_the_first_pose_is_measured_again(count: int, every: int, visits: list[int]) -> None:
+    """After every so many poses and last, and every way between is free: around a disc in a plane."""
+    chain = SimpleNamespace(speed=FLAT[0], acceleration=FLAT[1])  # of a point in a plane
+    poses, safe = np.random.default_rng(3).uniform(1.6, 2.4, (count, 2)), np.array([[0.0, 2.4], [2.4, 0.0]])
+    tour = plan_tour(poses, *FLAT, around_a_disc, rng_for(0, "tour"), safe=safe)
+    found = with_reference(tour, every, safe, chain, around_a_disc)
+    order = list(tour.order)
+    assert [order.index(pose) for pose in found.measured[found.measured >= 0]] == visits
+    np.testing.assert_allclose(found.stops[found.measured >= 0], poses[found.measured[found.measured >= 0]])
+    assert not found.stops[[0, -1]].any() and len(found.stops) == len(found.measured)
+    assert all(around_a_disc(a, b) for a, b in itertools.pairwise(found.stops))
+    assert found.seconds == pytest.approx(
+        sum(move_seconds(np.array(m), *FLAT)[0, 1] for m in itertools.pairwise(found.stops))
+    )
+    assert found.order.tolist() == order
 
 
 def test_what_cannot_be_reached_or_timed_is_refused() -> None:

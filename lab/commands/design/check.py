@@ -138,5 +138,6 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     order = {name: i for i, name in enumerate(stops.ids)}
     found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
     moving = rest_to_rest_seconds(np.diff(stops.joints, axis=0), chain.speed, chain.acceleration).sum()
-    day = MeasuringDayLength(int(measured.sum()), float(moving))
+    poses = len(np.unique(stops.joints[measured], axis=0))
+    day = MeasuringDayLength(poses, float(moving), int(measured.sum()) - poses)
     return PlanCheckResult(options, robot, stops, found, day, (*robot.warnings, *stops.warnings, *warnings))

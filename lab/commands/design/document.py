@@ -71,7 +71,7 @@ def design_document(result: DesignResult) -> Document:
                 (
                     Figure("poses-figure", (poses_picture(result),), _POSES),
                     Paragraph(_tour(result)),
-                    Paragraph(MeasuringDayLength(len(result.joints), result.tour.seconds).words),
+                    Paragraph(MeasuringDayLength.of(result.tour).words),
                     Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_files(result),

@@ -11,7 +11,7 @@ import numpy as np
 from lab.campaign.design_problem import PoseProblem
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
-from lab.commands.design.day import MeasuringDayLength
+from lab.commands.design.day import MeasuringDayLength, visit_ids
 from lab.commands.result import Result
 from lab.commands.stops import VIA, Stops
 from lab.commands.values import error_statistics, number
@@ -131,7 +131,7 @@ class DesignResult(Result):
     def stops(self) -> Stops:
         """Every stop of the tour: home, poses to measure, what is only passed, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
-        return Stops(self.tour.stops, which, self.pose_ids, "measure")
+        return Stops(self.tour.stops, which, visit_ids(self.tour, self.pose_ids), "measure")
 
     @property
     def table(self) -> Measurements:
@@ -180,7 +180,7 @@ class DesignResult(Result):
                 "feasible": len(candidates.joints),
                 "rejected": {reason: int(count) for reason, count in candidates.rejected.items()},
             },
-            **MeasuringDayLength(len(self.joints), tour.seconds).to_dict(),
+            **MeasuringDayLength.of(tour).to_dict(),
             "moves": len(tour.stops) - 1,
             "via": self.tour.via,
             "reflector": self.reflector,
@@ -226,7 +226,9 @@ class DesignResult(Result):
         arm = robot.arm(tuple(robot.tool))
         stops, nominal = self.tour.stops, arm.nominal(robot.tool)
         checked, postures = not self.options.no_check, postures_of(arm, nominal, stops)
-        tour = MeasuringTour(robot.name, stops, self.tour.measured, self.pose_ids, checked, postures)
+        tour = MeasuringTour(
+            robot.name, stops, self.tour.measured, visit_ids(self.tour, self.pose_ids), checked, postures
+        )
         for name, content in plan_files(robot.chain, self.options.controller, tour).items():
             (folder / name).write_bytes(content)
         write_json(folder / "result.json", self.to_dict())

@@ -22,7 +22,7 @@ from lab.pose_selection.certificate import Certificate, certify
 from lab.pose_selection.criteria import indices
 from lab.pose_selection.exchange import Design, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
-from lab.pose_selection.tour import plan_tour, rated
+from lab.pose_selection.tour import plan_tour, rated, with_reference
 from lab.render.progress import Stage, status
 
 __all__ = ["design", "planned_day"]
@@ -108,6 +108,8 @@ def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignRes
     tour = plan_tour(
         design.joints, chain.speed, chain.acceleration, problem.access.free, rng_for(options.seed, "tour"), home, safe
     )
+    if options.reference_every is not None:
+        tour = with_reference(tour, options.reference_every, problem.access.hubs, chain, problem.access.free)
     return DesignResult(
         options=options,
         problem=problem,

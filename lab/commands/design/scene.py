@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.uncertainty import ellipsoids
+from lab.commands.design.day import visit_ids
 from lab.commands.design.result import DesignResult
 from lab.core.se3 import Array
 from lab.formats.programs.protocol import PAUSE_S
@@ -91,7 +92,7 @@ def plan_scene(plan: DesignResult) -> PlanScene:
     reach = reach_of(frame0, points, legs)
     return PlanScene(
         np.asarray(plan.tour.measured >= 0),
-        plan.pose_ids,
+        visit_ids(plan.tour, plan.pose_ids),
         points,
         moved(tracker, arm.points(way, values))[:, 0],
         tracker,

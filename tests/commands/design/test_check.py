@@ -9,6 +9,7 @@ from helpers.drawing import nothing_drawn
 
 from lab.campaign.options import DesignOptions
 from lab.cli import main
+from lab.commands.calibrate.simulate import simulate
 from lab.commands.design.day import MeasuringDayLength
 from lab.commands.design.run import planned_day
 from lab.formats.programs.protocol import PAUSE_S
@@ -58,6 +59,27 @@ def test_a_plan_can_be_run_where_it_was_made(tmp_path: Path, capsys: pytest.Capt
         assert found[key] == pytest.approx(made.to_dict()[key], rel=1e-6)
 
 
+@pytest.mark.thorough
+def test_a_plan_with_its_reference_pose_is_measured_and_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its rows are named, its program waits as often, the day counts them once, and a simulated day has them all."""
+    with nothing_drawn():
+        made = planned_day(DesignOptions("irb120", candidates=60, starts=1, poses=12, reference_every=5))
+        made.save(tmp_path / "run")
+        code, found = checked(tmp_path / "run", capsys, "--out", str(tmp_path / "again"))
+        day, length = simulate("irb120", plan=tmp_path / "run" / "plan.csv"), MeasuringDayLength.of(made.tour)
+    ids = [name for name, stop in zip(made.columns()["id"], made.columns()["stop"], strict=True) if stop == "measure"]
+    assert [name for name in ids if "_" in name] == ["1_2", "1_3", "1_4"] and ids.index("1_2") == 5 and ids[-1] == "1_4"
+    assert code == 0 and found["poses"] == 12 and length.references == found["reference_measurements"] == 4
+    assert found["day_seconds"] == pytest.approx(length.seconds, abs=0.1)
+    assert length.seconds == pytest.approx(1800 + made.tour.seconds + 15 * PAUSE_S)
+    assert len(day.measurements) == 15
+    again = day.measurements.joints[[ids.index(name) for name in ("1", "1_2", "1_3", "1_4")]]
+    np.testing.assert_allclose(again, again[:1].repeat(4, axis=0), atol=1e-12)
+    assert (tmp_path / "run" / "plan.mod").read_text().count("WaitTime") == 15
+
+
 def test_an_obstacle_that_came_later_is_found(plan: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("wall.toml").write_text(SEES_ALL + BOX.format("2000, 2000, 100", "0, 0, 500"))
     with nothing_drawn():
@@ -88,7 +110,8 @@ def test_a_thin_wall_between_two_stops_is_found(plan: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("flags", "told"),
     [("--check nowhere.csv", "nowhere.csv"), ("--check {plan} --no-check", "--no-check"),
-     ("--check {plan} --extend {plan}", "--extend"), ("--check {plan} --robot scara", "joint q3 is a slide"),
+     ("--check {plan} --extend {plan}", "--extend"), ("--reference-every 0", "-every"),
+     ("--check {plan} --robot scara", "joint q3 is a slide"),
      ("--check skip.csv", "no stop is to be measured"), ("--check {plan} --cell none.toml", "none.toml")],
 )  # fmt: skip
 def test_mistakes_are_told_in_one_line(plan: Path, capfd, flags: str, told: str) -> None:
