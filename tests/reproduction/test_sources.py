@@ -107,6 +107,7 @@ def test_the_best_o1_of_each_number_of_poses_rises_little_after_twenty() -> None
     assert all(np.isfinite(best))
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 @pytest.mark.parametrize("number", ["Figure II.1", "Figure III.6", "Figure III.10"])
 def test_figures_can_be_drawn(number: str) -> None:

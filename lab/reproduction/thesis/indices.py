@@ -73,7 +73,7 @@ def _ellipse() -> tuple[Picture, ...]:
         axes.plot(*circle, "-", color=MUTED, linewidth=1.2)
         axes.plot(*(across @ circle), "-", color=AFTER, linewidth=1.6)
         for i, size in enumerate(s):
-            axes.annotate(f"σ{i + 1} = {size:.3f}", size * np.eye(2)[i], color=INK, fontsize=8)
+            axes.annotate(f"σ{i + 1} = {size:.3f}", 0.5 * size * np.eye(2)[i] + 0.05, color=INK, fontsize=8)
             axes.plot(*np.stack([np.zeros(2), size * np.eye(2)[i]], axis=1), "-", color=INK, linewidth=1)
         axes.set_aspect("equal")
         axes.set(xlabel="along the first left singular vector, mm", ylabel="along the second, mm")
