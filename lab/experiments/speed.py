@@ -210,7 +210,7 @@ def mechanisms() -> dict[str, float]:
     results = {}
     for name, path in (("2-RPR", "rpr2"), ("3-RPR", "rpr3"), ("Delta", "delta")):
         robot = load_robot(path)
-        arm, joints = robot.serial_arm(("p1",)), robot.chain.random_joints(2000, rng_for(7, "poses"))
+        arm, joints = robot.arm(("p1",)), robot.chain.random_joints(2000, rng_for(7, "poses"))
         values = arm.nominal(robot.tool) + 1e-4 * rng_for(7, "arm").standard_normal(len(arm.names))
         results[f"the same, 2,000 poses of a {name}"] = median_ms(partial(arm.observe, joints, values), 20)
     return results
