@@ -15,7 +15,7 @@ from lab.core.se3 import Array
 from lab.render.format import format_magnification
 from lab.render.scene import MagnifiedEllipsoids
 from lab.render.skeleton import Legs
-from lab.render.style import RGB_ARROW, RGB_AXES, RGB_BEAM, RGB_LEG, RGB_ROD
+from lab.render.style import RGB_ARROW, RGB_AXES, RGB_BEAM, RGB_LEG, RGB_ROD, RGB_TRACKER
 from lab.simulation.meshes import Shell
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "draw_moving_legs",
     "draw_shells",
     "draw_tag",
+    "draw_tracker",
     "markdown",
     "recording_to",
 ]
@@ -39,6 +40,7 @@ Times = list[rr.TimeColumn]
 LEGS = "world/arm/rods_and_legs"
 _ROD: tuple[Colour, float] = RGB_ROD, 0.004  # and its radius, of the reach
 _LEG: tuple[Colour, float] = RGB_LEG, 0.01
+_LEGS_M, _STAND_M = 0.3, 1.2  # height of a tracker's tripod and how far its feet reach; of a usual stand
 _AXES = np.array(RGB_AXES, dtype=np.uint8)
 
 
@@ -126,6 +128,26 @@ def draw_instrument(recording: rr.RecordingStream, name: str, T_world_instrument
         origins=np.tile(T[:3, 3], (3, 1)), vectors=0.25 * T[:3, :3].T, colors=_AXES, radii=0.006, labels=[name, "", ""]
     )
     recording.log("world/instrument/frame", axes, static=True)
+
+
+def draw_tracker(recording: rr.RecordingStream, head: Array) -> None:
+    """A tracker on its stand: head, column and three legs on the floor, or as high as is usual where that is below.
+
+    Args:
+        head: ``(3,)`` m in the world.
+    """
+    floor = head[2] if head[2] > _LEGS_M else _STAND_M
+    waist, foot = head - (0.0, 0.0, floor - _LEGS_M), head - (0.0, 0.0, floor)
+    angles = 2 * np.pi / 3 * np.arange(3)
+    feet = foot + _LEGS_M * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
+    shoulder = head - (0.0, 0.0, 0.12)
+    strips = [np.stack([shoulder, waist]), *(np.stack([waist, each]) for each in feet)]
+    stand = rr.LineStrips3D(strips, colors=RGB_TRACKER, radii=[0.035, 0.012, 0.012, 0.012])
+    recording.log("world/instrument/stand", stand, static=True)
+    body = rr.Ellipsoids3D(
+        half_sizes=[[0.06, 0.06, 0.12]], centers=[head], colors=RGB_TRACKER, fill_mode="Solid", line_radii=0.0
+    )
+    recording.log("world/instrument/head", body, static=True)
 
 
 def draw_beams(recording: rr.RecordingStream, at: Times, head: Array, points: Array) -> None:

@@ -56,6 +56,7 @@ __all__ = [
     "RGB_PATH",
     "RGB_PAYLOAD",
     "RGB_ROD",
+    "RGB_TRACKER",
     "RGB_UNCERTAINTY",
     "RGB_WEIGHT",
     "RMS",
@@ -129,6 +130,7 @@ RGB_MAPPING: Final[Rgb] = (40, 190, 160)
 RGB_UNCERTAINTY: Final[Rgb] = (190, 130, 255)
 RGB_BEAM: Final[Rgb] = (235, 60, 60)
 RGB_ROD: Final[Rgb] = (170, 175, 185)
+RGB_TRACKER: Final[Rgb] = (205, 208, 214)
 RGB_LEG: Final[Rgb] = (242, 97, 15)  # whose length is a joint position
 RGB_LINKS: Final[tuple[Rgb, ...]] = (  # of an arm that bends, base outward
     (250, 215, 70), (130, 205, 255), (240, 130, 90), (120, 220, 140), (210, 150, 255), (245, 160, 190),

@@ -32,11 +32,13 @@ from lab.render.rerun_primitives import (
     draw_legs,
     draw_shells,
     draw_tag,
+    draw_tracker,
     markdown,
     recording_to,
 )
 from lab.render.scene import legs_legend
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
+from lab.simulation.meshes import instrument_body
 
 __all__ = ["parameters_text", "record", "summary_text"]
 
@@ -158,6 +160,8 @@ def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown
     name = "tracker" if outcome.real is not None else "instrument's frame"
     draw_instrument(recording, name, shown.T_world_instrument)
     if outcome.real is not None:
+        if instrument_body(outcome.robot.model) not in shown.bodies:  # the robot's model draws none
+            draw_tracker(recording, shown.T_world_instrument[:3, 3])
         draw_beams(recording, _poses(shown.at), shown.T_world_instrument[:3, 3], shown.measured)
 
 

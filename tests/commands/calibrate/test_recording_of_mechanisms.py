@@ -108,6 +108,20 @@ def test_measured_legs_are_told_from_rods(recorded):
     assert shown.reach_m >= np.linalg.norm(shown.legs.ends - shown.origins[0, 0], axis=-1).max() - 1e-12
 
 
+def test_a_tracker_that_no_model_draws_stands_on_the_floor(recorded):
+    """Its head is where the identified base has the instrument."""
+    path, outcome = recorded
+    strips = statics(path, "/world/instrument/stand", STRIPS)
+    column_, *legs = [np.array(strip) for strip in strips]
+    head = scene(outcome).T_world_instrument[:3, 3]
+    np.testing.assert_allclose(statics(path, "/world/instrument/head", "Ellipsoids3D:centers")[0], head, atol=ROUNDED)
+    np.testing.assert_allclose(column_[:, :2], head[:2] * np.ones((2, 1)), atol=ROUNDED)
+    assert len(legs) == 3
+    for leg in legs:
+        np.testing.assert_allclose(leg[0], column_[1], atol=ROUNDED)
+        assert leg[1, 2] == pytest.approx(0 if head[2] > 0.3 else head[2] - 1.2, abs=1e-6)
+
+
 def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
     outcome = calibrate(VirtualCampaign(poses=12))
     shown = scene(outcome)
@@ -115,6 +129,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
     record(tmp_path / "serial.rrd", outcome)
     found = entities(tmp_path / "serial.rrd")
     assert "/world/arm/link3" in found and f"/{LEGS}" not in found
+    assert "/world/instrument/stand" not in found  # its model has a tracker of its own
     assert "lines of the robot" not in summary_text(outcome, shown)
 
 
