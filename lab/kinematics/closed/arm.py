@@ -24,6 +24,7 @@ from lab.kinematics.skeleton import Skeleton
 
 __all__ = ["ClosedArm"]
 
+_HALF_PARALLELOGRAM = 0.05  # of a rod: half of the short side of the parallelogram that is drawn for it
 _STEP = 1e-5  # rad or m, of differences
 Place = tuple[int, int]  # a frame, and a step of its path
 
@@ -182,8 +183,37 @@ class ClosedArm:
         lines, platform = self.legs(joints, values), self.platforms(joints, values)[:, None, :3, 3]
         frames = np.concatenate([*lines, platform], axis=1)
         origins = np.concatenate([np.zeros((len(joints), 1, 3)), frames], axis=1)
-        measured = tuple(rod.joint is not None for rod in self.chain.tree.rods)
-        return Skeleton(lines, lines, frames, origins, self.rods(joints, values), measured)
+        drawn, measured = list[Array](), list[bool]()
+        for rod, ends, hinge in zip(
+            self.chain.tree.rods, self.rods(joints, values).swapaxes(0, 1), self._hinges(joints, values), strict=True
+        ):
+            apart = () if hinge is None else (sign * _HALF_PARALLELOGRAM * rod.length_m * hinge for sign in (1, -1))
+            sides = [ends + each[:, None] for each in apart] or [ends]
+            drawn += sides
+            measured += [rod.joint is not None] * len(sides)
+        rods = np.stack(drawn, axis=1) if drawn else np.empty((len(joints), 0, 2, 3))
+        return Skeleton(lines, lines, frames, origins, rods, tuple(measured))
+
+    def _hinges(self, joints: Array, values: Array) -> list[Array | None]:
+        """Of each rod that stands for a parallelogram the axis ``(n, 3)`` that its two sides lie along, else None.
+
+        A platform that nothing lets turn, although each of its rods has ball ends, hangs on parallelograms, whose
+        short sides are parallel to the axes of the arms (Clavel's Delta).
+        """
+        tree = self.chain.tree
+        turns = any(tree.step(*step).is_turn for step in tree.passive)
+        if turns or len(tree.passive) < 3:
+            return [None] * len(tree.rods)
+        steps = self.chain.assembled(joints, values).configuration.steps
+        found = list[Array | None]()
+        for rod in tree.rods:
+            near = min(rod.ends, key=lambda end: tree.loose[end])
+            moved = [
+                (f, s) for f, s in tree.ancestry(near) if tree.step(f, s).is_turn and tree.step(f, s).joint is not None
+            ]
+            axis = steps[moved[-1][0]][moved[-1][1]][0][:3] if moved else None
+            found.append(None if axis is None else np.broadcast_to(axis, (3, len(joints))).T)
+        return found
 
     def column_priority(self) -> tuple[int, ...]:
         """The base, the mechanism's parameters as they come, then the targets."""
