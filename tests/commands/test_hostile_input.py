@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv, run, swapped, the_line
+from helpers.drawing import nothing_drawn
+
+import lab
 
 HEADER, *ROWS = csv().splitlines()
 BIG = "9" * 400
@@ -35,6 +38,39 @@ RUNS = (
     "payload good.csv --run {} --out never",
     "identify good.csv --robot arm.toml --load {} --out never",
     "calibrate --robot arm.toml --load {} --out never",
+)
+PATHS = ("trajectory {} --robot arm.toml --out never", "kinematics arm.toml --file {} --out never")
+MOTIONS = (
+    "dynamics {} --robot arm.toml --out never",
+    "dynamics motion.csv --robot arm.toml --validate {} --out never",
+)
+EXPORTS = (
+    "import {} --joints good.csv --robot arm.toml --out never",
+    "import good.csv --joints {} --robot arm.toml --out never",
+)
+PROGRAMS = tuple(
+    f"compensate --program {{}} --run run --controller {language} --out never"
+    for language in ("rapid", "krl", "urscript", "fanuc", "val3", "jbi")
+)
+TARGETS = ("compensate {} --run run --no-check --out never",)
+PLANS = ("design --check {} --robot arm.toml --out never",)
+TOMLS = (
+    "dynamics motion.csv --robot arm.toml --drives {} --out never",
+    "dynamics motion.csv --robot arm.toml --sensor {} --out never",
+    "dynamics motion.csv --robot arm.toml --load {} --out never",
+    "import good.csv --joints good.csv --robot arm.toml --columns {} --out never",
+    "certify run --details {} --out never",
+    "certify run --instrument {} --out never",
+    "calibrate --robot arm.toml --instrument {} --out never",
+    "inspect arm.toml --cell {}",
+    "design --robot arm.toml --cell {} --out never",
+)
+FOLDERS = (
+    "certify {} --out never",
+    "trend {} --out never",
+    "compare run {} --out never",
+    "compare {} run --out never",
+    "migrate {}",
 )
 CONFIGS = tuple(f"{name} --config {{}} --out never" for name in ("calibrate", "design"))
 
@@ -217,6 +253,59 @@ def binary(name: str, commands: tuple[str, ...]) -> list[tuple[str, str, bytes]]
     ]
 
 
+COMMAND_LINES = (
+    "kinematics arm.toml --joints 1,2",
+    "kinematics arm.toml --joints 1,nan,3",
+    "kinematics arm.toml --joints 1,2,1e300",
+    "kinematics arm.toml --pose 1,2",
+    "kinematics arm.toml --pose inf,0,0",
+    "kinematics arm.toml --pose 1,2,3,0,0,0,0",
+    "kinematics arm.toml --joints 1,2,3 --rates 1,2,3 --twist 1,2,3,4,5,6",
+    "kinematics arm.toml --joints 1,2,3 --twist 1,2",
+    "kinematics arm.toml --joints 1,2,3 --of elbow+",
+    "kinematics arm.toml --joints 1,2,3 --between 0 99",
+    "kinematics arm.toml --joints 1,2,3 --between -1 2",
+    "kinematics arm.toml --joints 1,2,3 --tool-mm 1",
+    "kinematics arm.toml --joints 1,2,3 --tool-mm nan,0,0",
+    "kinematics arm.toml --pose 1e15,0,0",
+    "trajectory moves.csv --robot arm.toml --step-ms 0",
+    "trajectory moves.csv --robot arm.toml --step-ms 1e-9",
+    "trajectory moves.csv --robot arm.toml --speeds 1e-12",
+    "trajectory moves.csv --robot arm.toml --speeds 0",
+    "trajectory moves.csv --robot arm.toml --speeds nan",
+    "trajectory moves.csv --robot arm.toml --accelerations 1,2",
+    "trajectory moves.csv --robot arm.toml --blend-deg inf",
+    "trajectory moves.csv --robot arm.toml --feed-mm-s -1",
+    "trajectory moves.csv --robot arm.toml --tool-mm 1,2",
+    "dynamics motion.csv --robot arm.toml --holdout 0.9",
+    "dynamics motion.csv --robot arm.toml --holdout nan",
+    "dynamics motion.csv --robot arm.toml --band-hz 0",
+    "dynamics motion.csv --robot arm.toml --band-hz 1e9",
+    "dynamics motion.csv --robot arm.toml --without links",
+    "dynamics --robot arm.toml --delay",
+    "dynamics motion.csv --robot arm.toml --simulate",
+    "import good.csv --joints good.csv --robot arm.toml --coverage 0",
+    "import good.csv --joints good.csv --robot arm.toml --targets p1,p1",
+    "import good.csv --joints good.csv --robot arm.toml --targets a/b",
+    "import good.csv --joints good.csv --robot arm.toml --by time",
+    "import good.csv --joints good.csv --robot arm.toml --clock-offset-s nan",
+    "import good.csv --joints good.csv --robot arm.toml --settled-s inf",
+    "certify run --tolerance-mm 0",
+    "certify run --tolerance-mm nan",
+    "certify run --statistic median",
+    "trend . --kept link1",
+    "compare run",
+    "migrate run --date 2026-02-30",
+    "migrate run --date yesterday",
+    "compensate good.csv --program good.csv --run run",
+    "compensate --run run",
+    "compensate good.csv --run run --digits 3",
+    "compensate --program moves.mod --run run --digits 99",
+    "compensate --program moves.mod --run run --frames tool=1,2",
+    "compensate --program moves.mod --run run --pulses-per-deg 1,2",
+)  # fmt: skip
+
+
 CASES = [
     *binary("hostile.csv", MEASUREMENTS),
     *binary("hostile.toml", (*ROBOTS, *STUDIES)),
@@ -230,12 +319,19 @@ CASES = [
     *of(MODELS, "hostile.xml", ROBOTS),
     *of(URDFS, "hostile.urdf", ROBOTS),
     *of(JSON_TEXTS, "hostile.json", CONFIGS),
+    *binary("hostile.csv", (*PATHS, *MOTIONS, *EXPORTS, *TARGETS, *PLANS)),
+    *binary("hostile.txt", PROGRAMS),
+    *binary("hostile.toml", TOMLS),
+    *of(TABLES, "hostile.csv", (*PATHS, *MOTIONS, *EXPORTS[:1], *TARGETS)),
+    *of(TOML_TEXTS, "hostile.toml", TOMLS),
     *((f"{each}: {command}", command.format(each), b"") for each in SPECIAL for command in
-      (*MEASUREMENTS, *ROBOTS, *STUDIES, *RUNS, *CONFIGS)),
+      (*MEASUREMENTS, *ROBOTS, *STUDIES, *RUNS, *CONFIGS, *PATHS, *MOTIONS, *EXPORTS, *PROGRAMS, *TARGETS, *PLANS,
+       *TOMLS, *FOLDERS)),
+    *((each, f"{each} --out never", b"") for each in COMMAND_LINES),
     *((each, f"{each} --robot arm.toml --out never", b"") for each in OPTIONS),
 ]  # fmt: skip
 
-PARTS = 16  # of which the first runs with every change, and all with -m slow
+PARTS = 32  # of which the first runs with every change, and all with -m slow
 
 
 @pytest.fixture(scope="module")
@@ -244,6 +340,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hostile")
     for name, text in {"arm.toml": ARM_TOML, "arm.xml": ARM_XML, "arm.urdf": ARM_URDF, "good.csv": csv()}.items():
         (folder / name).write_text(text)
+    header = "time_s,q1_deg,q2_deg,rail_mm,tau1_nm,tau2_nm,f3_n\n"
+    rows = "".join(f"{0.01 * i:.2f},{i % 40},{i % 30},{i % 20},1,2,3\n" for i in range(200))
+    (folder / "motion.csv").write_text(header + rows)
+    (folder / "moves.csv").write_text("q1_deg,q2_deg,rail_mm\n0,0,10\n10,20,30\n")
+    (folder / "moves.mod").write_text("MODULE a\nPROC main()\nENDPROC\nENDMODULE\n")
+    with nothing_drawn():
+        lab.calibrate("irb120", poses=20, seed=1, gate_mm=1).save(folder / "run")
     os.mkfifo(folder / "pipe")
     (folder / "folder").mkdir()
     (folder / "loop").symlink_to("loop")

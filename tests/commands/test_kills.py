@@ -15,8 +15,14 @@ import numpy as np
 import pytest
 from helpers.bad_input import run
 
+from lab.campaign.robot import load_virtual
 from lab.commands.integrity import said_of_edits
+from lab.core.load_samples import Mounting
 from lab.core.whole_folder import CHECKSUMS
+from lab.formats.load_csv import write_loads, write_mounting
+from lab.simulation.collisions import random_poses
+from lab.simulation.payload import RigidLoad
+from lab.simulation.payload_bench import LoadBench, RunErrors
 
 pytestmark = [
     pytest.mark.usefixtures("folder"),
@@ -39,6 +45,13 @@ COMMANDS = {
     "compensate": "compensate few.csv --run day --no-check",
     "trajectory": "trajectory goals.csv --robot irb120",
     "compare": "compare day day2",
+    "compensate checked": "compensate few.csv --run day",
+    "design": "design --robot irb120 --poses 10 --candidates 100 --starts 1",
+    "payload": "payload runs.csv --robot tx40 --sensor sensor.toml",
+    "import": "import points.txt --joints joints.csv --robot irb120 --unit mm --by name",
+    "certify": "certify day",
+    "dynamics": "dynamics --robot scara",
+    "kinematics": "kinematics irb120 --joints 10,20,30,40,50,60",
 }
 
 
@@ -50,8 +63,26 @@ def made(folder: Path) -> Path:
     lines = (folder / "day" / "measurements.csv").read_text().splitlines()
     (folder / "goals.csv").write_text("\n".join(line.rsplit(",", 3)[0] for line in lines[:4]) + "\n")
     (folder / "few.csv").write_text("\n".join(lines[:4]) + "\n")
+    cells = [line.split(",") for line in lines[1:9]]
+    points = (f"P{i} {' '.join(row[6:9])}\n" for i, row in enumerate(cells))
+    (folder / "points.txt").write_text("".join(points))
+    joints = (f"P{i},{','.join(row[:6])}\n" for i, row in enumerate(cells))
+    header = ",".join(f"J{j + 1} (rad)" for j in range(6))
+    (folder / "joints.csv").write_text(f"Pose,{header}\n" + "".join(joints))
+    weighed(folder)
     (folder / "study.toml").write_text(STUDY)
     return folder
+
+
+def weighed(folder: Path) -> None:
+    """A file of a loaded and an unloaded run at rest, and how the sensor stands."""
+    robot, rng = load_virtual("tx40"), np.random.default_rng(2)
+    load = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), 1e-3 * np.eye(3))
+    mounting = Mounting.tilted(np.zeros(2), sign=-1.0)
+    bench = LoadBench(robot.model, load, mounting, RunErrors(force_noise_n=0.05, moment_noise_nm=0.002))
+    samples = bench.resting(random_poses(robot.model, 12, rng), rng)
+    write_loads(folder / "runs.csv", samples, robot.chain.joint_names, robot.chain.prismatic)
+    write_mounting(folder / "sensor.toml", mounting)
 
 
 def forked(work: Callable[[], int]) -> int:
@@ -115,7 +146,7 @@ def killed(name: str, count: int, folder: Path) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["identify"])
+@pytest.mark.parametrize("name", ["identify", "payload"])
 def test_a_killed_command_leaves_nothing_half_written(name: str, made: Path) -> None:
     killed(name, 2, made)
 
