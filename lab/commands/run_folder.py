@@ -84,13 +84,25 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
         _refuse_other_files(out)
         with draft_of(place, replacing=overwrite) as draft:
             begun = True
-            yield draft
+            with _known_by_name(draft):
+                yield draft
             (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
     except OSError as error:
         why = error.strerror or error
         mend = "nothing was kept, make room and run again" if begun else "give --out another folder"
         said = f"writing failed ({why})" if begun else f"cannot be written ({why})"
         raise LabError(f"{out}: {said}; {mend}") from error
+
+
+@contextmanager
+def _known_by_name(draft: Path) -> Iterator[None]:
+    """Of a file in the draft that cannot be written only the cause goes on: nobody has heard of the draft."""
+    try:
+        yield
+    except LabError as error:
+        if str(draft) in str(error) and isinstance(error.__cause__, OSError):
+            raise error.__cause__ from None
+        raise
 
 
 def _place(out: Path) -> Path:

@@ -44,17 +44,14 @@ def refuse_unbounded_model(path: Path) -> None:
 
 
 def _elements(path: Path) -> Iterator[tuple[ET.Element, int]]:
-    """Every element with its depth, those of included files too; none of what is no XML, which MuJoCo tells."""
+    """Every element with its depth, those of included files too."""
     waiting, read = [path], set[Path]()
     while waiting:
         file = waiting.pop()
         if file in read or not file.exists():
             continue
         read.add(file)
-        try:
-            root = ET.fromstring(read_bytes(file, TEXT_BYTES))
-        except ET.ParseError:
-            continue
+        root = _root(file)
         left = [(root, 1)]
         while left:
             element, depth = left.pop()
@@ -62,6 +59,22 @@ def _elements(path: Path) -> Iterator[tuple[ET.Element, int]]:
             left.extend((child, depth + 1) for child in element)
             if element.tag == "include" and (name := element.get("file")):
                 waiting.append(path.parent / name)
+
+
+def _root(file: Path) -> ET.Element:
+    """The outermost element: what this parser cannot read, MuJoCo's might, and nothing of it would be checked."""
+    content = read_bytes(file, TEXT_BYTES)
+    try:
+        root = ET.fromstring(content)
+    except (ET.ParseError, LookupError, ValueError) as error:  # the last two of an encoding that there is not
+        said = error if content.strip() else "an empty file"
+        raise LabError(f"{file}: not a readable MJCF or URDF, mend it there: {said}") from error
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError as error:  # MuJoCo takes names as bytes
+        if any(not value.isascii() for element in root.iter() for value in element.attrib.values()):
+            raise LabError(f"{file}: has names that are not in UTF-8; save it as UTF-8") from error
+    return root
 
 
 def _refuse_numbers(path: Path, element: ET.Element) -> None:

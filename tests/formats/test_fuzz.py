@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.file_kinds import KINDS, STUDY
-from helpers.fuzzing import changed
+from helpers.fuzzing import RandomChance, changed, mutated
 from hypothesis import HealthCheck, given, settings
 
 from lab.campaign.option_groups import ArmEffects
@@ -50,21 +50,6 @@ def read_or_refused(kind: str, content: bytes, folder: Path) -> None:
     assert [each.name for each in folder.iterdir()] == [path.name]  # no log
 
 
-def _fuzzed(kind: str, examples: int, folder: Path) -> None:
-    @settings(
-        max_examples=examples,
-        derandomize=examples < 1000,
-        deadline=None,
-        database=None,
-        suppress_health_check=list(HealthCheck),
-    )
-    @given(content=changed(KINDS[kind].text()))
-    def tried(content: bytes) -> None:
-        read_or_refused(kind, content, folder)
-
-    tried()
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_as_it_should_be_is_read(kind: str, tmp_path: Path) -> None:
     path = tmp_path / KINDS[kind].name
@@ -76,14 +61,27 @@ def test_a_file_as_it_should_be_is_read(kind: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_changed_file_is_read_or_refused(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    _fuzzed(kind, 15, tmp_path)
+
+    @settings(max_examples=15, suppress_health_check=list(HealthCheck))
+    @given(content=changed(KINDS[kind].text()))
+    def tried(content: bytes) -> None:
+        read_or_refused(kind, content, tmp_path)
+
+    tried()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_changed_files_are_read_or_refused(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not handled is named by its seed: ``mutated(KINDS[kind].text(), RandomChance(seed))`` makes it again."""
     monkeypatch.chdir(tmp_path)
-    _fuzzed(kind, int(os.environ.get("LAB_FUZZ", "1000")), tmp_path)
+    text, wrong = KINDS[kind].text(), dict[str, str]()
+    for seed in (f"{kind} {i}" for i in range(int(os.environ.get("LAB_FUZZ", "1000")))):
+        try:
+            read_or_refused(kind, mutated(text, RandomChance(seed)), tmp_path)
+        except Exception as error:
+            wrong[seed] = f"{type(error).__name__}: {error}"[:200]
+    assert not wrong
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < MOST_KIB
 
 

@@ -37,7 +37,7 @@ def test_a_file_is_read_in_si_units(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "": r"\[noise\] is missing",
+    "": "says nothing",
     "[noise]\nradial_um = 1\n": "transverse_um",
     NOISE.replace("7.5", "-1"): "transverse_um is -1",
     NOISE.replace("7.5", "0").replace("3\n", "0\n"): "zero along or across",

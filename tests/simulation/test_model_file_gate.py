@@ -68,3 +68,17 @@ def test_real_models_pass(path: Path) -> None:
 def test_what_is_allowed_at_most_is_loaded(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(chain(40))
     assert len(load_model(tmp_path / "arm.xml").chain.joint_names) == 40
+
+
+def test_names_are_text_and_what_is_no_xml_is_not_passed_on(tmp_path: Path) -> None:
+    """MuJoCo takes names as bytes, and what is no well-formed XML, of which nothing would be checked."""
+    file, declared = tmp_path / "arm.xml", '<?xml version="1.0" encoding="latin-1"?>\n'
+    for text in (swapped(ARM_XML, '"q2"', '"\xe92"'), swapped(ARM_XML, "</mujoco>", "")):
+        file.write_bytes(text.encode("latin-1"))
+        with pytest.raises(LabError, match="not a readable MJCF or URDF"):
+            load_model(file)
+    file.write_bytes((declared + swapped(ARM_XML, '"q2"', '"\xe92"')).encode("latin-1"))
+    with pytest.raises(LabError, match=r"arm\.xml: has names that are not in UTF-8"):
+        load_model(file)
+    file.write_bytes((declared + swapped(ARM_XML, "<worldbody>", "<!-- \xe9 --><worldbody>")).encode("latin-1"))
+    assert load_model(file) is not None

@@ -115,7 +115,7 @@ TABLES = [
 
 MODELS = [
     model("empty", "", "empty file", "mend"),
-    model("malformed", "<mujoco><worldbody", "not a readable MJCF or URDF", "mend", "Line number=1"),
+    model("malformed", "<mujoco><worldbody", "not a readable MJCF or URDF", "mend", "line 1"),
     model("truncated", ARM_XML[:300], "not a readable MJCF or URDF", "mend"),
     model("binary", bytes(range(256)) * 4, "not a readable MJCF or URDF", "mend"),
     model("a page", "<html/>", "not a readable MJCF or URDF", "html"),

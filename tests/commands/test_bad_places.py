@@ -1,0 +1,123 @@
+"""No room, no right, another writer, a folder that goes away, a clock set back: one line, and what stood still stands.
+
+Every command that writes a folder is tried, in forks of the tests' process.
+"""
+
+import os
+import shutil
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from helpers.bad_input import contents, run, the_line
+from helpers.writing_commands import COMMANDS, ended, forked, inputs_of_commands, whole
+
+from lab.core.whole_folder import draft_of
+
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="forks of POSIX"),
+    pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning"),
+]
+STUDY = "study study.toml --workers 1"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs and files that the commands are given; each test leaves them as they were."""
+    place, here = tmp_path_factory.mktemp("places"), Path.cwd()
+    os.chdir(place)
+    try:
+        return inputs_of_commands(place)
+    finally:
+        os.chdir(here)
+
+
+@pytest.fixture
+def place(made: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, in which a run of each command stands as ``run``."""
+    monkeypatch.chdir(made)
+    shutil.rmtree(made / "run", ignore_errors=True)
+    shutil.copytree(made / "day2", made / "run")
+    return made
+
+
+def without_room() -> None:
+    """Files of this process have 100 bytes at most, as on a disk that is full; Python's own are not written."""
+    import resource
+    import signal
+
+    sys.dont_write_bytecode = True
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_disk_that_is_full_is_told_and_the_earlier_run_stands(name: str, place: Path, tmp_path: Path) -> None:
+    before, argv = contents(place), f"{COMMANDS[name]} --out run --overwrite"
+
+    def full() -> int:
+        without_room()
+        return run(argv)
+
+    said = tmp_path / "said"
+    assert ended(forked(full, said)) == 2
+    line = the_line(said.read_text())
+    assert "run: writing failed (File too large)" in line and "make room" in line
+    assert contents(place) == before and whole(place / "run")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_place_that_takes_no_folder_is_told_before_work_begins(name: str, place: Path, tmp_path: Path) -> None:
+    if not Path("/sys/kernel").is_dir():
+        pytest.skip("a place in which nobody may write")
+    before = contents(place)
+    said = tmp_path / "said"
+    assert ended(forked(lambda: run(f"{COMMANDS[name]} --out /sys/kernel/run"), said)) == 2
+    assert "/sys/kernel/run: cannot be written (" in the_line(said.read_text())
+    assert contents(place) == before
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, "study"])
+def test_of_two_writers_the_second_is_told(name: str, place: Path, tmp_path: Path) -> None:
+    shutil.rmtree(place / "run")
+    with draft_of(place / "run", replacing=False):
+        child = forked(lambda: run(f"{COMMANDS.get(name, STUDY)} --out run"), said := tmp_path / "said")
+        assert ended(child) == 2
+    assert "run: is being written by another run" in the_line(said.read_text())
+    assert sorted(path.name for path in place.glob(".run.*")) == []
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_folder_that_goes_away_is_told_and_the_earlier_run_stands(name: str, place: Path, tmp_path: Path) -> None:
+    """Somebody empties the disk of what has a dot in front."""
+    before, over = contents(place), threading.Event()
+
+    def emptied() -> None:
+        while not over.wait(0.001):
+            for draft in place.glob(".run.partial-*"):
+                shutil.rmtree(draft, ignore_errors=True)
+
+    thread = threading.Thread(target=emptied)
+    child = forked(lambda: run(f"{COMMANDS[name]} --out run --overwrite"), said := tmp_path / "said")
+    thread.start()
+    code = ended(child)
+    over.set()
+    thread.join()
+    line = the_line(said.read_text())
+    assert code == 2 and line.startswith("lab: run: ") and "(No such file or directory)" in line
+    assert contents(place) == before
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, "study"])
+def test_a_clock_set_back_changes_nothing(name: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten years back when it starts, and a minute less with every look."""
+    looks, now = iter(range(10**9)), time.time()
+    monkeypatch.setattr(time, "time", lambda: now - 3e8 - 60 * next(looks))
+    argv = f"{COMMANDS[name]} --out run --overwrite" if name in COMMANDS else f"{STUDY} --out late"
+    assert ended(forked(lambda: run(argv))) in (0, 1)
+    if name in COMMANDS:
+        assert whole(place / "run")
+    shutil.rmtree(place / "late", ignore_errors=True)
