@@ -45,13 +45,13 @@ def place(made: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def without_room() -> None:
-    """Files of this process have 100 bytes at most, as on a disk that is full; Python's own are not written."""
+    """Files of this process have 400 bytes at most, as on a disk that is full; Python's own are not written."""
     import resource
     import signal
 
     sys.dont_write_bytecode = True
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (400, 400))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
