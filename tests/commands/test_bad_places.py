@@ -22,6 +22,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning"),
 ]
 STUDY = "study study.toml --workers 1"
+CHEAP = ("verify", "payload", "import", "certify")  # the others with -m slow
+EACH = [pytest.param(name, marks=() if name in CHEAP else pytest.mark.slow) for name in (*COMMANDS, "study")]
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def without_room() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (400, 400))
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", EACH[:-1])
 def test_a_disk_that_is_full_is_told_and_the_earlier_run_stands(name: str, place: Path, tmp_path: Path) -> None:
     before, argv = contents(place), f"{COMMANDS[name]} --out run --overwrite"
 
@@ -69,7 +71,7 @@ def test_a_disk_that_is_full_is_told_and_the_earlier_run_stands(name: str, place
     assert contents(place) == before and whole(place / "run")
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", EACH[:-1])
 def test_a_place_that_takes_no_folder_is_told_before_work_begins(name: str, place: Path, tmp_path: Path) -> None:
     if not Path("/sys/kernel").is_dir():
         pytest.skip("a place in which nobody may write")
@@ -80,7 +82,7 @@ def test_a_place_that_takes_no_folder_is_told_before_work_begins(name: str, plac
     assert contents(place) == before
 
 
-@pytest.mark.parametrize("name", [*COMMANDS, "study"])
+@pytest.mark.parametrize("name", EACH)
 def test_of_two_writers_the_second_is_told(name: str, place: Path, tmp_path: Path) -> None:
     shutil.rmtree(place / "run")
     with draft_of(place / "run", replacing=False):
@@ -90,7 +92,7 @@ def test_of_two_writers_the_second_is_told(name: str, place: Path, tmp_path: Pat
     assert sorted(path.name for path in place.glob(".run.*")) == []
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", EACH[:-1])
 def test_a_folder_that_goes_away_is_told_and_the_earlier_run_stands(name: str, place: Path, tmp_path: Path) -> None:
     """Somebody empties the disk of what has a dot in front."""
     before, over = contents(place), threading.Event()
@@ -111,7 +113,7 @@ def test_a_folder_that_goes_away_is_told_and_the_earlier_run_stands(name: str, p
     assert contents(place) == before
 
 
-@pytest.mark.parametrize("name", [*COMMANDS, "study"])
+@pytest.mark.parametrize("name", EACH)
 def test_a_clock_set_back_changes_nothing(name: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten years back when it starts, and a minute less with every look."""
     looks, now = iter(range(10**9)), time.time()
