@@ -162,7 +162,8 @@ class Fit:
     @cached_property
     def singular_values(self) -> Array:
         """Of ``triangle``, descending."""
-        return np.linalg.svd(self.triangle, compute_uv=False)
+        found: Array = np.linalg.svd(self.triangle, compute_uv=False)
+        return found
 
     @property
     def iterations(self) -> int:

@@ -137,10 +137,11 @@ def pseudo_inverse(triangle: Array, tolerance: float) -> Array:
         tolerance: of the largest singular value, below which one is zero.
     """
     if np.diag(triangle).all():
-        inverse = np.linalg.inv(triangle)
+        inverse: Array = np.linalg.inv(triangle)
         if np.linalg.norm(triangle) * np.linalg.norm(inverse) < WELL_CONDITIONED:
             return inverse
-    return np.linalg.pinv(triangle, rcond=tolerance)
+    pseudo: Array = np.linalg.pinv(triangle, rcond=tolerance)
+    return pseudo
 
 
 def triangle_of(parts: Iterable[Array]) -> Array:

@@ -131,7 +131,7 @@ class Yardstick:
 
 def over_yardstick(parts: Sequence[Callable[[], dict[str, float]]]) -> tuple[dict[str, float], dict[str, float]]:
     """The figures of all parts, and what each is over the yardstick, measured before and after its part."""
-    yardstick, figures, ratios = Yardstick(), {}, {}
+    yardstick, figures, ratios = Yardstick(), dict[str, float](), dict[str, float]()
     before = yardstick.ms()
     for part in parts:
         found = part()

@@ -140,7 +140,7 @@ def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array
     seen = np.flatnonzero(there[:, 0])
     focus = rr.Transform3D.columns(translation=points[seen, 0])
     recording.send_columns("world/focus", pose_times(seen), focus)
-    labels = [str(scene.names[i]) for i in seen]
+    labels = [str(scene.names[i]) for i in seen.tolist()]
     below = points[seen, 0] - np.array([0.0, 0.0, 1.4 * _SPHERE * reach])
     names = rr.Points3D.columns(positions=below, labels=labels)
     recording.send_columns("world/magnified/name", pose_times(seen), names)

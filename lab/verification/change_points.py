@@ -164,7 +164,7 @@ class Series:
         """The likeliest change point, and its p, where the test after calibration ``last`` rejects."""
         z = self._scores(start, last)
         freedom, tried = min(self._freedom[start : last + 1]), z.size
-        p = float(min(1.0, tried * 2 * t_sf(np.abs(z).max(), freedom)))
+        p = min(1.0, float(tried * 2 * t_sf(np.abs(z).max(), freedom)))
         return (start + int(np.abs(z).max(axis=1).argmax()), p) if p < self._levels[last] else None
 
     def _scores(self, start: int, last: int) -> Array:

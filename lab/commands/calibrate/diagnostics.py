@@ -118,11 +118,11 @@ def _quantiles(residuals: Array) -> Picture:
     share = (np.arange(1, min(len(residuals), _QUANTILES) + 1) - 0.5) / min(len(residuals), _QUANTILES)
     expected, found = normal_ppf(share), np.quantile(residuals / size, share)
     ranks = share * len(residuals)
-    ends = [normal_ppf(beta_ppf(p, ranks + 0.5, len(residuals) - ranks + 0.5)) for p in (0.025, 0.975)]
-    outside = float(np.mean((found < ends[0]) | (found > ends[1])))
+    low, high = (normal_ppf(beta_ppf(p, ranks + 0.5, len(residuals) - ranks + 0.5)) for p in (0.025, 0.975))
+    outside = float(np.mean((found < low) | (found > high)))
 
     def draw(axes: "Axes") -> None:
-        axes.fill_between(expected, *ends, color=PREDICTED, alpha=0.18, linewidth=0)
+        axes.fill_between(expected, low, high, color=PREDICTED, alpha=0.18, linewidth=0)
         axes.plot(expected, expected, color=INK, linewidth=0.8)
         axes.plot(expected, found, "o", color=AFTER, markersize=3, rasterized=True)
         axes.set(xlabel="normal distribution, σ", ylabel="residuals over their RMS")

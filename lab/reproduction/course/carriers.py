@@ -56,7 +56,7 @@ def _prp_models() -> tuple[Answer, ...]:
         formula("θ1 of x, y, z", "atan(y/x)", v["q1"], v, right="atan2(y, x)", erratum=_QUADRANT),
         formula("T2 of x, y, z", "−L2 + y/s1", v["T2"], v),
         *matrix_formulas("J", "", J, v, rows),
-        *matrix_formulas("J⁻¹", "", np.linalg.inv(J), v, back),
+        *matrix_formulas("J⁻¹", "", np.asarray(np.linalg.inv(J), dtype=float), v, back),
     )
 
 

@@ -5,8 +5,10 @@ in a slide a polynomial, of degree 3 at most.
 """
 
 from collections.abc import Callable, Iterator
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.kinematics.inverse.analytic.determinant import Term
@@ -31,7 +33,7 @@ def fitted_factor(value: Callable[[Array], Array], prismatic: tuple[bool, ...]) 
     return list(_terms(found, prismatic))
 
 
-def _terms(found: Array, prismatic: tuple[bool, ...]) -> Iterator[Term]:
+def _terms(found: NDArray[np.complex128], prismatic: tuple[bool, ...]) -> Iterator[Term]:
     """Each pair of a frequency and its negative is a cosine and a sine."""
     least = _NONE * max(1.0, float(np.abs(found).max()))
     for i in range(_NODES):
@@ -45,6 +47,8 @@ def _terms(found: Array, prismatic: tuple[bool, ...]) -> Iterator[Term]:
             powers = [order if prismatic[joint] else 0 for joint, order in zip((1, 2), orders, strict=True)]
             slides = (1,) * powers[0] + (2,) * powers[1]
             angle, whole = tuple(turns), 2.0 if turns else 1.0
-            for part, function in ((found[i, j].real, "cos"), (-found[i, j].imag, "sin")):
+            parts: tuple[tuple[float, Literal["cos", "sin"]], ...]
+            parts = (found[i, j].real, "cos"), (-found[i, j].imag, "sin")
+            for part, function in parts:
                 if abs(whole * part) > least and (turns or function == "cos"):
                     yield Term(whole * part, function if turns else "", angle, slides=slides)

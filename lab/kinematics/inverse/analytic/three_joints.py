@@ -96,7 +96,7 @@ class ThreeJoints:
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
         """See ``ClosedForm``: the place alone is met, so that any rotation will do; none given counts as no turn."""
-        given = np.isfinite(Rs_frame0_last).all(axis=(1, 2))
+        given = np.asarray(np.isfinite(Rs_frame0_last).all(axis=(1, 2)))
         return np.where(given[:, None, None], Rs_frame0_last, np.eye(3))
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0, *, nearest: bool = True) -> Solutions:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
@@ -150,7 +151,7 @@ class ThreeParallel:
             free.reshape(6, 8, count).transpose(2, 1, 0),
         )
 
-    def _within_reach(self, place: Array, phi: Array) -> Array:
+    def _within_reach(self, place: NDArray[np.complex128], phi: Array) -> Array:
         """The turns ``(2, 2, n)`` nearest to phi with which the planar arm reaches P, where joint 6 may make up for it.
 
         Axis 4 is |place| and |hand| from the two ends of a triangle, and nears axis 2 as the hand turns to it.
