@@ -162,8 +162,7 @@ class Fit:
     @cached_property
     def singular_values(self) -> Array:
         """Of ``triangle``, descending."""
-        found: Array = np.linalg.svd(self.triangle, compute_uv=False)
-        return found
+        return np.asarray(np.linalg.svd(self.triangle, compute_uv=False), dtype=float)
 
     @property
     def iterations(self) -> int:

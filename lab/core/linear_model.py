@@ -137,11 +137,10 @@ def pseudo_inverse(triangle: Array, tolerance: float) -> Array:
         tolerance: of the largest singular value, below which one is zero.
     """
     if np.diag(triangle).all():
-        inverse: Array = np.linalg.inv(triangle)
+        inverse = np.asarray(np.linalg.inv(triangle), dtype=float)
         if np.linalg.norm(triangle) * np.linalg.norm(inverse) < WELL_CONDITIONED:
             return inverse
-    pseudo: Array = np.linalg.pinv(triangle, rcond=tolerance)
-    return pseudo
+    return np.asarray(np.linalg.pinv(triangle, rcond=tolerance), dtype=float)
 
 
 def triangle_of(parts: Iterable[Array]) -> Array:

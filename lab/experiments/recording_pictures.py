@@ -96,7 +96,7 @@ def draw_recording(recording: Path, seconds: float, picture: Path, about: Mappin
         LabError: the viewer does not draw here.
     """
     import matplotlib.image as images
-    import rerun_cli
+    import rerun_cli  # type: ignore[import-untyped]
     from rerun.experimental import ViewerClient
 
     program = Path(rerun_cli.__file__).parent / ("rerun.exe" if sys.platform == "win32" else "rerun")

@@ -90,4 +90,4 @@ class _Solid:
             same = self.reached(middle, levels[rows]) == first
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         edges = np.where(first, 1.0, -1.0) * ((low + high) / 2) ** 2  # a ring ends, or begins
-        return np.pi * np.bincount(rows, weights=edges, minlength=len(levels))
+        return np.asarray(np.pi * np.bincount(rows, weights=edges, minlength=len(levels)), dtype=float)

@@ -43,6 +43,7 @@ from lab.simulation.meshes import instrument_body
 __all__ = ["parameters_text", "record", "summary_text"]
 
 _LOG_ERRORS, _LEAST_MM = "error_log10_mm", 1e-9
+_LEAST_RMS = 1e-9  # of what is drawn on a logarithmic scale
 _PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "convergence"
 
 
@@ -118,7 +119,7 @@ def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     )
     charts = rrb.Horizontal(
         bars(_SINGULAR_VALUES, "Singular values of J, scaled"),
-        bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, by iteration"),
+        bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, log10"),
     )
     right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
     return layout(left, right, TIME)
@@ -251,7 +252,8 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
     steps = np.arange(len(rms))
     iterations = [rr.TimeColumn("iteration", sequence=steps)]
     recording.send_columns(f"{_CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
-    recording.log(f"{_CONVERGENCE}/bars", rr.BarChart(rms, abscissa=steps, color=RGB_AFTER), static=True)
+    logarithms = np.log10(np.maximum(rms, _LEAST_RMS))  # else the first step hides all others
+    recording.log(f"{_CONVERGENCE}/bars", rr.BarChart(logarithms, abscissa=steps, color=RGB_AFTER), static=True)
 
 
 def convergence(outcome: CalibrationResult) -> Array:

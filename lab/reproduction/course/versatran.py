@@ -142,7 +142,7 @@ def _inverse_rates() -> tuple[Answer, ...]:
     """The rates of a twist of the wrist's centre; with dq1 known, dφ less it is the wrist's."""
     robot, letters, _ = _robot()
     twist = np.random.default_rng(2).normal(size=(len(robot.joints), 6))
-    rates: Array = np.linalg.solve(robot.jacobian(), twist[..., None])[..., 0]
+    rates = np.asarray(np.linalg.solve(robot.jacobian(), twist[..., None])[..., 0], dtype=float)
     v = letters | {f"d{name}{axis}": twist[:, 3 * k + i] for k, name in enumerate("pφ") for i, axis in enumerate("xyz")}
     v |= {f"dq{i + 1}": rates[:, i] for i in range(6)}
     across, along = "(c1 dφx + s1 dφy)", "(dφz − dq1)"
