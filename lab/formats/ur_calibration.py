@@ -70,8 +70,9 @@ def _list(path: Path, key: str, text: str) -> Array:
         raise LabError(f"{path}: [mounting] has no {key}; give the controller's calibration.conf")
     try:
         values = np.array(ast.literal_eval(text), dtype=np.float64)
-    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError) as error:
-        raise LabError(f"{path}: {key} = {text[:40]} is no list of numbers; fix it") from error
+    except (ValueError, SyntaxError, TypeError, OverflowError, RecursionError, MemoryError) as error:
+        said = " ".join(text.split())[:40]
+        raise LabError(f"{path}: {key} = {said} is no list of numbers; fix it") from error
     if values.shape != (6,) or not np.isfinite(values).all():
         raise LabError(f"{path}: {key} is to be a list of six finite numbers; fix it")
     return values

@@ -108,6 +108,8 @@ WRONG = {
     "no numbers": (GOOD.replace("[0, 0", "[a, 0", 1), "no list of numbers"),
     "a call": (GOOD.replace("[0, 0, 0, 0, 0, 0]", "__import__('os')", 1), "no list of numbers"),
     "not finite": (GOOD.replace("0, 0]", "0, 1e999]", 1), "six finite numbers"),
+    "400 digits": (GOOD.replace("0, 0]", "0, " + "9" * 400 + "]", 1), "no list of numbers"),
+    "a list over two lines": (GOOD.replace("0, 0]", "0, 0]\n  and = more", 1), "no list of numbers"),
     "millimetres": (GOOD.replace("delta_a = [0,", "delta_a = [425,"), "delta_a reaches"),
     "degrees": (GOOD.replace("delta_theta = [0,", "delta_theta = [90,"), "delta_theta reaches"),
 }
