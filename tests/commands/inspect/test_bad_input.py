@@ -50,7 +50,7 @@ FITTING = [
 ]
 
 TABLES = [
-    toml("empty", "", "convention", '"distal" or "craig"'),
+    toml("empty", "", "says nothing", "leave it out"),
     toml("malformed", 'name = "x"\nconvention distal\n', "not a TOML file", "line 2"),
     toml("truncated", ARM_TOML[:-12], "not a TOML file"),
     toml("binary", bytes(range(256)), "not a text file in UTF-8 (byte 128)", "save it as UTF-8"),
