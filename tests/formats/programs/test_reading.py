@@ -217,3 +217,12 @@ def spoil(language: str, count: int) -> None:
         read_again += 1
         assert rewritten(text, found, np.eye(4)) == text
     assert read_again > count / 3
+
+
+@pytest.mark.parametrize("language", ["rapid", "urscript"])
+def test_brackets_that_nest_without_end_are_told(language: str) -> None:
+    made = random_program(language, 1)
+    deep = Written(language, made.content.replace(b"[", b"[" * 3000), made.poses, made.joints, made.T_flange_tool,
+                   made.T_robot_base)  # fmt: skip
+    with pytest.raises(LabError, match="nest deeper than any program's"):
+        read(deep)
