@@ -81,6 +81,6 @@ def test_a_killed_study_goes_on_to_the_same_bytes(made: Path) -> None:
     for i, moment in enumerate(moments(count, seconds, np.random.default_rng(0))):
         place = made / f"killed{i}"
         ended(forked(lambda place=place: run(f"{argv} --out {place.name}")), moment)
-        again = f"{argv} --out {place.name}" + (" --resume" if (place / "config.json").exists() else " --overwrite")
+        again = f"{argv} --out {place.name}" + (" --resume" if (place / "config.json").exists() else "")
         assert run(again) == 0
         assert study_bytes(place) == wanted

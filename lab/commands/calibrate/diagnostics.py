@@ -93,17 +93,19 @@ def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Pictu
         axes.set(xlim=(0, chain.size), xticks=[], ylabel="residual per axis, mm")
         axes.grid(visible=False, axis="x")
 
-    correlations = [abs(_rank_correlation(share[:, j], np.abs(per_pose))) for j in range(chain.size)]
+    known = np.isfinite(per_pose)
+    sums, counts = np.where(known, np.abs(per_pose), 0.0).sum(axis=1), known.sum(axis=1)
+    seen = counts > 0
+    sizes = sums[seen] / counts[seen]
+    correlations = [abs(_rank_correlation(share[seen, j], sizes)) for j in range(chain.size)]
     label = f"Residuals against each joint: the sizes' rank correlation is {max(correlations):.2f} at most"
     return axes_picture("residuals-joints", label, _WIDE, draw, (0.8, 0.55, 0.15, 0.15))
 
 
 def _rank_correlation(at: Array, sizes: Array) -> float:
-    mean = np.array([row[np.isfinite(row)].mean() if np.isfinite(row).any() else np.nan for row in sizes])
-    known = np.isfinite(mean)
-    if np.ptp(at[known]) == 0 or np.ptp(mean[known]) == 0:
+    if np.ptp(at) == 0 or np.ptp(sizes) == 0:
         return 0.0
-    return float(np.corrcoef(_ranks(at[known]), _ranks(mean[known]))[0, 1])
+    return float(np.corrcoef(_ranks(at), _ranks(sizes))[0, 1])
 
 
 def _ranks(values: Array) -> Array:
