@@ -10,14 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from contextlib import redirect_stdout
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from lab.cli import main
 from lab.core.errors import LabError
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document
@@ -60,7 +57,8 @@ def answer(options: Options) -> Answer:
     """Run each command, open its recording, keep what it shows.
 
     Raises:
-        LabError: a name is none of the pictures, the folder is missing, or the viewer cannot draw here.
+        LabError: a name is none of the pictures, the folder is missing, a command fails, or the viewer cannot draw
+            here.
     """
     if not options.out.is_dir():
         raise LabError(f"{options.out}: is no folder; give --out the one of the pictures")
@@ -71,9 +69,11 @@ def answer(options: Options) -> Answer:
         shown = PICTURES[name]
         with TemporaryDirectory() as folder:
             run = Path(folder) / "run"
-            with redirect_stdout(StringIO()) as printed:
-                main([*shown.command.split()[1:], "--out", str(run)])
-            headline = headline_of(printed.getvalue())
+            command = [sys.executable, "-m", "lab", *shown.command.split()[1:], "--out", str(run)]
+            done = subprocess.run(command, capture_output=True, encoding="utf-8", env=os.environ | {"PYTHONUTF8": "1"})
+            if not (run / "recording.rrd").is_file():
+                raise LabError(f"{shown.command}: wrote no recording ({done.stderr.strip()})")
+            headline = headline_of(done.stdout)
             about = {"Title": headline, "Description": shown.command}
             draw_recording(run / "recording.rrd", shown.seconds, options.out / name, about)
         made[name] = headline
