@@ -1,7 +1,7 @@
 // Sorts a table by the column that is pressed, up, then down. The page reads without it.
 document.querySelectorAll("table").forEach((table) => {
-  table.querySelectorAll("thead th").forEach((head, column) => {
-    if (!head.textContent.trim()) return;
+  table.querySelectorAll("thead th").forEach((head) => {
+    const column = head.cellIndex; // an empty cell is not pressed
     const button = document.createElement("button");
     button.type = "button";
     button.append(...head.childNodes);

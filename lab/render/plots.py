@@ -141,6 +141,7 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
             f"median, {short(float(1e3 * shown.sizes.max()))} mm at most",
             SQUARE,
             lambda axes, plane=plane: _size_map(axes, shown, plane),  # type: ignore[misc]
+            (0.85, 0.5, 0.15, 0.3),  # places may have four digits and a sign
         )
         for which, plane in views.items()
     ]

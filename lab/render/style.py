@@ -4,6 +4,7 @@ A page and its figures stand on white (in a dark page the figures stay on white 
 black, so what is ``BEFORE`` in one is ``RGB_BEFORE``, a brighter shade of the same hue, in the other.
 """
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "BETTER",
     "BOUND",
     "COLOUR_SCALE",
+    "EQUAL_CONTRAST",
     "FIGURE_STYLE",
     "FONT_MONO",
     "FONT_SANS",
@@ -64,6 +66,7 @@ __all__ = [
     "SERIES",
     "TICK",
     "WORST",
+    "luminance",
 ]
 
 Rgb = tuple[int, int, int]
@@ -93,6 +96,7 @@ INDEX: Final = "#7c3aed"  # an observability index
 BETTER: Final = "#86c5a4"
 COLOUR_SCALE: Final = ("#fde68a", "#f97316", "#b91c1c", "#4c0519")  # of lengths, from small to large
 ORDER_MAP: Final = "viridis"  # matplotlib's: first to last pose of a tour
+EQUAL_CONTRAST: Final = 0.179  # the luminance on which black and white are read alike, at 4.6 to 1
 
 # The arm.
 ARM: Final = "#94a3b8"
@@ -207,3 +211,9 @@ FIGURE_STYLE: Final[Any] = {  # matplotlib's rcParams
     "svg.hashsalt": "lab",  # the same picture, the same bytes
     "svg.fonttype": "none",
 }
+
+
+def luminance(rgb: Sequence[float]) -> float:
+    """Relative luminance, 0 of black to 1 of white, of a colour with parts from 0 to 1 (WCAG 2.2)."""
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in rgb)
+    return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)

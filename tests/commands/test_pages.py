@@ -1,78 +1,96 @@
-"""Pages as a browser shows and prints them."""
+"""Pages as a browser shows and prints them: on a desk, a tablet and a phone, light and dark, and on paper."""
 
-import json
-import os
 import re
-import shutil
-import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from helpers.browser import BROWSERS, Browser, installed, opened
+from helpers.drawing import nothing_drawn
 from helpers.html_page import Page
 
-pytestmark = pytest.mark.figures
+import lab
+from lab.cli import main
+from lab.commands.calibrate.load_run import read_calibrated
+from lab.core import se3
+from lab.formats.measurement_csv import write_measurements
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-LOOK = """<script>
-const told = {wide: document.documentElement.scrollWidth, room: document.documentElement.clientWidth};
-told.figures = [...document.querySelectorAll("figure")].map(figure => figure.id);
-told.sizes = [...document.querySelectorAll("figure svg")].map(svg => {
-  const box = svg.getBoundingClientRect();
-  const text = [...svg.querySelectorAll("text")].map(each => each.getBoundingClientRect());
-  const out = text.filter(t => t.left < box.left - 1 || t.right > box.right + 1 || t.bottom > box.bottom + 1);
-  return [box.width, box.height, svg.querySelectorAll("path").length, text.length, out.length];
-});
-const kept = document.createElement("pre");
-kept.id = "told";
-kept.textContent = JSON.stringify(told);
-document.body.append(kept);
-</script>"""
+pytestmark = [pytest.mark.figures, pytest.mark.thorough]
+
+LOOK = (Path(__file__).parents[1] / "helpers" / "page_look.js").read_text(encoding="utf-8")
+SCREENS = [(1400, "light"), (1400, "dark"), (768, "light"), (390, "light"), (390, "dark")]
+PAPER_PX = 695  # A4 within the page's margins
+MOST_SHEETS = {"run": 8, "plan": 4, "inspect": 3, "verify": 3, "compensate": 4, "compare": 3, "trend": 4, "certify": 4}
+DETAILS = """
+certificate = { number = "42", date = 2026-03-31, issued_by = "Us", operator = "A <b>B</b>", place = "Hall 3" }
+robot.serial_number = "R1"
+instrument = { serial_number = "T1", certificate = "C1" }
+environment = { temperature_c = 20.5, robot_temperature_k = { limit = 1 }, expansion_ppm_per_k = 12 }
+"""
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    """Opens a page in a headless Chromium with a home of its own; its output, and what its console says."""
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if (program := installed()) is None:
         pytest.skip(f"no Chromium here ({', '.join(BROWSERS)}): the pages are not opened")
-    home = tmp_path_factory.mktemp("home")
-
-    def opened(path: Path, *flags: str) -> tuple[str, list[str]]:
-        alone = (f"--user-data-dir={home}", "--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr")
-        command = [found, "--headless=new", "--no-sandbox", "--disable-gpu", *alone, *flags, path.as_uri()]
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=60, check=True, env=os.environ | {"HOME": str(home)}
-        )
-        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-
-    return opened
+    with opened(program, tmp_path_factory.mktemp("home")) as browser:
+        yield browser
 
 
-@pytest.fixture
-def pages(drawn_run: Path, drawn_plan: Path, drawn_study: Path) -> dict[str, Path]:
-    """The pages of runs by their names."""
-    return {folder.name: folder / "report.html" for folder in (drawn_run, drawn_plan, drawn_study)}
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory, drawn_run: Path, drawn_plan: Path, drawn_study: Path) -> dict[str, Path]:
+    """The page of each command that writes one, by its name."""
+    folder = tmp_path_factory.mktemp("pages")
+    day = lab.simulate("irb120", poses=60, seed=7, targets=("p1", "p2", "p3")).measurements
+    joints = day.joints.copy()
+    joints[30:, 2] -= 0.5e-3  # the zero of the third joint moved between two days
+    day = replace(day, joints=joints)
+    history = folder / "history"
+    with nothing_drawn():
+        for i, at in enumerate(("2026-01-10", "2026-02-11")):
+            part = day.take(range(30 * i, 30 * i + 30))
+            lab.identify(part, robot="irb120", instrument="uniform-8um", date=at).save(history / f"run{i}")
+    calibrated = read_calibrated(drawn_run)
+    arm, values = calibrated.geometry
+    again = lab.simulate("irb120", poses=8, seed=7).measurements
+    moved = replace(again, points=again.points + np.array([2e-4, 0, 0]))
+    write_measurements(folder / "again.csv", moved, calibrated.robot.chain.prismatic)
+    Ts = arm.tool(0.5 * arm.chain.random_joints(6, np.random.default_rng(1)), values)[0]
+    rows = np.column_stack([1e3 * Ts[:, :3, 3], se3.quaternion_from_rotation(Ts[:, :3, :3])])
+    lines = ["x_mm,y_mm,z_mm,qw,qx,qy,qz", *(",".join(map(repr, map(float, row))) for row in rows)]
+    (folder / "targets.csv").write_text("\n".join(lines))
+    (folder / "details.toml").write_text(DETAILS)
+    commands = {
+        "inspect": ["irb120"],
+        "verify": [drawn_run, folder / "again.csv"],
+        "compensate": [folder / "targets.csv", "--run", drawn_run],
+        "certify": [history / "run0", "--details", folder / "details.toml"],
+        "compare": [history / "run0", history / "run1"],
+        "trend": [history],
+    }
+    for name, arguments in commands.items():
+        assert main([name, *map(str, arguments), "--out", str(folder / name), "--json"]) in (0, 1)
+    drawn = {each.name: each / "report.html" for each in (drawn_run, drawn_plan, drawn_study)}
+    return drawn | {name: folder / name / "report.html" for name in commands}
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("name", "width"), [("run", 1100), ("run", 500), ("plan", 500), ("study", 1100)])
-def test_a_browser_shows_every_figure(name: str, width: int, pages: dict[str, Path], browser, tmp_path: Path) -> None:
-    """On a desk and on a phone: no complaint, every picture has its size, no text is cut off, nothing scrolls aside."""
-    whole = pages[name].read_text(encoding="utf-8")
-    copy = tmp_path / "report.html"
-    copy.write_text(whole.replace("</body>", f"{LOOK}</body>"), encoding="utf-8")
-    dom, said = browser(copy, f"--window-size={width},900", "--dump-dom")
-    told = json.loads(re.search(r'<pre id="told">(.*?)</pre>', dom)[1])
-    assert not said and told["wide"] <= told["room"]
-    assert told["figures"] == list(Page(pages[name]).figures)
-    for wide, high, paths, texts, cut in told["sizes"]:
-        assert wide > 0.6 * min(width, 480) and high > 25 and paths > 4 and texts > 3 and cut == 0
-
-
-@pytest.mark.thorough
-def test_it_prints(pages: dict[str, Path], browser, tmp_path: Path) -> None:
-    for name, most in (("run", 8), ("plan", 4)):
-        pdf = tmp_path / f"{name}.pdf"
-        _, said = browser(pages[name], "--no-pdf-header-footer", f"--print-to-pdf={pdf}")
-        count = len(re.findall(rb"/Type\s*/Page\b", pdf.read_bytes()))
-        assert not said and pdf.read_bytes().startswith(b"%PDF") and 2 <= count <= most
+def test_a_browser_shows_and_prints_every_page(pages: dict[str, Path], browser: Browser) -> None:
+    """No complaint, nothing scrolls aside, no text is cut off or pale, every figure has its size, few sheets."""
+    wrong = {}
+    for name, path in pages.items():
+        figures = list(Page(path).figures)
+        browser.open(path)
+        for width, scheme, media in [*((*each, "screen") for each in SCREENS), (PAPER_PX, "light", "print")]:
+            browser.show(width, scheme, media)
+            told = browser.run(LOOK)
+            assert told["texts"] > 40 and told["figures"] == figures
+            small = [size for size in told["sizes"] if size[0] < 0.6 * min(width, 480) or min(size[1:]) < 4]
+            if found := told["wrong"] + small:
+                wrong[name, width, scheme, media] = found
+        pdf = browser.pdf()
+        sheets = len(re.findall(rb"/Type\s*/Page\b", pdf))
+        assert pdf.startswith(b"%PDF") and 1 <= sheets <= MOST_SHEETS.get(name, 8), (name, sheets)
+        assert not browser.complaints
+    assert not wrong, "\n".join(f"{where}: {what}" for where, found in wrong.items() for what in found)

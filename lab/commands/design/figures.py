@@ -17,6 +17,7 @@ from lab.render.style import (
     ARM,
     AXIS,
     BOUND,
+    EQUAL_CONTRAST,
     FIGURE_STYLE,
     GRID,
     INDEX,
@@ -26,6 +27,7 @@ from lab.render.style import (
     RMS,
     TICK,
     WORST,
+    luminance,
 )
 from lab.render.svg import save_figure
 
@@ -144,6 +146,8 @@ def _draw_poses(figure: "Figure", plan: DesignResult) -> None:
 
 def _view(axes: "Axes", shown: "PlanScene", plane: tuple[int, int], name: str) -> None:
     """Target positions in mm on a plane of the world, with the way between them, the arm at home and the tracker."""
+    from matplotlib import colormaps
+
     i, j = plane
     mm = 1e3
     axes.plot(
@@ -164,9 +168,11 @@ def _view(axes: "Axes", shown: "PlanScene", plane: tuple[int, int], name: str) -
         zorder=3,
         label="target at a pose",
     )
+    shades = colormaps[ORDER_MAP](colour / max(len(points) - 1, 1))[:, :3]
     for k, (x, y) in enumerate(points[:, plane]):
-        ink = "white" if k < 0.6 * len(points) else "black"
-        axes.annotate(shown.ids[k], (x, y), ha="center", va="center", fontsize=6.5, color=ink, zorder=4)
+        ink = "white" if luminance(shades[k]) < EQUAL_CONTRAST else "black"
+        own = {"boxstyle": "circle,pad=0.05", "facecolor": shades[k], "edgecolor": "none"}  # also where points overlap
+        axes.annotate(shown.ids[k], (x, y), ha="center", va="center", fontsize=6.5, color=ink, bbox=own, zorder=4)
     via = ~shown.measured
     via[[0, -1]] = False
     if via.any():
