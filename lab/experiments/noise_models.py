@@ -26,13 +26,13 @@ from lab.campaign.option_groups import Flag
 from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.significance import VERIFICATION
 from lab.experiments.script import Answer, named_values, paragraphs
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.render.document import Document, Section
 from lab.studies import executors
+from lab.verification.change_test import change_test
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 
 __all__ = ["CASES", "Case", "Options", "answer", "study"]
@@ -247,7 +247,7 @@ def _alarmed(
         tail_dof=None if np.isinf(tail) else tail,
     )
     held = VerificationProblem(prediction, observed).fitted(values, np.zeros((arm.parameters, 0)))
-    return prediction.p(held.square, held.dof) < VERIFICATION
+    return change_test(prediction, held).changed
 
 
 def of_one_arm(name: str, seed: int, campaigns: int) -> dict[str, Array]:

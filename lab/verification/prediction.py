@@ -22,7 +22,7 @@ from lab.core.probabilities import chi2_isf, f_isf
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
-from lab.verification.tails import DRAWS, squares_of_tails
+from lab.verification.tails import squares_of_tails
 
 __all__ = [
     "FULL_RANK",
@@ -61,21 +61,16 @@ class CalibrationPrediction:
     strange: tuple[str, ...] = ()
     tail_dof: float | None = None
 
-    def test(self, numbers: int, p: float) -> str:
-        """The test of so many numbers and its outcome, for a person."""
-        if self.tail_dof is not None:
-            said = f"noise with the tails of Student's t, {self.tail_dof:g} degrees of freedom, in {DRAWS:,} draws"
-            return f"test at {100 * VERIFICATION:g} % against {said}, p = {p:.2g}"
-        name, dof = ("chi2", f"{numbers}") if self.dof is None else ("F", f"{numbers} and {self.dof}")
-        chance = f"p = {p:.2g}" if p > 0 else "p < 1e-300"
-        return f"{name} test at {100 * VERIFICATION:g} %, {dof} degrees of freedom, {chance}"
+    def p(self, square: float, numbers: int, each_of: int = 1) -> float:
+        """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none.
 
-    def p(self, square: float, numbers: int) -> float:
-        """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none."""
+        Args:
+            each_of: how many measured numbers each is a combination of.
+        """
         if numbers < 1:
             return 1.0
         if self.tail_dof is not None:
-            drawn = squares_of_tails(self.tail_dof, numbers, self.dof)
+            drawn = squares_of_tails(self.tail_dof, numbers, self.dof, each_of)
             return float((1 + np.count_nonzero(drawn >= square)) / (1 + len(drawn)))
         return float(p_value_of_squares(square, numbers, self.dof))
 
@@ -85,13 +80,13 @@ class CalibrationPrediction:
             return square
         return (self.dof + numbers) * float(np.log1p(square / self.dof))
 
-    def noticeable(self, numbers: int) -> float:
-        """How large a change of r, as r' S^-1 r, the test of so many numbers notices in 95 of 100 files."""
+    def noticeable(self, numbers: int, level: float = VERIFICATION) -> float:
+        """How large a change of r, as r' S^-1 r, a test of so many numbers notices in 95 of 100 files."""
 
         def missed(shift: float) -> float:
             if self.dof is None:
-                return float(scipy.stats.ncx2.cdf(chi2_isf(VERIFICATION, numbers), numbers, shift)) - (1 - _POWER)
-            bound = f_isf(VERIFICATION, numbers, self.dof)
+                return float(scipy.stats.ncx2.cdf(chi2_isf(level, numbers), numbers, shift)) - (1 - _POWER)
+            bound = f_isf(level, numbers, self.dof)
             return float(scipy.stats.ncf.cdf(bound, numbers, self.dof, shift)) - (1 - _POWER)
 
         enough = 1.0

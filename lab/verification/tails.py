@@ -17,20 +17,24 @@ __all__ = ["DRAWS", "squares_of_tails"]
 DRAWS = 1999  # (draws + 1) x level is a whole number
 _MOST_ESTIMATING = 3000
 _MOST_DRAWN = 3000  # numbers that are drawn one by one
+_MEAN = 30  # errors
+_AT_ONCE = 32  # means
 _BEYOND = 300  # numbers of each draw that lie beyond the bound where there are more
 
 
 @lru_cache(maxsize=64)
-def squares_of_tails(tail_dof: float, numbers: int, dof: int | None) -> Array:
+def squares_of_tails(tail_dof: float, numbers: int, dof: int | None, each_of: int = 1) -> Array:
     """Sums of squares ``(draws,)`` of so many numbers of unit variance, over an estimated variance of ``dof`` others.
 
     The draws are always the same ones.
 
     Args:
         tail_dof: degrees of freedom of Student's t, above 2.
+        each_of: how many independent errors each number is a mean of, times their square root. Such means are nearer to
+            normal than the errors are, so more than thirty count as thirty.
     """
     rng = np.random.default_rng(0)
-    squares = _sums(tail_dof, numbers, rng)
+    squares = _sums(tail_dof, numbers, rng) if each_of < 2 else _of_means(tail_dof, numbers, min(each_of, _MEAN))
     if dof is not None and dof <= _MOST_ESTIMATING:  # of more the variance is known as well as need be
         squares = squares / (_sums(tail_dof, dof, rng) / dof)
     return squares
@@ -50,6 +54,18 @@ def _sums(tail_dof: float, numbers: int, rng: np.random.Generator) -> Array:
     tails = student.isf(share / 2 * rng.random(int(beyond.sum()))) ** 2
     sums += np.bincount(np.repeat(np.arange(DRAWS), beyond), weights=tails, minlength=DRAWS)
     return np.asarray(size * sums)
+
+
+def _of_means(tail_dof: float, numbers: int, each_of: int) -> Array:
+    return np.asarray(_summed_means(tail_dof, -(-numbers // _AT_ONCE) * _AT_ONCE, each_of)[:, numbers - 1])
+
+
+@lru_cache(maxsize=8)
+def _summed_means(tail_dof: float, most: int, each_of: int) -> Array:
+    """Sums ``(draws, most)`` of the squares of the first mean, of the first two, and so on."""
+    rng, size = np.random.default_rng(1), (tail_dof - 2) / tail_dof / each_of
+    means = [rng.standard_t(tail_dof, (DRAWS, each_of)).sum(axis=1) for _ in range(most)]
+    return size * np.cumsum(np.square(means).T, axis=1)
 
 
 def _within(student: Any, bound: float, power: int) -> float:

@@ -1,7 +1,8 @@
 """Whether a calibrated arm is still good, from a few new measurements, and what has moved where it is not.
 
-The test holds measured less predicted against what the run predicted (``prediction``). Where it rejects, whatever may
-have moved alone is fitted by generalized least squares, and compared by Schwarz's criterion (1978).
+The test holds measured less predicted against what the run predicted (``prediction``), along the parameters and beyond
+them (``change_test``). Where it rejects, whatever may have moved alone is fitted by generalized least squares, and
+compared by Schwarz's criterion (1978).
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,7 +17,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.significance import VERIFICATION
+from lab.verification.change_test import ChangeTest, change_test, explained, freed, split_test
 from lab.verification.hypotheses import (
     ChangeHypothesis,
     Displacement,
@@ -70,8 +71,10 @@ class Verified:
 
     Attributes:
         statistic: r' S^-1 r, without what was fitted anew.
+        p_of_all: the chance of a larger one, if nothing has changed.
         numbers: its degrees of freedom.
         sigma_freedom: those with which sigma was estimated; None where it was known.
+        test: the parts of the statistic and their p.
         values: ``(p,)`` of the arm as the run has them, with what was fitted anew.
         errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
         promised_m: the root mean square length that the run makes one expect here.
@@ -84,9 +87,10 @@ class Verified:
 
     good: bool
     statistic: float
+    p_of_all: float
     numbers: int
     sigma_freedom: int | None
-    p: float
+    test: ChangeTest
     values: Array
     errors: Array
     promised_m: float
@@ -96,6 +100,11 @@ class Verified:
     undetermined: tuple[str, ...]
     would_notice: tuple[tuple[str, float], ...]
     words: str
+
+    @property
+    def p(self) -> float:
+        """The chance of what speaks as much against the arm, if nothing has changed."""
+        return self.test.p
 
 
 def verify(
@@ -124,20 +133,21 @@ def verify(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
             "measure more, or refit less"
         )
-    p = prediction.p(fit.square, fit.dof)
-    found = [] if p >= VERIFICATION else _hypotheses(problem, fit, refit, poses)
+    test = change_test(prediction, fit)
+    found = _hypotheses(problem, fit, refit, poses) if test.changed else []
     alike = _not_told_apart(found, fit.numbers)
     predicted = (arm.points(each.inputs, fit.values) for each in observed.blocks())
     errors = np.linalg.norm(observed.points - np.concatenate(list(predicted)), axis=2)
     promised = problem.promised_m(fit)
     rms = float(np.sqrt(np.nanmean(errors**2)))
-    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are predicted ({prediction.test(fit.dof, p)})"
+    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are predicted ({test.words(prediction)})"
     return Verified(
-        good=p >= VERIFICATION,
+        good=not test.changed,
         statistic=fit.square,
+        p_of_all=prediction.p(fit.square, fit.dof),
         numbers=fit.dof,
         sigma_freedom=prediction.dof,
-        p=p,
+        test=test,
         values=fit.values,
         errors=errors,
         promised_m=promised,
@@ -145,8 +155,8 @@ def verify(
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
         refit=_placed_anew(prediction, fit, refit),
         undetermined=tuple(arm.names[int(np.argmax(anew[:, j]))] for j in held),
-        would_notice=_would_notice(prediction, fit, refit),
-        words=f"still good: {words}" if p >= VERIFICATION else f"changed: {words}: {_diagnosis(alike)}",
+        would_notice=_would_notice(prediction, fit, test, refit),
+        words=f"changed: {words}: {_diagnosis(alike, prediction, fit)}" if test.changed else f"still good: {words}",
     )
 
 
@@ -181,7 +191,7 @@ def _tried(
     whole = told == np.linalg.matrix_rank(movement.directions)
     size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
     words = f"{movement.what} {movement.did} {size.words}"
-    return _judged(problem, movement.kind, words, size, told, (moved.square, moved.dof), movement.alike)
+    return _judged(problem, movement.kind, words, size, told, change_test(problem.prediction, moved), movement.alike)
 
 
 def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequence[str]) -> list[Hypothesis]:
@@ -203,8 +213,9 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
         drops[~mask.any(axis=1)] = -np.inf
         i, count = int(drops.argmax()), count + int(mask.any(axis=1).sum())
         if least is None or drops[i] > least[0]:
-            there = np.ix_(mask[i], mask[i])
-            least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], _metres_of(block, mask, i)
+            there, of_pose = np.ix_(mask[i], mask[i]), _rows_of(mask, i)
+            rows_there = residual[of_pose], jacobian[of_pose]
+            least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], _metres_of(block, of_pose)
     assert least is not None
     drop, i, freedom, pull, metres = least
     told = int(np.linalg.matrix_rank(freedom, hermitian=True))
@@ -212,7 +223,29 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
         return []
     size = Displacement(*sized(metres @ freedom @ pull, metres @ freedom @ metres.T))
     words = f"the reading of {poses[i] if poses else f'pose {i}'} alone is off by {size.words}"
-    return [_judged(problem, "reading", words, size, told, (fit.square - drop, fit.dof - told), count)]
+    left = _without_reading(problem.prediction, fit, (drop, told), rows_there)
+    return [_judged(problem, "reading", words, size, told, left, count)]
+
+
+def _without_reading(
+    prediction: CalibrationPrediction, fit: RefitSolution, dropped: tuple[float, int], rows: tuple[Array, Array]
+) -> ChangeTest:
+    """The test of all numbers but those of one pose: what these lower, where the parameters are freed too.
+
+    Args:
+        dropped: by how much r' S^-1 r is less without them, and how many they are.
+        rows: whitened residuals ``(m,)`` and derivatives ``(m, p)`` of the pose.
+    """
+    opened = freed(fit, prediction.free)
+    square, numbers = explained(fit, opened)
+    residual, jacobian = rows
+    columns = jacobian @ opened.taken
+    pull = residual - columns @ (opened.taken.T @ (fit.there.jacobian.T @ fit.there.residual))
+    sizes, axes = np.linalg.eigh(np.eye(len(residual)) - columns @ columns.T)
+    free = sizes > FULL_RANK  # of the pose's numbers those that the parameters cannot follow
+    drop, told = float(((axes[:, free].T @ pull) ** 2 / sizes[free]).sum()), int(free.sum())
+    along = square - dropped[0] + drop, numbers - dropped[1] + told
+    return split_test(prediction, (fit.square - dropped[0], fit.dof - dropped[1]), along)
 
 
 def _numbered(
@@ -225,12 +258,16 @@ def _numbered(
         first += len(part[0].inputs)
 
 
-def _metres_of(block: Observations, mask: NDArray[np.bool_], pose: int) -> Array:
-    """What the numbers ``(m, m)`` of one pose are in metres; ``mask`` ``(n, ...)`` says which of all were observed."""
+def _rows_of(mask: NDArray[np.bool_], pose: int) -> NDArray[np.int_]:
+    """Which of the numbers that were observed are of one pose; ``mask`` ``(n, ...)`` says which of all were."""
     of_pose = np.zeros(mask.shape, dtype=np.bool_)
     of_pose[pose] = mask[pose]
-    rows = np.flatnonzero(of_pose[mask])
-    units = np.zeros((int(mask.sum()), len(rows)))
+    return np.flatnonzero(of_pose[mask])
+
+
+def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
+    """What some numbers ``(m, m)`` of a block are in metres."""
+    units = np.zeros((3 * int(seen_mask(block.points).sum()), len(rows)))
     units[rows] = np.eye(len(rows))
     return in_metres(block, units)[rows]
 
@@ -241,14 +278,13 @@ def _judged(
     words: str,
     size: Displacement,
     told: int,
-    left: tuple[float, int],
+    left: ChangeTest,
     alike: int,
 ) -> Hypothesis:
-    """A hypothesis of ``told`` numbers that leaves a square of so many degrees of freedom."""
+    """A hypothesis of ``told`` numbers, and the test of what it leaves."""
     prediction, numbers = problem.prediction, problem.numbers
-    bic = prediction.deviance(left[0], numbers) + told * np.log(numbers) + 2 * np.log(alike)
-    p = prediction.p(*left)
-    return Hypothesis(kind, words, size, told, left[0], p, float(bic), p >= VERIFICATION)
+    bic = prediction.deviance(left.square, numbers) + told * np.log(numbers) + 2 * np.log(alike)
+    return Hypothesis(kind, words, size, told, left.square, left.p, float(bic), not left.changed)
 
 
 def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
@@ -270,11 +306,25 @@ def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesi
     return alike
 
 
-def _diagnosis(alike: Sequence[Hypothesis]) -> str:
+def _diagnosis(alike: Sequence[Hypothesis], prediction: CalibrationPrediction, fit: RefitSolution) -> str:
     """What has changed, in words."""
     if len(alike) > 1:
         return f"these poses cannot tell whether {', or '.join(each.words for each in alike)}"
-    return alike[0].words if alike else _SEVERAL
+    if alike:
+        return alike[0].words
+    name = _likeliest_parameter(prediction, fit)
+    return _SEVERAL if name is None else f"{_SEVERAL}; of the parameters, a change of {name} alone explains the most"
+
+
+def _likeliest_parameter(prediction: CalibrationPrediction, fit: RefitSolution) -> str | None:
+    """The identified parameter that lowers r' S^-1 r most, if it alone has changed; None if none does."""
+    columns = fit.beyond(np.eye(len(fit.values))[:, list(prediction.free)])
+    sizes = (columns**2).sum(axis=0)
+    pulls = columns.T @ fit.there.white(fit.there.residual)
+    drops = np.divide(pulls**2, sizes, out=np.zeros_like(sizes), where=sizes > 0)
+    if not len(drops) or drops.max() <= 0:
+        return None
+    return prediction.arm.names[prediction.free[int(drops.argmax())]]
 
 
 def _placed_anew(
@@ -295,18 +345,29 @@ def _placed_anew(
 
 
 def _would_notice(
-    prediction: CalibrationPrediction, fit: RefitSolution, refit: Sequence[str]
+    prediction: CalibrationPrediction, fit: RefitSolution, test: ChangeTest, refit: Sequence[str]
 ) -> tuple[tuple[str, float], ...]:
-    """How far the base, a target or a joint's zero would have to be off, in the worst direction, to be noticed."""
+    """How far the base, a target or a joint's zero would have to be off, in the worst direction, to be noticed.
+
+    By the part of the test that notices it first.
+    """
     arm = prediction.arm
     tried = [] if "base" in refit else [("base", of_base(arm)[0])]
     if "tool" not in refit:
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
     tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
-    bound = np.sqrt(prediction.noticeable(fit.dof))
+    along = freed(fit, prediction.free).model
+    bounds = [
+        np.sqrt(prediction.noticeable(part.numbers, test.level)) if part.numbers > 0 else np.inf
+        for part in (test.along, test.rest)
+    ]
     found = []
     for name, each in tried:
         whole = np.linalg.norm(fit.there.white(fit.there.jacobian @ each.directions))
-        least = np.linalg.svd(fit.beyond(each.directions), compute_uv=False)[-1]
-        found.append((name, float(bound / least) if least > FULL_RANK * whole else float("inf")))
+        columns = fit.beyond(each.directions)
+        sizes = []
+        for bound, part in zip(bounds, (along.coordinates(columns), along.residual(columns)), strict=True):
+            least = np.linalg.svd(part, compute_uv=False).min(initial=np.inf) if len(part) >= part.shape[1] else 0.0
+            sizes.append(float(bound / least) if least > FULL_RANK * whole else float("inf"))
+        found.append((name, min(sizes)))
     return tuple(found)

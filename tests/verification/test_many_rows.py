@@ -47,7 +47,7 @@ def test_a_verification_block_by_block_is_that_of_all_rows(off: bool, monkeypatc
     assert len(list(seen.blocks())) == 5
     parts = told()
     assert whole.good is not off and parts.words == whole.words
-    for name in ("statistic", "numbers", "promised_m", "p"):
+    for name in ("statistic", "numbers", "promised_m", "p", "p_of_all"):
         assert getattr(parts, name) == pytest.approx(getattr(whole, name), rel=1e-9)
     np.testing.assert_allclose(parts.errors, whole.errors, rtol=1e-12)
     assert [each.words for each in parts.hypotheses] == [each.words for each in whole.hypotheses]
@@ -55,6 +55,28 @@ def test_a_verification_block_by_block_is_that_of_all_rows(off: bool, monkeypatc
         assert (one.chi2, one.bic) == pytest.approx((other.chi2, other.bic), rel=1e-9)
     if off:
         assert any("pose 70" in each.words for each in parts.hypotheses)
+
+
+@pytest.mark.thorough
+def test_a_moved_zero_is_found_among_many_rows_with_tails() -> None:
+    """The sum of all squares of such noise scatters so widely that it hides the zero; its own direction does not."""
+    rng, tail_dof = np.random.default_rng(5), 2.6
+    values = perturbed(ARM, somewhere(ARM, rng), rng, 0.5e-3, 1.5e-3)
+    joints = IRB120.chain.random_joints(1_000, rng)
+
+    def told(off_rad: float) -> Verified:
+        truth = values.copy()
+        truth[ARM.names.index("link2.theta")] += off_rad
+        noise = rng.standard_t(tail_dof, (len(joints), 2, 3)) * np.sqrt((tail_dof - 2) / tail_dof)
+        points = ARM.points(joints, truth) + SIGMA * noise
+        known = CalibrationPrediction(ARM, values, FREE, 1e-14 * np.eye(len(FREE)), tail_dof=tail_dof)
+        return verify(known, Observations(joints, points, np.full((len(joints), 2), 1 / SIGMA)))
+
+    as_it_was, moved = told(0.0), told(1e-5)
+    assert as_it_was.good and as_it_was.test.along.numbers == len(FREE)
+    assert moved.p_of_all > 0.05 and not moved.good and moved.test.along.p < 0.005 < moved.test.rest.p
+    assert moved.moved == ("joint",) and "the zero of joint 2 (q2) has moved by 0.0103 ± 0.0003 mrad" in moved.words
+    assert dict(moved.would_notice)["joint2"] < 5e-6
 
 
 @pytest.mark.thorough

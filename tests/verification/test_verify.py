@@ -25,6 +25,7 @@ from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
 from lab.simulation.observations.points import track
+from lab.verification.change_test import change_test, split_test
 from lab.verification.hypotheses import refitted
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 from lab.verification.test import verify
@@ -94,6 +95,15 @@ def test_the_statistic_and_the_promise_are_those_of_the_whole_covariance(refit: 
     found = verify(prediction, seen, refit)
     assert found.statistic == pytest.approx(residual @ inverse @ residual, rel=1e-3)  # of one step from near by
     assert found.numbers == len(residual) - columns.shape[1]
+    free = np.concatenate([columns, jacobian[:, list(prediction.free)]], axis=1)
+    white = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    basis = np.linalg.svd(white @ free, full_matrices=False)
+    basis = basis[0][:, basis[1] > 1e-9 * basis[1][0]]
+    outside = white @ residual - basis @ (basis.T @ white @ residual)
+    assert found.test.rest.square == pytest.approx(outside @ outside, rel=1e-3)
+    assert found.test.rest.numbers == len(residual) - basis.shape[1] > 0
+    assert found.test.along.numbers == found.numbers - found.test.rest.numbers > 0
+    assert found.test.square == pytest.approx(found.statistic, rel=1e-9)
     left = covariance @ inverse @ covariance
     assert found.promised_m == pytest.approx(np.sqrt(np.trace(left) / 18), rel=1e-4)
 
@@ -108,30 +118,35 @@ def test_the_worst_reading_is_the_one_without_which_least_is_left() -> None:
     part = np.delete(np.arange(9), 4)
     without = verify(prediction, Observations(seen.inputs[part], seen.points[part], seen.whiten[part]), ("base",))
     assert reading.chi2 == pytest.approx(without.statistic, rel=1e-3)
+    assert reading.p == pytest.approx(without.p, rel=1e-2) and without.test.tests == 2
     assert found.moved == ("reading",) and "the reading of row 4 alone" in found.words
     assert reading.extent.shift_m == pytest.approx(np.sqrt(20) * 1e-4, abs=4e-5) and reading.parameters == 6
 
 
 @pytest.mark.thorough
-def test_p_values_are_uniform_where_nothing_has_changed() -> None:
-    """Residuals drawn from N(0, S): chi squared; with sigma drawn too, F."""
+@pytest.mark.parametrize(("poses", "tests"), [(5, 1), (12, 2)])
+def test_p_values_are_uniform_where_nothing_has_changed(poses: int, tests: int) -> None:
+    """Residuals drawn from N(0, S): chi squared; with sigma drawn too, F, whose two parts share that sigma."""
     prediction, _ = an_arm()
-    joints = IRB120.chain.random_joints(5, np.random.default_rng(3))
+    joints = IRB120.chain.random_joints(poses, np.random.default_rng(3))
     exact = prediction.arm.points(joints, prediction.values)
     blank = seen_at(prediction.arm, joints, exact)
-    blank = replace(blank, whiten=np.broadcast_to(np.eye(3) / SIGMA, (5, 1, 3, 3)))
+    blank = replace(blank, whiten=np.broadcast_to(np.eye(3) / SIGMA, (poses, 1, 3, 3)))
     root = np.linalg.cholesky(dense(prediction, blank)[1])
     rng, nothing, dof = np.random.default_rng(4), np.zeros((len(prediction.values), 0)), 12
     known, estimated = [], []
     for _ in range(1000):
-        r = (root @ rng.standard_normal(15)).reshape(exact.shape)
+        r = (root @ rng.standard_normal(3 * poses)).reshape(exact.shape)
         drawn = VerificationProblem(prediction, replace(blank, points=exact + r)).fitted(prediction.values, nothing)
-        known.append(prediction.p(drawn.square, drawn.dof))
+        known.append(change_test(prediction, drawn))
         sigma = rng.chisquare(dof) / dof
-        estimated.append(replace(prediction, dof=dof).p(drawn.square / sigma, drawn.dof))
-    for p in (known, estimated):
-        assert stats.kstest(p, "uniform").pvalue > 1e-3
-        assert 0.001 < np.mean(np.array(p) < 0.01) < 0.025
+        along, rest = ((part.square / sigma, part.numbers) for part in (known[-1].along, known[-1].rest))
+        estimated.append(split_test(replace(prediction, dof=dof), (along[0] + rest[0], along[1] + rest[1]), along))
+    for found in (known, estimated):
+        p = np.array([each.p for each in found])
+        assert {each.tests for each in found} == {tests}
+        assert (tests == 2 and found is estimated) or stats.kstest(p, "uniform").pvalue > 1e-3
+        assert 0.001 < np.mean(p < 0.01) < 0.025
 
 
 KINDS = {
@@ -218,7 +233,7 @@ def test_what_would_be_noticed_is() -> None:
             noise = SIGMA * np.random.default_rng(seed).standard_normal(seen.points.shape)
             seen = replace(seen, points=prediction.arm.points(seen.inputs, real) + noise)
             fit = VerificationProblem(prediction, seen).fitted(prediction.values, np.zeros((len(real), 0)))
-            missed += prediction.p(fit.square, fit.dof) >= 0.01
+            missed += not change_test(prediction, fit).changed
         shares.append(missed / len(drawn))
     assert 0.01 <= shares[0] <= 0.10 and shares[1] > 0.3
 
@@ -229,7 +244,7 @@ def test_what_would_be_noticed_is() -> None:
 KEYS = {
     "run", "run_verdict", "robot", "poses", "targets", "good", "p", "level", "statistic", "freedom", "sigma_freedom",
     "observed_mm",
-    "promised_mm", "moved", "words", "hypotheses", "refit", "would_notice", "warnings",
+    "promised_mm", "moved", "words", "hypotheses", "refit", "would_notice", "warnings", "tests",
 }  # fmt: skip
 REAL = perturbed_arm(IRB120, VirtualCampaign(seed=3))
 

@@ -76,6 +76,10 @@ class VerificationResult(Result):
             "statistic": found.statistic,
             "freedom": found.numbers,
             "sigma_freedom": found.sigma_freedom,
+            "tests": {
+                name: {"statistic": part.square, "freedom": part.numbers, "p": part.p, "level": found.test.level}
+                for name, part in (("parameters", found.test.along), ("rest", found.test.rest))
+            },
             "observed_mm": self.observed_mm,
             "promised_mm": 1e3 * found.promised_m,
             "moved": list(found.moved),

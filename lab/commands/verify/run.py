@@ -252,8 +252,10 @@ def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, ve
         said.append(
             f"these poses do not determine {names}, which stay as the run has them; the test does not depend on it"
         )
-    if verified.p > TOO_GOOD:
-        said.append(f"errors are much smaller than predicted (p = {verified.p:.6f}): the noise is given too large")
+    if verified.p_of_all > TOO_GOOD:
+        said.append(
+            f"errors are much smaller than predicted (p = {verified.p_of_all:.6f}): the noise is given too large"
+        )
     return said
 
 
