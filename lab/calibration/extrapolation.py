@@ -22,6 +22,7 @@ from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.validation import configurations
 from lab.core.linear_model import LinearModel, p_value_of_squares
+from lab.core.measurements import evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import EXTRAPOLATION
@@ -33,6 +34,8 @@ _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
 _MOST = 1.0  # rad or m beyond, that a slope is good for
 _LEAST_EDGE = 1e-3  # rad or m
 _LEAST_POSES = 4  # at an edge: fewer say nothing of a slope
+_FEW_POSES = 2_000  # of an edge, in which so many configurations are looked for
+_SLOPE_POSES = 20_000  # from which slopes are told, where there are more
 _LEAST_RANGE = 0.05  # rad or m: a joint that moved less has no edges to speak of
 _LEAST_SLOPES = 4
 _ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
@@ -90,14 +93,15 @@ def measured_range(found: Identification, observed: Observations, prismatic: Seq
 
     Args:
         found: the identification.
-        observed: what it comes from, weighed as it was.
+        observed: what it comes from, weighed as it was; of very many poses some tell the slope.
         prismatic: ``(joints,)`` which joints slide.
     """
     observation = observation_of(found.model)
     if not only_positions(observation):
         return None
     joints = observed.inputs[:, : len(prismatic)]
-    slope = _slopes(found, observation.model, observed, joints)
+    some = observed.thinned(_SLOPE_POSES)
+    slope = _slopes(found, observation.model, some, some.inputs[:, : len(prismatic)])
     low, high = np.quantile(joints, [_EDGE, 1 - _EDGE], axis=0)
     lower, upper = joints.min(axis=0), joints.max(axis=0)
     edge = np.maximum((low - lower + upper - high) / 2, _LEAST_EDGE)
@@ -150,6 +154,8 @@ def _edges(joints: Array) -> list[tuple[int, Array]]:
 
 def _is_enough(joints: Array) -> bool:
     """Whether so many poses, repeats aside, say something of a slope."""
+    few = evenly(len(joints), _FEW_POSES)
+    joints = joints if few is None else joints[few]
     return len(joints) >= _LEAST_POSES and len(np.unique(configurations(joints))) >= _LEAST_POSES
 
 

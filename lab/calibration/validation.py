@@ -147,13 +147,20 @@ def configurations(joints: Array) -> Rows:
     Of very many rows those in one cell of an eighth of that stand for each other, or their pairs would be too many.
     """
     if len(joints) > _MANY_ROWS:
-        cells, cell = np.unique(np.floor(joints * (_CELLS / SAME_CONFIGURATION)), axis=0, return_inverse=True)
-        if len(cells) < len(joints):
-            return configurations((cells + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell.ravel()]
+        corners = np.floor(joints * (_CELLS / SAME_CONFIGURATION))
+        _, one, cell = np.unique(_row_numbers(corners), return_index=True, return_inverse=True)
+        if len(one) < len(joints):
+            return configurations((corners[one] + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell]
     pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
     labels: Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
     return labels
+
+
+def _row_numbers(rows: Array) -> NDArray[np.uint64]:
+    """A number ``(n,)`` for each of rows ``(n, c)`` of whole numbers, of its own among a million."""
+    factors = rng_for(0, "split").integers(1 << 63, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)
+    return np.asarray((rows.astype(np.int64).view(np.uint64) * factors).sum(axis=1, dtype=np.uint64))
 
 
 def cv_groups_of(model: Model, data: Measurements) -> Rows:

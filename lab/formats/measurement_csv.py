@@ -60,23 +60,25 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
     """
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
+        named = any(name != str(i) for i, name in enumerate(data.ids))
+        purposed, sessioned = data.marked or set(data.use) != {"calibrate"}, any(data.sessions)
         for first in range(0, max(len(data), 1), _BLOCK):
             part = data if len(data) <= _BLOCK else data.take(range(first, min(first + _BLOCK, len(data))))
-            columns = _columns(data, part, prismatic)
+            told = {
+                "id": [text_cell(name) for name in part.ids] if named else None,
+                "use": part.use if purposed else None,
+                "session": [text_cell(name) for name in part.sessions] if sessioned else None,
+            }
+            texts: dict[str, Sequence[str]] = {name: cells for name, cells in told.items() if cells is not None}
+            columns = texts | _numbers(data, part, prismatic)
             if not first:
                 writer.writerow(columns)
             writer.writerows(zip(*columns.values(), strict=True))
 
 
-def _columns(data: Measurements, part: Measurements, prismatic: Sequence[bool]) -> dict[str, Sequence[str]]:
-    """The cells of some rows, by column; which columns there are is told by all."""
+def _numbers(data: Measurements, part: Measurements, prismatic: Sequence[bool]) -> dict[str, Sequence[str]]:
+    """The cells of some rows from the joints on, by column; which columns there are is told by all."""
     columns: dict[str, Sequence[str]] = {}
-    if any(name != str(i) for i, name in enumerate(data.ids)):
-        columns["id"] = [text_cell(name) for name in part.ids]
-    if data.marked or set(data.use) != {"calibrate"}:
-        columns["use"] = part.use
-    if any(data.sessions):
-        columns["session"] = [text_cell(name) for name in part.sessions]
     for j, name in enumerate(data.joint_names):
         unit, exponent = ("mm", 3) if prismatic[j] else ("rad", 0)
         columns[f"{name}_{unit}"] = _decimals(part.joints[:, j], exponent)

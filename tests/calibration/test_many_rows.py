@@ -111,6 +111,28 @@ def test_outliers_among_many_are_found() -> None:
     assert found.rows.tolist() == [20, 230, 150]
 
 
+@pytest.mark.usefixtures("blocks")
+def test_outliers_among_many_leave_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fifth of the poses: one by one each would take a least squares of all."""
+    asked: list[int] = []
+    within = linear_problem.LinearizedFit.within
+    monkeypatch.setattr(linear_problem.LinearizedFit, "within", lambda *given: asked.append(1) or within(*given))
+    observed, start = seen()
+    off = np.arange(6, POSES, 5)
+    observed.points[off, 0] += np.random.default_rng(1).choice([-1, 1], (len(off), 3)) * 6 * SIGMA
+    found = find_outliers(ARM, observed, FREE, start, known=True, rng=np.random.default_rng(0))
+    assert set(found.rows.tolist()) == set(off.tolist())
+    assert len(asked) < len(off)
+
+
+def test_a_block_of_poses_that_hardly_predict_themselves_needs_no_eigenvectors() -> None:
+    rng = np.random.default_rng(4)
+    basis = 0.01 * rng.standard_normal((50, 3, 2))
+    small = rng.choice([-1.0, 1.0], (50, 1, 1)) * basis @ np.swapaxes(basis, 1, 2)
+    root = linear_problem._root_near_one(small)
+    np.testing.assert_allclose(root @ root @ (np.eye(3) + small), np.broadcast_to(np.eye(3), (50, 3, 3)), atol=1e-14)
+
+
 def test_rows_that_repeat_a_configuration_often_need_no_pairs() -> None:
     """2,000 repeats of each of 20 configurations are 40 million pairs, of 0.6 GB."""
     rng = np.random.default_rng(0)

@@ -10,6 +10,7 @@ from lab.core.linear_model import (
     matched_dof,
     p_value_of_squares,
     pseudo_inverse,
+    triangle_of,
     unit_columns,
 )
 
@@ -92,3 +93,14 @@ def test_the_inverse_of_a_triangle_leaves_out_what_is_not_determined() -> None:
         inverse = pseudo_inverse(triangle, 1e-10)
         assert np.abs(triangle @ inverse @ triangle - triangle).max() < 1e-12
         assert np.linalg.norm(inverse) < 1e3 and np.linalg.matrix_rank(inverse, 1e-6) == 5
+
+
+@pytest.mark.parametrize("dependent", [False, True])
+def test_the_triangle_of_many_rows_is_that_of_all_at_once(dependent: bool) -> None:
+    """By products of columns, and where these depend on each other by reflections."""
+    columns = RNG.standard_normal((12_000, 5)) * 10.0 ** np.arange(-3, 2)
+    columns[:, 4] = columns[:, 0] + columns[:, 3] if dependent else columns[:, 4]
+    triangle = triangle_of(np.array_split(columns, [10_000]))
+    products = columns.T @ columns
+    np.testing.assert_allclose(triangle.T @ triangle, products, rtol=1e-10, atol=1e-13 * products.max())
+    assert (np.linalg.svd(triangle / np.linalg.norm(triangle, axis=0))[1][-1] < 1e-13) == dependent

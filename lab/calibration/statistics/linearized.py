@@ -24,6 +24,7 @@ FULL_RANK = 1e-8  # of the largest singular value of the column-scaled Jacobian
 _DETERMINED = 1e-6  # share of a direction's variance that other poses must leave to its residual
 _LEAST_KURTOSIS_DOF = 4.5
 _BLOCK = 2_000_000  # numbers drawn or worked out at a time
+_HARDLY = 1e-3  # of a pose in its own prediction: five terms of a series are exact
 _NO_LEVERAGE, _MANY = 0.01, 60_000  # of each number's own error in its prediction, and how many numbers: no matter
 
 
@@ -55,8 +56,12 @@ class NoiseDistribution:
             return rng.standard_normal(size)
         if self.kind == "student":
             return np.asarray(rng.standard_t(self.dof, size) * np.sqrt((self.dof - 2) / self.dof))
-        total = sum((rng.random(size) for _ in range(self.readings)), np.full(size, -0.5 * self.readings))
-        return np.asarray(total * np.sqrt(12 / self.readings))
+        total = rng.random(size)
+        for _ in range(self.readings - 1):
+            total += rng.random(size)
+        total -= 0.5 * self.readings
+        total *= np.sqrt(12 / self.readings)
+        return total
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,11 @@ class LinearizedFit:
         for part in self.blocks():
             basis = self.jacobian[part] @ model.back
             own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
-            spread, axes = np.linalg.eigh(np.eye(numbers) + np.where(inside[part], -1.0, 1.0)[:, None, None] * own)
+            sign = np.where(inside[part], -1.0, 1.0)[:, None, None]
+            if float(np.einsum("nii->n", own).max()) < _HARDLY:
+                root[part] = _root_near_one(sign * own)
+                continue
+            spread, axes = np.linalg.eigh(np.eye(numbers) + sign * own)
             alone = spread < _DETERMINED
             gain = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))
             root[part] = (gain[:, None, :] * axes) @ np.swapaxes(axes, 1, 2)
@@ -194,6 +203,15 @@ class SubsetFit:
         return np.where(count > 0, p, 1.0)
 
 
+def _root_near_one(small: Array) -> Array:
+    """``(1 + A)^-1/2`` of matrices ``(n, m, m)`` of norms below a thousandth, by the binomial series."""
+    one = np.eye(small.shape[1])
+    total = one - 7 / 8 * small
+    for factor in (5 / 6, 3 / 4, 1 / 2):
+        total = one - factor * small @ total
+    return np.asarray(total)
+
+
 def linearized(
     model: Model,
     observed: Observations,
@@ -245,10 +263,12 @@ def smallest_p(
     """
     found = []
     sizes = np.unique(within.count)
-    block = max(1, _BLOCK // mask.size)
     alone = mask.size > _MANY and float(within.left()[mask].min()) > 1 - _NO_LEVERAGE
+    block = 1 if alone else max(1, _BLOCK // mask.size)
     for first in range(0, draws, block):
-        errors = shape.draw((min(block, draws - first), *mask.shape), rng) * mask
+        errors = shape.draw((min(block, draws - first), *mask.shape), rng)
+        if not mask.all():
+            errors *= mask
         if alone:
             distance = np.einsum("bnm,bnm->bn", errors, errors)
             total = distance.sum(axis=1)

@@ -219,7 +219,8 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
 
     All outside that pass come back; only when none does, the worst inside that fails leaves. It ends where
     neither happens (Hadi & Simonoff 1993 go forward alike), and where the worst cannot be done without: every
-    other pose then stands out because of it.
+    other pose then stands out because of it. Of very many poses, none of which moves the fit much, all leave together
+    that fail half as far away as the worst.
     """
     inside = _enough(linear, inside)
     tried: set[bytes] = set()
@@ -235,11 +236,16 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
         if not failed.any():
             break
         without = inside.copy()
-        without[np.argmax(np.where(failed, distance, -1.0))] = False
+        without[_worst(np.where(failed, distance, -1.0), many=linear.poses > _FIRST_POSES)] = False
         if not linear.within(without).full_rank:
             return inside, np.flatnonzero(failed & (within.count < linear.mask.sum(axis=1)))
         inside = without
     return inside, np.empty(0, dtype=np.int_)
+
+
+def _worst(distance: Array, *, many: bool) -> NDArray[np.int_]:
+    """The farthest pose; of many all that are half as far."""
+    return np.flatnonzero(distance >= distance.max() / 2) if many else np.argmax(distance, keepdims=True)
 
 
 def _enough(linear: LinearizedFit, inside: Mask) -> Mask:

@@ -161,20 +161,28 @@ def _neighbours(joints: Array) -> NDArray[np.int_]:
     first = np.unique(labels, return_index=True)[1]
     if len(first) < 2:
         return np.empty((0, 2), dtype=np.int_)
-    scaled = joints / np.maximum(joints.std(axis=0), 1e-12)
-    nearest = cKDTree(scaled[first]).query(scaled[first], k=2)[1][:, 1]
-    return np.stack([first, first[nearest]], axis=1)
+    scaled = (joints / np.maximum(joints.std(axis=0), 1e-12))[first]
+    asked = _thinned(np.arange(len(first)))
+    nearest = cKDTree(scaled).query(scaled[asked], k=2)[1][:, 1]
+    return np.stack([first[asked], first[nearest]], axis=1)
+
+
+def _thinned(pairs: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Of more pairs than say anything new some, evenly spaced."""
+    return pairs[:: -(-len(pairs) // _MOST_PAIRS)]
 
 
 def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> Likeness | None:
     """The mean product of pairs' residuals over their mean square, against poses in an order by chance.
 
-    Of more pairs than say anything new, some are taken, evenly spaced.
+    Of more poses than twice those pairs have, only theirs change places.
     """
     if len(pairs) < _LEAST_POSES // 2:
         return None
-    pairs = pairs[:: -(-len(pairs) // _MOST_PAIRS)]
-    rows = residuals.reshape(len(residuals), -1)
+    pairs, rows = _thinned(pairs), residuals.reshape(len(residuals), -1)
+    if len(rows) > 2 * _MOST_PAIRS:
+        poses, index = np.unique(pairs, return_inverse=True)
+        pairs, rows = index.reshape(pairs.shape), rows[poses]
     rng, square = rng_for(0, "flips"), float((rows**2).mean())
 
     def mean(order: NDArray[np.int_]) -> float:

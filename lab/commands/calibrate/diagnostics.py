@@ -3,12 +3,14 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import world_of
 from lab.core.linear_model import half_width_95
+from lab.core.measurements import evenly
 from lab.core.probabilities import beta_ppf, normal_ppf
 from lab.core.se3 import Array
 from lab.render.document import Picture
@@ -21,9 +23,9 @@ from lab.render.svg import axes_picture
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["correlation_picture", "residual_pictures", "selection_picture", "uncertainty_map"]
+__all__ = ["MOST_POSES", "correlation_picture", "residual_pictures", "selection_picture", "uncertainty_map"]
 
-_MOST = 2000  # residuals in a picture
+MOST_POSES = 2000  # whose residuals are drawn
 _WIDE, _SQUARE = (5.6, 2.6), (3.4, 3.2)  # inches
 _QUANTILES = 120
 _FEWEST = 8  # residuals whose shape says something
@@ -45,17 +47,24 @@ def residual_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     return (_in_order(result, residuals, band), _by_joint(result, residuals, band), _quantiles(seen))
 
 
+def _drawn(residuals: Array) -> NDArray[np.int_]:
+    """The poses of residuals ``(n, ...)`` that are drawn: all, or some evenly spaced."""
+    some = evenly(len(residuals), MOST_POSES)
+    return np.arange(len(residuals)) if some is None else some
+
+
 def _in_order(result: CalibrationResult, residuals: Array, band: float) -> Picture:
     time = result.fitted.conditions.get("time_s")
     timed = time is not None and bool(np.isfinite(time).all())
     at = (time - time.min()) / 60 if timed and time is not None else np.arange(1.0, len(residuals) + 1)
+    drawn = _drawn(residuals)
 
     def draw(axes: "Axes") -> None:
         for axis, (colour, mark, _) in zip(range(3), SERIES[:3], strict=True):
-            values = residuals[..., axis]
+            values = residuals[drawn, :, axis]
             axes.plot(
-                np.repeat(at, values.shape[1]), values.ravel(), mark, color=colour, markersize=3, label="xyz"[axis],
-                rasterized=True,
+                np.repeat(at[drawn], values.shape[1]), values.ravel(), mark, color=colour, markersize=3,
+                label="xyz"[axis], rasterized=True,
             )  # fmt: skip
         _band(axes, band)
         axes.set(xlabel="time, min" if timed else "pose, in the order of the file", ylabel="residual per axis, mm")
@@ -72,13 +81,14 @@ def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Pictu
     low, high = joints.min(axis=0), joints.max(axis=0)
     share = (joints - low) / np.where(high > low, high - low, 1.0)
     per_pose = residuals.reshape(len(residuals), -1)
-    per_pose = per_pose[:, : max(1, _MOST // max(1, len(per_pose)))]
+    per_pose = per_pose[:, : max(1, MOST_POSES // max(1, len(per_pose)))]
+    drawn = _drawn(residuals)
 
     def draw(axes: "Axes") -> None:
         for joint, name in enumerate(chain.joint_names):
-            at = joint + 0.06 + 0.88 * share[:, joint]
+            at = joint + 0.06 + 0.88 * share[drawn, joint]
             axes.plot(
-                np.repeat(at, per_pose.shape[1]), per_pose.ravel(), "o", color=AFTER, markersize=2, alpha=0.6,
+                np.repeat(at, per_pose.shape[1]), per_pose[drawn].ravel(), "o", color=AFTER, markersize=2, alpha=0.6,
                 rasterized=True,
             )  # fmt: skip
             if joint:

@@ -2,6 +2,7 @@
 
 from lab.calibration.observations.kind import ObservationWords
 from lab.commands.calibrate.diagnostics import (
+    MOST_POSES,
     correlation_picture,
     residual_pictures,
     selection_picture,
@@ -59,6 +60,8 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
         "was measured; what bends or steps there, the model leaves out. At last ordered against a normal distribution: "
         "noise lies on the line, within the band."
     )
+    if len(result.fitted) > MOST_POSES:
+        caption += f" Drawn are {MOST_POSES:,} of the {len(result.fitted):,} poses, evenly spaced; titles tell of all."
     return (Figure("residuals", residual_pictures(result), caption),)
 
 
