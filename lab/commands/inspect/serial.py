@@ -48,6 +48,7 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
         "ways": shape.ways,
         "freedoms": _freedoms(chain),
         "determinant": shape.determinant or None,
+        "determinant_of": shape.moved or None,
         "singularities": [
             {
                 "name": each.factor.name,

@@ -10,6 +10,7 @@ from lab.render.document import Block, Bullets, Paragraph, Table
 
 __all__ = ["serial_blocks"]
 
+_ASKED = "a pose is met in its place, and in its rotation as near as these can"
 _ORDERS = {"distal": "Rz(θ) Tz(d) Tx(a) Rx(α)", "craig": "Rx(α) Tx(a) Rz(θ) Tz(d)"}
 
 
@@ -36,10 +37,13 @@ def _freedoms(values: Mapping[str, Any]) -> str:
     else:
         said += ": not redundant but at singularities"
     if values["planar"]:
-        return f"{said}; it moves in a plane and turns about its normal"
+        turns = " and turns about its normal" if freedoms > 2 else ", and its turn follows from its place"
+        return f"{said}; it moves in a plane{turns}"
     lacks = [f"{count} {name}" for count, name in ((values["missing_displacements"], "of its displacements"),
                                                    (values["missing_turns"], "of its turns")) if count]  # fmt: skip
-    return f"{said}; no joint makes {' and '.join(lacks)}" if lacks else said
+    if not lacks:
+        return said if freedoms >= 6 or index >= 6 else f"{said}; {_ASKED}"
+    return f"{said}; no joint makes {' and '.join(lacks)}; {_ASKED}"
 
 
 def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
@@ -81,8 +85,12 @@ def _singularities(values: Mapping[str, Any]) -> tuple[Block, ...]:
             continue
         parts = " or ".join(" ".join(f"{part:+.3g} {name}" for name, part in one.items()) for one in each["free"])
         at = ", ".join(f"{value:.1f}" for value in np.round(each["example"], 1) + 0.0)
-        lines.append(f"{where}: e.g. at ({at}), with the self-motion {parts}")
+        moves = (
+            f"with the self-motion {parts}" if parts else "where one of these motions is lost, and nothing moves alone"
+        )
+        lines.append(f"{where}: e.g. at ({at}), {moves}")
+    ends = "singular where a factor is zero:" if lines else "never singular."
     return (
-        Paragraph(f"det J = {text} (m), singular where a factor is zero:"),
+        Paragraph(f"det J = {text} (m), of {values['determinant_of']}; {ends}"),
         Bullets(tuple(line.replace("-", "−").replace("self−motion", "self-motion") for line in lines)),
     )

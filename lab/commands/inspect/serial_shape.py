@@ -44,12 +44,14 @@ class SerialShape:
         reach_m: how far the last frame's origin gets from axis 1, within the limits; from frame 0 where joint 1 slides.
         ways: how many readings lead to a pose; None where no closed form is known.
         determinant: of the Jacobian, in words; "" where no closed form is known.
+        moved: what motions the determinant is of, in words.
     """
 
     reach_m: float
     ways: int | None
     determinant: str
     singularities: tuple[Singularity, ...]
+    moved: str = ""
 
 
 def shape_of(chain: Chain) -> SerialShape:
@@ -57,8 +59,8 @@ def shape_of(chain: Chain) -> SerialShape:
     form = closed_form_of(chain)
     if form is None:
         return SerialShape(reach(chain), None, "", ())
-    singularities = tuple(_singularity(chain, factor) for factor in form.determinant.factors)
-    return SerialShape(reach(chain), form.branches, form.determinant.text, singularities)
+    singularities = tuple(_singularity(chain, factor) for factor in form.determinant.factors if factor.terms)
+    return SerialShape(reach(chain), form.branches, form.determinant.text, singularities, form.moved)
 
 
 def reach(chain: Chain) -> float:

@@ -14,6 +14,7 @@ from lab.commands.kinematics.options import KinematicsOptions
 from lab.commands.kinematics.placement import Placement, Task, placements
 from lab.commands.kinematics.result import KinematicsResult, Reached
 from lab.commands.kinematics.solutions import Solution, Solver, matching
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.joint_csv import holds_targets, read_joints
@@ -23,6 +24,7 @@ from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.modes import assembly_modes
 from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.mobility import mobility_of
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.symbolic import SymbolicChain, symbolic_chain
@@ -30,6 +32,7 @@ from lab.kinematics.serial.symbolic import SymbolicChain, symbolic_chain
 __all__ = ["solve_kinematics"]
 
 _TARGET = "p1"
+_REACHED_M = 1e-9  # of a plane: a place nearer to it is in it
 _TILTED_RAD = 1e-6  # a rotation that is missed by more is told
 
 
@@ -193,15 +196,37 @@ class _Model:
         for each in reached:
             if not each.solutions:
                 far = "" if np.isnan(each.gap_m) else f": it is {1e3 * each.gap_m:.6g} mm out of reach"
+                far = self._off_plane(each) or far
                 far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
                 said.append(f"{_called(each)} has no solution{far}")
             if len(each.solutions) and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
                 said.append(
-                    f"{_called(each)}: an arm of {self.robot.chain.size} joints cannot take its rotation, which is "
-                    f"missed by {np.rad2deg(tilt):.3g}°"
+                    f"{_called(each)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
+                    f"place is met, its rotation missed by {np.rad2deg(tilt):.3g}°"
+                    f"{self._axis_of_miss(each, [placed[i] for i in each.solutions])}"
                 )
         said += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
         return said
+
+    def _axis_of_miss(self, wanted: Reached, ways: Sequence[Placement]) -> str:
+        """About which axis of the base the rotation is missed the least, in words."""
+        miss = min((se3.log(wanted.rotation @ way.T_base_tool[:3, :3].T) for way in ways), key=np.linalg.norm)
+        axis = miss / max(float(np.linalg.norm(miss)), 1e-300)
+        return " about ({:.2f}, {:.2f}, {:.2f}) of the base".format(*(axis + 0.0)).replace("-", "−")
+
+    def _off_plane(self, wanted: Reached) -> str:
+        """How far a place is off the plane in which a planar arm moves, in words; empty where it is in it."""
+        chain = self.arm.dh_chain(self.values)
+        if chain is None or not (found := mobility_of(chain)).planar:
+            return ""
+        T = self.arm.tool(chain.home[None], self.values)[0][0]
+        normal = self.arm.T_tracker_frame0(self.values)[:3, :3] @ found.held[0]
+        off = float(normal @ (wanted.position - T[:3, 3]))
+        if abs(off) <= _REACHED_M:
+            return ""
+        across = ", ".join(f"{each:.6g}" for each in normal + 0.0)
+        words = f": it is {1e3 * abs(off):.6g} mm off the plane across ({across}) in which the arm moves"
+        return words.replace("-", "−")
 
 
 def _called(each: Reached) -> str:

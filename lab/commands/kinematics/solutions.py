@@ -102,6 +102,8 @@ class Solver:
                 Solution(joints[i, k], name, free[k], float(tilt[k])) for k, name in zip(kept, named, strict=True)
             )
             exact = bool(closed[i])
+            if form is not None and form.exact_only and kept and tilt[kept].any():  # near to a pose that it cannot take
+                exact = False
             missed = 0.0 if kept else float(gap.min()) if exact else np.nan
             out.append(PoseSolutions(ways, missed, "closed form" if exact else "search"))
         return out

@@ -22,6 +22,7 @@ SEARCHED = 8  # from the nearest of which
 DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad
 EXCESS_COST = 100.0  # of a joint beyond its limits by 1 rad, beside a move of 1 rad
 GAP_COST = 1e4  # of a pose missed by 1 m
+ALIKE, ALIKE_RAD = 1.1, 1e-6  # a way that misses a rotation by no more than this beyond the best is as good
 TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's could take it
 
 
@@ -79,7 +80,8 @@ class NominalInverse:
             branch: ``(n,)`` of the closed form; negative where Newton's method is to go on from ``joints``.
         """
         found, reached = joints.copy(), np.ones(len(wanted), dtype=np.bool_)
-        exact = np.flatnonzero((branch >= 0) & (self.closed_form is not None))
+        by_branch = self.closed_form is not None and not self.closed_form.exact_only
+        exact = np.flatnonzero((branch >= 0) & by_branch)
         other = np.setdiff1d(np.arange(len(wanted)), exact)
         if self.closed_form is not None and exact.size:
             ways = self.closed_form.solve(self.last_frames(wanted.take(exact)), joints[exact])
@@ -112,8 +114,36 @@ class NominalInverse:
     def _by_closed_form(self, wanted: PoseTarget, reference: Array) -> Solutions:
         assert self.closed_form is not None
         found = self.closed_form.solve(self.last_frames(wanted), np.nan_to_num(reference))
+        if self.closed_form.exact_only:
+            return self._made_exact(wanted, found)
         found.tilt_rad[~wanted.turned] = 0.0
         return found
+
+    def _made_exact(self, wanted: PoseTarget, found: Solutions) -> Solutions:
+        """The candidates that meet the whole pose; where none does, where Newton's method comes nearest from them.
+
+        The latter bring the tool to its place, and of them those count that miss the rotation by little more than the
+        best. Candidates that do not count have an infinite gap.
+        """
+        joints, gap, tilt = found.joints.copy(), found.gap_m.copy(), found.tilt_rad.copy()
+        meets = (gap == 0) & (tilt == 0)
+        gap[~meets] = np.inf
+        rows, many = np.flatnonzero(~meets.any(axis=1)), gap.shape[1]
+        if rows.size:
+            each = wanted.take(np.repeat(rows, many))
+            start = joints[rows].reshape(-1, joints.shape[2])
+            ended = reach(self.arm, self.values, each, start, np.empty((len(each), 0)), self.target)
+            missed, turned_off = (
+                np.linalg.norm(part, axis=1).reshape(-1, many) for part in (ended.errors[:, :3], ended.errors[:, 3:])
+            )
+            arrived = ended.arrived.reshape(-1, many)
+            least = np.where(arrived, turned_off, np.inf).min(axis=1, keepdims=True)
+            counts = arrived & (turned_off <= ALIKE * least + ALIKE_RAD)
+            joints[rows] = ended.joints.reshape(joints[rows].shape)
+            none = ~arrived.any(axis=1, keepdims=True)
+            gap[rows] = np.where(counts, 0.0, np.where(none, missed, np.inf))
+            tilt[rows] = turned_off
+        return Solutions(joints, gap, np.where(np.isfinite(gap), tilt, 0.0), found.free)
 
     def _searched(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Newton's method from the reference, and from the nearest of many random poses."""

@@ -19,7 +19,7 @@ from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, Roots, type
 from lab.kinematics.inverse.analytic.khalil_two_unknowns import type_5, type_8
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, in_plane, plane_across
 
-__all__ = ["BEND", "Elbow", "Lift", "Telescope"]
+__all__ = ["BEND", "Elbow", "Lift", "Telescope", "slid"]
 
 BEND = 0.03  # rad, from the straight elbow: a start for Newton's method where the nominal model does not reach
 
@@ -46,7 +46,7 @@ class Elbow:
     @classmethod
     def of(cls, axes: Axes, centre: Array) -> "Elbow | None":
         """The first three joints of a nominal model, if they are such."""
-        if any(axes.chain.prismatic[:3]) or axes.parallel(0, 1) or not axes.parallel(1, 2):
+        if any(axes.prismatic[:3]) or axes.parallel(0, 1) or not axes.parallel(1, 2):
             return None
         (_, w, third), (root, second, elbow) = axes.directions[:3], axes.origins[:3]
         plane = plane_across(w)
@@ -105,7 +105,7 @@ class Telescope:
     @classmethod
     def of(cls, axes: Axes, centre: Array) -> "Telescope | None":
         """The first three joints of a nominal model, if they are such."""
-        if axes.chain.prismatic[:3] != (False, False, True) or axes.parallel(0, 1) or not axes.square(1, 2):
+        if axes.prismatic[:3] != (False, False, True) or axes.parallel(0, 1) or not axes.square(1, 2):
             return None
         (_, w, slide), (root, second, _) = axes.directions[:3], axes.origins[:3]
         plane = plane_across(w, slide)
@@ -118,7 +118,7 @@ class Telescope:
         (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
-        reached = _slid(e - self.shoulder.real, f - self.shoulder.imag, self.upper, liked[1], liked[2])
+        reached = slid(e - self.shoulder.real, f - self.shoulder.imag, self.upper, liked[1], liked[2])
         (second, slide), gap_5, (free[1], free[2]) = reached
         angles[0], angles[1], angles[2] = first, second, slide
         gap[:] = np.maximum(gap_1, gap_5)
@@ -154,7 +154,7 @@ class Lift:
     @classmethod
     def of(cls, axes: Axes, centre: Array) -> "Lift | None":
         """The first three joints of a nominal model, if they are such."""
-        if axes.chain.prismatic[:3] != (False, True, True) or not axes.parallel(0, 1) or not axes.square(0, 2):
+        if axes.prismatic[:3] != (False, True, True) or not axes.parallel(0, 1) or not axes.square(0, 2):
             return None
         (w, up, slide), root = axes.directions[:3], axes.origins[0]
         plane = plane_across(w, slide)
@@ -164,7 +164,7 @@ class Lift:
     def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """See ``Carrier``."""
         e, f, w = self.column.plane @ (position - self.column.root[:, None])
-        (first, slide), gap_5, (free[0], free[2]) = _slid(e, f, self.middle, liked[0], liked[2])
+        (first, slide), gap_5, (free[0], free[2]) = slid(e, f, self.middle, liked[0], liked[2])
         first = first[None]  # (elbows, 2, n)
         angles[0], angles[1], angles[2] = first, type_1(self.up, w - self.height).values[0][0], slide
         gap[:] = gap_5
@@ -175,7 +175,7 @@ class Lift:
         return self.up, [], [("shoulder", [Term(float(sign[2]), slides=(2,)), Term(self.middle.real)])]
 
 
-def _slid(e: Array, f: Array, drawn_in: complex, turn_liked: Array, slide_liked: Array) -> Roots:
+def slid(e: Array, f: Array, drawn_in: complex, turn_liked: Array, slide_liked: Array) -> Roots:
     """A turn and a slide along e after it that bring a place from where it is drawn in to (e, f): type 5.
 
     With (e, f) = size exp(i direction) and s = direction - turn: size sin s = Im drawn_in, and size cos s = Re

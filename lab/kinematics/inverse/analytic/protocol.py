@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.inverse.analytic.determinant import Determinant
 from lab.kinematics.serial.arm import SerialArm
@@ -47,8 +48,16 @@ class ClosedForm(Protocol):
         """Whether the place of a point alone is met: the rotation is not asked for, and may be missed."""
 
     @property
+    def exact_only(self) -> bool:
+        """Whether poses that the arm cannot take are not answered by the nearest: their solutions are candidates."""
+
+    @property
     def determinant(self) -> Determinant:
         """That of the Jacobian, in the factors that are zero at the arm's singularities."""
+
+    @property
+    def moved(self) -> str:
+        """What motions the determinant is of, in words; all six of six joints."""
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """All solutions for poses ``(n, 4, 4)`` of the last frame in frame 0.
@@ -63,15 +72,20 @@ class ClosedForm(Protocol):
 
 @dataclass(frozen=True)
 class Axes:
-    """A chain's joints in frame 0 at zero joint positions.
+    """An arm's joints in frame 0 at zero joint positions.
 
     Attributes:
+        names: the joints'.
+        prismatic: which of them slide.
+        sign: ``(n,)`` how their joint positions count along the axes.
         directions: ``(n, 3)`` unit vectors along the axes, whatever the joint positions' signs.
         origins: ``(n, 3)`` m, a point on each hinge's axis; zero of a slide.
         T_frame0_last: pose ``(4, 4)`` of the last frame.
     """
 
-    chain: Chain
+    names: tuple[str, ...]
+    prismatic: tuple[bool, ...]
+    sign: Array
     directions: Array
     origins: Array
     T_frame0_last: Array
@@ -83,7 +97,58 @@ class Axes:
         moving = [motion for motion in arm.motions(arm.nominal()) if motion.joint is not None]
         origins = [np.zeros(3) if motion.origin is None else motion.origin[:3, 0] for motion in moving]
         directions = np.array([motion.axis[:3, 0] for motion in moving])
-        return cls(chain, directions, np.array(origins), arm.flange(np.zeros((1, chain.size)), arm.nominal())[0])
+        T = arm.flange(np.zeros((1, chain.size)), arm.nominal())[0]
+        return cls(chain.joint_names, chain.prismatic, chain.sign, directions, np.array(origins), T)
+
+    @property
+    def size(self) -> int:
+        """How many joints there are."""
+        return len(self.names)
+
+    @property
+    def backwards(self) -> "Axes":
+        """The arm held at its last frame: its joints in the reverse order, and its frame 0 as the last one."""
+        back = se3.inverse(self.T_frame0_last)
+        origins = np.where(np.array(self.prismatic)[:, None], 0.0, se3.transform(back, self.origins))
+        directions = -self.directions @ back[:3, :3].T
+        return Axes(
+            self.names[::-1], self.prismatic[::-1], self.sign[::-1], directions[::-1], origins[::-1], back
+        )  # fmt: skip
+
+    def first(self, count: int) -> "Axes":
+        """The first joints alone, with a last frame that stands as frame 0 does."""
+        kinds, places = (self.names[:count], self.prismatic[:count]), (self.directions[:count], self.origins[:count])
+        return Axes(*kinds, self.sign[:count], *places, np.eye(4))
+
+    def carried(self, joint: int, amount: Array, points: Array) -> Array:
+        """Points ``(3, ...)`` carried by one joint, by amounts ``(...)`` along its axis."""
+        axis = self.directions[joint]
+        if self.prismatic[joint]:
+            return np.asarray(points + np.multiply.outer(axis, amount))
+        origin = self.origins[joint].reshape(3, *(1,) * (points.ndim - 1))
+        lever = points - origin
+        along = np.multiply.outer(axis, np.tensordot(axis, lever, 1))
+        across = np.cross(axis, lever, axisb=0, axisc=0)
+        return np.asarray(origin + along + np.cos(amount) * (lever - along) + np.sin(amount) * across)
+
+    def jacobian(self, joints: Array, point: Array) -> Array:
+        """Geometric ``(6, n)`` of a point ``(3,)`` of the last frame at joint positions ``(n,)``, in frame 0."""
+        columns, end, turns = list[Array](), se3.transform(self.T_frame0_last, point[None])[0], np.eye(3)
+        origins, directions = list[Array](), list[Array]()
+        for i in range(self.size):
+            origin = self.origins[i]
+            for j in range(i - 1, -1, -1):
+                origin = self.carried(j, np.asarray(self.sign[j] * joints[j]), origin)
+            origins.append(origin)
+            directions.append(turns @ self.directions[i])
+            if not self.prismatic[i]:
+                turns = turns @ se3.exp(self.sign[i] * joints[i] * self.directions[i])
+        for j in range(self.size - 1, -1, -1):
+            end = self.carried(j, np.asarray(self.sign[j] * joints[j]), end)
+        for i, slides in enumerate(self.prismatic):
+            axis = self.sign[i] * directions[i]
+            columns.append(np.concatenate([axis, np.zeros(3)] if slides else [np.cross(axis, end - origins[i]), axis]))
+        return np.stack(columns, axis=1)
 
     def parallel(self, i: int, j: int) -> bool:
         """Whether two axes are."""

@@ -48,6 +48,8 @@ class Scara:
     R_frame0_last: Array
     branches: int = 2
     by_point: bool = False
+    exact_only: bool = False
+    moved: str = "all displacements and the turn about the axes"
 
     @classmethod
     def of(cls, chain: Chain) -> "Scara | None":

@@ -3,6 +3,8 @@
 import numpy as np
 
 from lab.core.se3 import Array
+from lab.kinematics.inverse.analytic.five_axes import FiveAxes
+from lab.kinematics.inverse.analytic.planar import PlanarArm
 from lab.kinematics.inverse.analytic.protocol import ClosedForm, Solutions
 from lab.kinematics.inverse.analytic.scara import Scara
 from lab.kinematics.inverse.analytic.spherical_wrist import SphericalWrist
@@ -17,8 +19,9 @@ def closed_form_of(chain: Chain, point: Array | None = None) -> ClosedForm | Non
     """The closed form of a nominal model; None where its shape has none that is known here.
 
     Args:
-        point: ``(3,)`` m of the last frame that an arm of three joints brings somewhere; by default its origin.
+        point: ``(3,)`` m of the last frame that an arm of two or three joints brings somewhere; by default its origin.
     """
-    if chain.size == 3:
-        return ThreeJoints.of(chain, np.zeros(3) if point is None else point)
-    return SphericalWrist.of(chain) or ThreeParallel.of(chain) or Scara.of(chain)
+    place = np.zeros(3) if point is None else point
+    if chain.size <= 3:
+        return ThreeJoints.of(chain, place) or PlanarArm.of(chain, place)
+    return SphericalWrist.of(chain) or ThreeParallel.of(chain) or FiveAxes.of(chain) or Scara.of(chain)

@@ -50,6 +50,8 @@ class SphericalWrist:
     centre: Array
     R_frame0_last: Array
     by_point: bool = False
+    exact_only: bool = False
+    moved: str = "the displacements of the wrist's centre and all turns"
 
     @classmethod
     def of(cls, chain: Chain) -> "SphericalWrist | None":

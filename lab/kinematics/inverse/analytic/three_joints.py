@@ -41,7 +41,6 @@ class ThreeJoints:
         roots_of_second: how many positions of joint 2 there are for each of joint 3.
     """
 
-    chain: Chain
     axes: Axes
     point: Array
     start: Array
@@ -49,16 +48,20 @@ class ThreeJoints:
     degree: int = 0
     roots_of_second: int = 1
     by_point: bool = True
+    exact_only: bool = False
+    moved: str = "the displacements of the last frame's origin"
 
     @classmethod
     def of(cls, chain: Chain, point: Array) -> "ThreeJoints | None":
         """The closed form for a point ``(3,)`` m of the last frame; None where it cannot be moved in space."""
-        if chain.size != 3:
-            return None
-        axes = Axes.of(chain)
+        return cls.by_axes(Axes.of(chain), point) if chain.size == 3 else None
+
+    @classmethod
+    def by_axes(cls, axes: Axes, point: Array) -> "ThreeJoints | None":
+        """The closed form of three joints, and a point ``(3,)`` m of the last frame; None as ``of``."""
         start = se3.transform(axes.T_frame0_last, point[None])[0]
         scale = float(np.abs(np.concatenate([axes.origins.ravel(), start, point])).max()) + 0.1
-        plain = cls(chain, axes, point, start, scale)
+        plain = cls(axes, point, start, scale)
         joints = rng_for(0, "structure").uniform(-1.5, 1.5, (40, 3))
         if np.abs(np.linalg.det(plain._jacobian(joints.T).transpose(2, 0, 1))).max() < EXACT * scale:
             return None
@@ -69,12 +72,12 @@ class ThreeJoints:
         degree = int(np.flatnonzero(coefficients.max(axis=1) > 1e-9 * size)[-1])
         if not degree or not size > EXACT**2:
             return None
-        return cls(chain, axes, point, start, scale, degree, len(second))
+        return cls(axes, point, start, scale, degree, len(second))
 
     @property
     def branches(self) -> int:
         """How many solutions a place has, some of which may be the same or none."""
-        return (self.degree if self.chain.prismatic[2] else 2 * self.degree) * self.roots_of_second
+        return (self.degree if self.axes.prismatic[2] else 2 * self.degree) * self.roots_of_second
 
     @property
     def determinant(self) -> Determinant:
@@ -82,17 +85,17 @@ class ThreeJoints:
         for kind in (Elbow, Telescope, Lift):
             carrier = kind.of(self.axes, self.start)
             if carrier is not None:
-                sign, lengths, factors = carrier.factors(self.chain.sign)
-                return determinant(self.chain.joint_names, sign * float(np.prod(self.chain.sign)), lengths, factors)
+                sign, lengths, factors = carrier.factors(self.axes.sign)
+                return determinant(self.axes.names, sign * float(np.prod(self.axes.sign)), lengths, factors)
 
         def value(joints: Array) -> Array:
-            J = self._jacobian((joints * self.chain.sign).T).transpose(2, 0, 1) * self.chain.sign
+            J = self._jacobian((joints * self.axes.sign).T).transpose(2, 0, 1) * self.axes.sign
             return np.asarray(np.linalg.det(J))
 
-        terms = fitted_factor(value, self.chain.prismatic)
+        terms = fitted_factor(value, self.axes.prismatic)
         if len(terms) == 1 and not terms[0].function and not terms[0].slides:  # three slides: it is never singular
-            return determinant(self.chain.joint_names, float(np.sign(terms[0].coefficient)), [terms[0].size], [])
-        return determinant(self.chain.joint_names, 1.0, [], [("position", terms)])
+            return determinant(self.axes.names, float(np.sign(terms[0].coefficient)), [terms[0].size], [])
+        return determinant(self.axes.names, 1.0, [], [("position", terms)])
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
         """See ``ClosedForm``: the place alone is met, so that any rotation will do; none given counts as no turn."""
@@ -107,7 +110,7 @@ class ThreeJoints:
         """
         count = len(Ts_frame0_last)
         wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
-        liked = (np.broadcast_to(reference, (count, 3)) * self.chain.sign).T
+        liked = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
         third, real = self._roots(wanted)  # (k, n)
         target = np.broadcast_to(wanted[:, None], (3, *third.shape))
         at = self._third(third)
@@ -131,40 +134,31 @@ class ThreeJoints:
     def _told(self, joints: Array, gap: Array, free: NDArray[np.bool_], Ts: Array) -> Solutions:
         """The solutions as ``ClosedForm`` gives them."""
         count = len(Ts)
-        hinges = ~np.array(self.chain.prismatic)
+        hinges = ~np.array(self.axes.prismatic)
         joints[hinges] -= 2 * np.pi * np.round(joints[hinges] / (2 * np.pi))
         rows = joints.reshape(3, -1, count).transpose(2, 1, 0)
         turned = self._turned(rows.reshape(-1, 3).T) @ self.axes.T_frame0_last[:3, :3]
         wanted = np.repeat(Ts[:, :3, :3], rows.shape[1], axis=0)
         tilt = np.linalg.norm(se3.log(wanted @ turned.swapaxes(1, 2)), axis=1).reshape(count, -1)
         gaps, frees = gap.reshape(-1, count).T, free.reshape(3, -1, count).transpose(2, 1, 0)
-        return Solutions(rows * self.chain.sign, gaps.copy(), np.where(tilt <= EXACT, 0.0, tilt), frees.copy())
+        return Solutions(rows * self.axes.sign, gaps.copy(), np.where(tilt <= EXACT, 0.0, tilt), frees.copy())
 
     # The arm
 
-    def _moved(self, joint: int, amount: Array, points: Array) -> Array:
-        """Points ``(3, ...)`` carried by one joint."""
-        axis = self.axes.directions[joint]
-        if self.chain.prismatic[joint]:
-            return np.asarray(points + np.multiply.outer(axis, amount))
-        origin = self.axes.origins[joint].reshape(3, *(1,) * (points.ndim - 1))
-        lever = points - origin
-        along = np.multiply.outer(axis, np.tensordot(axis, lever, 1))
-        across = np.cross(axis, lever, axisb=0, axisc=0)
-        return np.asarray(origin + along + np.cos(amount) * (lever - along) + np.sin(amount) * across)
-
     def _third(self, amount: Array) -> Array:
         """The point ``(3, ...)`` in link 2."""
-        return self._moved(2, amount, np.broadcast_to(self.start.reshape(3, *(1,) * amount.ndim), (3, *amount.shape)))
+        return self.axes.carried(
+            2, amount, np.broadcast_to(self.start.reshape(3, *(1,) * amount.ndim), (3, *amount.shape))
+        )
 
     def _place(self, joints: Array) -> Array:
         """The point ``(3, ...)`` in frame 0."""
-        return self._moved(0, joints[0], self._moved(1, joints[1], self._third(joints[2])))
+        return self.axes.carried(0, joints[0], self.axes.carried(1, joints[1], self._third(joints[2])))
 
     def _turned(self, joints: Array) -> Array:
         """Rotations ``(n, 3, 3)`` of the last link from where it is at zero joint positions."""
         R = np.tile(np.eye(3), (joints.shape[1], 1, 1))
-        for axis, slides, amount in zip(self.axes.directions, self.chain.prismatic, joints, strict=True):
+        for axis, slides, amount in zip(self.axes.directions, self.axes.prismatic, joints, strict=True):
             R = R if slides else R @ se3.exp(amount[:, None] * axis)
         return R
 
@@ -174,10 +168,10 @@ class ThreeJoints:
         for joint in (2, 1, 0):
             axis, origin = self.axes.directions[joint], self.axes.origins[joint][:, None]
             if joint < 2:
-                columns = [self._moved(joint, joints[joint], point + each) for each in columns]
-                point = self._moved(joint, joints[joint], point)
+                columns = [self.axes.carried(joint, joints[joint], point + each) for each in columns]
+                point = self.axes.carried(joint, joints[joint], point)
                 columns = [each - point for each in columns]
-            if self.chain.prismatic[joint]:
+            if self.axes.prismatic[joint]:
                 columns.append(np.broadcast_to(axis[:, None], point.shape))
             else:
                 columns.append(np.cross(axis, point - origin, axisb=0, axisc=0))
@@ -187,7 +181,7 @@ class ThreeJoints:
 
     def _second(self, at: Array, wanted: Array) -> tuple[Array, Array]:
         """What is left of the equations for joint 3, and the positions ``(m, ...)`` of joint 2."""
-        return self._slide(at, wanted) if self.chain.prismatic[1] else self._hinge(at, wanted)
+        return self._slide(at, wanted) if self.axes.prismatic[1] else self._hinge(at, wanted)
 
     def _hinge(self, at: Array, wanted: Array) -> tuple[Array, Array]:
         """Joint 2 turns the point about axis 2: two equations M w = r in where it is across the axis."""
@@ -209,7 +203,7 @@ class ThreeJoints:
         """The two equations that joint 1 leaves: ``(2, 2)`` and right sides ``(2, ...)``, both in metres."""
         axis, origin = self.axes.directions[0], self.axes.origins[1]
         wide = (3, *(1,) * (wanted.ndim - 1))
-        if self.chain.prismatic[0]:
+        if self.axes.prismatic[0]:
             across = plane_across(axis)[:2]
             right = np.tensordot(across, wanted - origin.reshape(wide), 1)
             shift = across @ plane[2]
@@ -224,7 +218,7 @@ class ThreeJoints:
         """Joint 2 slides the point."""
         first, along = self.axes.directions[:2]
         wide = (3, *(1,) * (at.ndim - 1))
-        if self.chain.prismatic[0]:
+        if self.axes.prismatic[0]:
             normal = np.cross(first, along)
             inverse = np.linalg.pinv(np.stack([first, along], axis=1))
             return np.tensordot(normal, wanted - at, 1), np.tensordot(inverse, wanted - at, 1)[1][None]
@@ -242,8 +236,8 @@ class ThreeJoints:
 
     def _first(self, joints: Array, wanted: Array) -> Array:
         """Joint 1 by the two others."""
-        at, axis = self._moved(1, joints[1], self._third(joints[2])), self.axes.directions[0]
-        if self.chain.prismatic[0]:
+        at, axis = self.axes.carried(1, joints[1], self._third(joints[2])), self.axes.directions[0]
+        if self.axes.prismatic[0]:
             return np.asarray(np.tensordot(axis, wanted - at, 1))
         plane, origin = plane_across(axis)[:2], self.axes.origins[0].reshape(3, *(1,) * (at.ndim - 1))
         (a, b), (c, d) = (np.tensordot(plane, each - origin, 1) for each in (at, wanted))
@@ -253,7 +247,7 @@ class ThreeJoints:
 
     def _coefficients(self, wanted: Array) -> Array:
         """Of the equation in joint 3, ``(5, n)`` or ``(3, n)``: of powers, or of exp(i k q3) from k = 0 to 2."""
-        if self.chain.prismatic[2]:
+        if self.axes.prismatic[2]:
             nodes = self.scale_m * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
             powers = np.linalg.inv(np.vander(nodes / self.scale_m, increasing=True))
             return np.asarray(powers @ self._left(nodes, wanted))
@@ -268,7 +262,7 @@ class ThreeJoints:
     def _roots(self, wanted: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Positions ``(k, n)`` of joint 3, and whether they are real roots, or nearly."""
         found = self._coefficients(wanted)[: self.degree + 1]
-        if self.chain.prismatic[2]:
+        if self.axes.prismatic[2]:
             roots = _eigenvalues(found)
             return self.scale_m * roots.real, np.abs(roots.imag) <= _OFF_CIRCLE
         roots = _eigenvalues(np.concatenate([found[:0:-1].conj(), found]))
@@ -276,7 +270,7 @@ class ThreeJoints:
 
     def _settled(self, joints: Array, wanted: Array, steps: int) -> Array:
         """Joints ``(3, n)`` after damped steps of Newton's method towards places; none is taken that leads away."""
-        unit = np.where(self.chain.prismatic, self.scale_m, 1.0)[:, None]
+        unit = np.where(self.axes.prismatic, self.scale_m, 1.0)[:, None]
         joints, damping = joints.copy(), np.zeros(joints.shape[1])
         missing = wanted - self._place(joints)
         for _ in range(steps):
@@ -296,7 +290,7 @@ class ThreeJoints:
         """Hinges 1 and 2 as they are liked where the point is on their axes."""
         free = np.zeros(joints.shape, dtype=np.bool_)
         for joint, point in ((0, wanted), (1, self._third(joints[2]))):
-            if not self.chain.prismatic[joint]:
+            if not self.axes.prismatic[joint]:
                 lever = point - self.axes.origins[joint].reshape(3, *(1,) * (point.ndim - 1))
                 across = np.cross(self.axes.directions[joint], lever, axisb=0, axisc=0)
                 free[joint] = np.linalg.norm(across, axis=0) <= _ON_AXIS * self.scale_m

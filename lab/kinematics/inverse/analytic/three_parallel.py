@@ -55,6 +55,8 @@ class ThreeParallel:
     R_frame0_last: Array
     branches: int = 8
     by_point: bool = False
+    exact_only: bool = False
+    moved: str = "the displacements of the wrist's centre and all turns"
 
     @classmethod
     def of(cls, chain: Chain) -> "ThreeParallel | None":

@@ -1,0 +1,194 @@
+"""Arms of five joints: all solutions of the poses that they can take, and where others come near, starts for a search.
+
+A pose has six freedoms, and five joints give it five. The shapes that are known here are a planar arm between two
+joints (``five_axes_planar``: two or three parallel axes), and a wrist of two axes that meet on any three joints
+(``five_axes_wrist``); and both held the other way round, at the last frame, which puts the two meeting axes, or the
+planar arm, at the base's end. Each gives candidates by the equations that it needs; those that meet the whole pose, to
+rounding after a few steps of Gauss and Newton, are its solutions.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.kinematics.inverse.analytic.determinant import Determinant, determinant
+from lab.kinematics.inverse.analytic.first_joint import Named
+from lab.kinematics.inverse.analytic.five_axes_planar import PlanarMiddle
+from lab.kinematics.inverse.analytic.five_axes_wrist import TwoAxisWrist
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+
+__all__ = ["FiveAxes"]
+
+_STEPS = 4
+_NEAR = 1e-2  # of a pose (m, rad): a candidate farther off is no solution
+_EXACTLY = 1e-13
+_REACHED = 1e-11
+_SAME = 1e-7
+
+
+class Shape(Protocol):
+    """What five joints are, and the equations that follow from it."""
+
+    @property
+    def axes(self) -> Axes:
+        """The joints'."""
+
+    @property
+    def roots(self) -> int:
+        """How many candidates a pose has."""
+
+    @property
+    def centre(self) -> Array:
+        """The point ``(3,)`` of the last frame (m) that the determinant is of."""
+
+    def candidates(self, Ts: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Positions ``(k, 5, n)`` along the axes for poses ``(n, 4, 4)``, and which joints are free.
+
+        Args:
+            liked: ``(5, n)`` what free joints take.
+        """
+
+    def factors(self) -> tuple[list[float], list[Named]]:
+        """Of the determinant, but for its sign: lengths (m), and named factors."""
+
+    def moved(self, backwards: bool) -> str:
+        """What motions the determinant is of, for an arm that is held at its base or at its last frame."""
+
+    def rows(self, jacobian: Array) -> Array:
+        """The square part of a Jacobian ``(6, 5)`` of the centre, whose determinant it is."""
+
+
+@dataclass(frozen=True)
+class FiveAxes:
+    """An arm of five joints with a closed form.
+
+    Attributes:
+        backwards: whether the shape is that of the arm held at its last frame.
+    """
+
+    chain: Chain
+    arm: SerialArm
+    shape: Shape
+    backwards: bool
+    by_point: bool = False
+    exact_only: bool = True
+
+    @classmethod
+    def of(cls, chain: Chain) -> "FiveAxes | None":
+        """The closed form of a nominal model; None where its shape has none."""
+        if chain.size != 5:
+            return None
+        axes = Axes.of(chain)
+        for backwards in (False, True):
+            held = axes.backwards if backwards else axes
+            shape: Shape | None = PlanarMiddle.of(held) or TwoAxisWrist.of(held)
+            if shape is not None:
+                return cls(chain, SerialArm(chain), shape, backwards)
+        return None
+
+    @property
+    def branches(self) -> int:
+        """How many solutions a pose has at most."""
+        return self.shape.roots
+
+    @property
+    def determinant(self) -> Determinant:
+        """Of the place of the shape's centre and of what of the rotation the joints that move it take beside it.
+
+        Of an arm held at its last frame the place is that of the centre in that frame.
+        """
+        lengths, factors = self.shape.factors()
+        axes = self.shape.axes
+        if self.backwards:
+            factors = [
+                (name, [replace(t, angle=tuple((4 - j, s) for j, s in t.angle), slides=tuple(4 - j for j in t.slides))
+                        for t in terms])
+                for name, terms in factors
+            ]  # fmt: skip
+        plain = determinant(self.chain.joint_names, 1.0, lengths, factors)
+        joints = rng_for(0, "structure").uniform(-1.0, 1.0, 5)
+        held = joints[::-1] if self.backwards else joints
+        value = np.linalg.det(self.shape.rows(axes.jacobian(held, self.shape.centre)))
+        return determinant(self.chain.joint_names, float(np.sign(value * plain.at(joints))), lengths, factors)
+
+    @property
+    def moved(self) -> str:
+        """What motions the determinant is of."""
+        return f"{self.shape.moved(self.backwards)}; the other joints turn the rest"
+
+    def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
+        """See ``ClosedForm``: which rotations are near depends on the place, so that they are left as they are."""
+        return Rs_frame0_last
+
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """See ``ClosedForm``. Of poses that the arm cannot take the gap and the tilt are those of candidates."""
+        count = len(Ts_frame0_last)
+        liked = np.broadcast_to(reference, (count, 5)) * self.chain.sign
+        wanted = se3.inverse(Ts_frame0_last) if self.backwards else Ts_frame0_last
+        found, free = self.shape.candidates(wanted, (liked[:, ::-1] if self.backwards else liked).T)
+        found, free = found.transpose(2, 0, 1), free.transpose(2, 0, 1)
+        if self.backwards:
+            found, free = found[:, :, ::-1], free[:, :, ::-1]
+        hinges = ~np.array(self.chain.prismatic)
+        joints = found * self.chain.sign
+        joints = self._settled(Ts_frame0_last, joints)
+        joints[..., hinges] -= 2 * np.pi * np.round(joints[..., hinges] / (2 * np.pi))
+        joints, gap, tilt, free = self._best(Ts_frame0_last, joints, free)
+        return Solutions(joints, gap, tilt, free)
+
+    def _missing(self, Ts: Array, joints: Array) -> tuple[Array, Array]:
+        """What is missing ``(m, 6)`` from poses ``(m, 4, 4)``, and the Jacobians ``(m, 6, 5)``."""
+        there, jacobian = self.arm.tool(joints, self.arm.nominal({self.arm.targets[0]: np.zeros(3)}))
+        turned = se3.log(Ts[:, :3, :3] @ there[:, :3, :3].swapaxes(1, 2))
+        return np.concatenate([Ts[:, :3, 3] - there[:, :3, 3], turned], axis=1), jacobian
+
+    def _settled(self, Ts: Array, joints: Array) -> Array:
+        """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away."""
+        count, many = joints.shape[:2]
+        flat, each = joints.reshape(-1, 5).copy(), np.repeat(np.arange(count), many)
+        missing, jacobian = self._missing(Ts[each], flat)
+        for _ in range(_STEPS):
+            size = np.abs(missing).max(axis=1)
+            rows = np.flatnonzero((size < _NEAR) & (size > _EXACTLY))
+            if not rows.size:
+                break
+            J = jacobian[rows]
+            normal = J.swapaxes(1, 2) @ J
+            normal[:, range(5), range(5)] += 1e-15 * np.trace(normal, axis1=1, axis2=2)[:, None]
+            step = np.linalg.solve(normal, J.swapaxes(1, 2) @ missing[rows, :, None])[:, :, 0]
+            left, ahead = self._missing(Ts[each[rows]], flat[rows] + step)
+            better = np.linalg.norm(left, axis=1) < np.linalg.norm(missing[rows], axis=1)
+            kept = rows[better]
+            flat[kept] += step[better]
+            missing[kept], jacobian[kept] = left[better], ahead[better]
+            if not better.any():
+                break
+        return flat.reshape(joints.shape)
+
+    def _best(self, Ts: Array, joints: Array, free: NDArray[np.bool_]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """The ``branches`` nearest candidates, with what they miss; those that are twice there count once."""
+        count, many = joints.shape[:2]
+        missing = self._missing(np.repeat(Ts, many, axis=0), joints.reshape(-1, 5))[0].reshape(count, many, 6)
+        gap, tilt = (np.linalg.norm(part, axis=2) for part in (missing[..., :3], missing[..., 3:]))
+        size = np.maximum(gap, tilt)
+        meets = size <= np.where(size.min(axis=1, keepdims=True) <= _REACHED, _REACHED, EXACT)  # EXACT at singularities
+        gap, tilt = np.where(meets, 0.0, gap), np.where(meets, 0.0, tilt)
+        if many <= self.branches:
+            return joints, gap, tilt, free
+        turns = np.where(self.chain.prismatic, 0.0, 2 * np.pi)
+        cost = gap + tilt
+        for i in range(1, many):
+            off = joints[:, :i] - joints[:, i : i + 1]
+            off = np.abs(off - turns * np.round(off / (2 * np.pi))).max(axis=2)
+            cost[:, i] = np.where((off < _SAME).any(axis=1), np.inf, cost[:, i])
+        order = np.argsort(cost, axis=1, kind="stable")[:, : self.branches]
+        gap = np.where(np.isinf(cost), np.inf, gap)
+        rows = np.arange(count)[:, None]
+        return joints[rows, order], gap[rows, order], tilt[rows, order], free[rows, order]
