@@ -72,7 +72,7 @@ FIVE = {
     ),
 }  # fmt: skip
 ALL = {**PLANAR, **FIVE}
-COUNTS = [200, pytest.param(100_000, marks=pytest.mark.slow)]
+COUNTS = [100, pytest.param(100_000, marks=pytest.mark.slow)]
 
 
 def form_of(chain: Chain) -> ClosedForm:
@@ -133,13 +133,13 @@ def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str, cou
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ["RPR", "scorbot", "three parallel, slanted", "axes 1 and 2 meet"])
 def test_newton_from_anywhere_finds_no_other_solution(name: str) -> None:
-    chain, starts = ALL[name], 40
+    chain, starts = ALL[name], 20
     arm = SerialArm(chain, ("p1",))
     by_point = form_of(chain).by_point
     values = arm.nominal({"p1": POINT if by_point else np.zeros(3)})
-    Ts = np.repeat(flanges(chain, drawn(chain, 5, 3)), starts, axis=0)
+    Ts = np.repeat(flanges(chain, drawn(chain, 4, 3)), starts, axis=0)
     places = Ts[:, :3, :3] @ values[-3:] + Ts[:, :3, 3]
     wanted = PoseTarget(places, np.full((len(Ts), 3, 3), np.nan) if by_point else Ts[:, :3, :3])
     ended = reach(arm, values, wanted, drawn(chain, len(Ts), 4), np.empty((len(Ts), 0)))
@@ -172,12 +172,12 @@ def at_zero(chain: Chain, name: str, count: int) -> Array:
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize("count", [60, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [40, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("name", "kind"), SINGULAR)
 def test_at_a_singularity_nothing_is_lost(name: str, kind: str, count: int) -> None:
     chain, form, rng = ALL[name], form_of(ALL[name]), np.random.default_rng(7)
     there = at_zero(chain, kind, count)
-    for away in (0.0, 1e-12, 1e-9, 1e-7, 1e-5):
+    for away in (0.0, 1e-9, 1e-6):
         joints = there + away * rng.uniform(-1, 1, there.shape)
         Ts = flanges(chain, joints)
         found = form.solve(Ts, drawn(chain, len(joints), 8))
@@ -190,10 +190,10 @@ def test_at_a_singularity_nothing_is_lost(name: str, kind: str, count: int) -> N
 def test_a_wrist_on_the_axis_of_a_hinge_is_turned_by_the_rotation(name: str) -> None:
     """The place does not say joint 1 where the wrist is on its axis, nor joint 2 where equal links are folded."""
     chain, form = ALL[name], form_of(ALL[name])
-    joints = drawn(chain, 200, 9)
+    joints = drawn(chain, 60, 9)
     if name == "two parallel, equal links":
-        joints[:100, 2] = np.pi  # folded: onto axis 2, and here onto axis 1 as well
-        joints[100:, 1], joints[100:, 2] = 0.7, -1.4 + 0.0  # above axis 1
+        joints[:30, 2] = np.pi  # folded: onto axis 2, and here onto axis 1 as well
+        joints[30:, 1], joints[30:, 2] = 0.7, -1.4  # above axis 1
     elif name == "scorbot":
         q2 = joints[:, 1]
         joints[:, 2] = np.arccos(np.clip(-(0.016 + 0.22 * np.cos(q2)) / 0.22, -1, 1)) - q2
@@ -203,7 +203,7 @@ def test_a_wrist_on_the_axis_of_a_hinge_is_turned_by_the_rotation(name: str) -> 
     Ts = flanges(chain, joints)
     for off in (0.0, 1e-13, 1e-10, 1e-8, 1e-6):
         Ts = flanges(chain, joints + off * np.random.default_rng(0).uniform(-1, 1, joints.shape))
-        found = form.solve(Ts, drawn(chain, 200, 10))
+        found = form.solve(Ts, drawn(chain, 60, 10))
         reached = met(form, found)
         assert reached.any(axis=1).all(), off
         assert missed(chain, form, found.joints, Ts)[reached].max() < 1e-9
@@ -214,8 +214,8 @@ def test_a_wrist_on_the_axis_of_a_hinge_is_turned_by_the_rotation(name: str) -> 
 def test_the_determinant_is_that_of_the_jacobian(name: str) -> None:
     """Of a planar arm the rows of its plane; of five axes the place of the shape's centre, and one turn or none."""
     rng = np.random.default_rng(11)
-    for chain in (ALL[name], mixed(ALL[name], rng), mixed(ALL[name], rng)):
-        form, joints = form_of(chain), drawn(chain, 30, 12)
+    for chain in (ALL[name], mixed(ALL[name], rng)):
+        form, joints = form_of(chain), drawn(chain, 8, 12)
         arm = SerialArm(chain, ("p1",))
         found = form.determinant.at(joints)
         if isinstance(form, PlanarArm):
@@ -280,11 +280,11 @@ def test_a_pose_that_five_axes_cannot_take_is_come_near_to(name: str) -> None:
     arm = SerialArm(chain, ("p1",))
     values = arm.nominal({"p1": POINT})
     inverse, rng = NominalInverse(arm, values), np.random.default_rng(15)
-    joints = drawn(chain, 20, 16)
+    joints = drawn(chain, 10, 16)
     Ts = arm.tool(joints, values)[0]
-    turned = se3.exp(0.05 * rng.normal(size=(20, 3))) @ Ts[:, :3, :3]
+    turned = se3.exp(0.05 * rng.normal(size=(10, 3))) @ Ts[:, :3, :3]
     wanted = PoseTarget(Ts[:, :3, 3], turned)
-    found = inverse.ways(wanted, np.full((20, 5), np.nan))
+    found = inverse.ways(wanted, np.full((10, 5), np.nan))
     counts = np.isfinite(found.gap_m) & (found.gap_m == 0)
     assert counts.any(axis=1).mean() > 0.9
     for i, k in zip(*np.nonzero(counts), strict=True):
@@ -294,7 +294,7 @@ def test_a_pose_that_five_axes_cannot_take_is_come_near_to(name: str) -> None:
         assert np.linalg.norm(error) == found.tilt_rad[i, k]
         still = np.linalg.svd(J[0, :3])[2][3:]  # moves that leave the place
         assert np.abs(J[0, 3:] @ still.T @ np.linalg.pinv(J[0, 3:] @ still.T) @ error).max() < 1e-8
-    exact = inverse.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full((20, 5), np.nan))
+    exact = inverse.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full((10, 5), np.nan))
     good = exact.gap_m == 0
     assert good.any(axis=1).all() and not exact.tilt_rad[good].any()
 
