@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.noise.correlation import Correlation
-from lab.core.linear_model import pseudo_inverse, triangle_of, unit_columns
+from lab.core.linear_model import pseudo_inverse, triangle, triangle_of, unit_columns
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -27,7 +27,6 @@ __all__ = [
     "Observations",
     "Status",
     "fit",
-    "typical_weight",
     "whitening",
 ]
 
@@ -60,6 +59,22 @@ class Observations:
     whiten: Array
     correlation: Correlation | None = None
 
+    @cached_property
+    def seen(self) -> NDArray[np.bool_]:
+        """``(n, k)``: which of the points were observed."""
+        return seen_mask(self.points)
+
+    @cached_property
+    def _all_seen(self) -> bool:
+        return bool(self.seen.all())
+
+    @cached_property
+    def typical_weight(self) -> float:
+        """The root mean square weight of a coordinate."""
+        whiten = self.whiten if self._all_seen else self.whiten[self.seen]
+        of_each = whiten**2 if self.whiten.ndim == 2 else np.sum(whiten**2, axis=(-2, -1)) / whiten.shape[-1]
+        return float(np.sqrt(np.mean(of_each)))
+
     @staticmethod
     def unweighted(data: Measurements) -> "Observations":
         """The points of some measurements, all with weight one, for a model without conditions."""
@@ -67,13 +82,12 @@ class Observations:
 
     def apply(self, vectors: Array) -> Array:
         """Whitened rows of the observed points: ``(n, k, d, ...)`` to ``(r, ...)``, r of their numbers."""
-        observed = seen_mask(self.points)
         rows = self.in_units_of_noise(vectors)
         if self.correlation is not None:
-            shared = np.where(observed.reshape(*observed.shape, *[1] * (vectors.ndim - 2)), rows, 0.0)
+            shared = np.where(self.seen.reshape(*self.seen.shape, *[1] * (vectors.ndim - 2)), rows, 0.0)
             n, k, d = vectors.shape[:3]
             rows = self.correlation.white(shared.reshape(n, k * d, *vectors.shape[3:])).reshape(vectors.shape)
-        picked: Array = (rows if observed.all() else rows[observed]).reshape(-1, *vectors.shape[3:])
+        picked: Array = (rows if self._all_seen else rows[self.seen]).reshape(-1, *vectors.shape[3:])
         return picked
 
     def in_units_of_noise(self, vectors: Array) -> Array:
@@ -221,7 +235,7 @@ def fit(
         most_steps: after which it ends in any case.
     """
     index = list(free)
-    metre = typical_weight(observed) * np.sqrt(max(len(observed.inputs), 1))
+    metre = observed.typical_weight * np.sqrt(max(len(observed.inputs), 1))
     problem = _Problem(model, observed, index, extra_residuals)
     here, damping = problem.at(_near(problem, start, tolerance_m)), _LEAST_DAMPING
     trace, damped = [here.cost], False
@@ -266,8 +280,8 @@ class _State:
     Attributes:
         values: ``(p,)``.
         residual: ``(r,)`` whitened, measured less predicted.
-        jacobian: ``(r, f)`` of the prediction, columns of unit norm; None where it is not held.
-        triangle: ``(f, f)`` its R.
+        jacobian: ``(r, f)`` of the prediction; None where it is not held.
+        triangle: ``(f, f)`` its R, columns of unit norm.
         right: ``(f,)`` Q'r.
         scale: ``(f,)`` the norms that its columns had.
     """
@@ -312,24 +326,29 @@ class _Problem:
             yield each.apply(each.points - points), each.apply(derivative[..., self.index])
         if self.extra_residuals is not None:
             more, rows = self.extra_residuals(values)
-            yield more, rows[:, self.index]
+            if len(more):
+                yield more, rows[:, self.index]
 
     def at(self, values: Array) -> _State:
         """The linear problem at some parameters."""
         if self.observed.in_one_block:
             parts = list(self._parts(values))
-            residual, jacobian = (np.concatenate([part[i] for part in parts]) for i in range(2))
-            columns, scale = unit_columns(jacobian)
-            return _State(values, residual, columns, *_triangle(columns, residual), scale)
-        residuals: list[Array] = []
+            residual, jacobian = parts[0] if len(parts) == 1 else map(np.concatenate, zip(*parts, strict=True))
+            both = triangle(_beside(jacobian, residual))
+        else:
+            residuals, jacobian = list[Array](), None
 
-        def beside(part: Array, jacobian: Array) -> Array:
-            residuals.append(part)
-            return np.column_stack([jacobian, part])
+            def kept(part: Array, derivatives: Array) -> Array:
+                residuals.append(part)
+                return _beside(derivatives, part)
 
-        triangle, right = _split(triangle_of(beside(*each) for each in self._parts(values)))
-        columns, scale = unit_columns(triangle)
-        return _State(values, np.concatenate(residuals), None, columns, right, scale)
+            both = triangle_of(kept(*each) for each in self._parts(values))
+            residual = np.concatenate(residuals)
+        size = both.shape[1] - 1
+        if len(both) <= size:  # fewer rows than columns
+            both = np.concatenate([both, np.zeros((size + 1 - len(both), size + 1))])
+        columns, scale = unit_columns(both[:size, :size])
+        return _State(values, residual, jacobian, columns, both[:size, size], scale)
 
     def lower(self, here: _State, values: Array) -> _State | None:
         """The linear problem at some parameters if the cost is lower there; derivatives are worked out only then."""
@@ -339,11 +358,10 @@ class _Problem:
     def pull(self, here: _State, step: Array, ahead: Array) -> Array:
         """``(f,)`` J'f_vv, with the curvature of the prediction along a step from the residual ``ahead``."""
         residual, held, total, row = here.residual, here.jacobian, np.zeros(len(step)), 0
-        parts = (part / here.scale for _, part in self._parts(here.values)) if held is None else iter([held])
-        for jacobian in parts:
+        for jacobian in (part for _, part in self._parts(here.values)) if held is None else iter([held]):
             rows = slice(row, row + len(jacobian))
-            curvature = 2 / _PROBE * ((residual[rows] - ahead[rows]) / _PROBE - jacobian @ step)
-            total, row = total + jacobian.T @ curvature, rows.stop
+            curvature = 2 / _PROBE * ((residual[rows] - ahead[rows]) / _PROBE - jacobian @ (step / here.scale))
+            total, row = total + jacobian.T @ curvature / here.scale, rows.stop
         return total
 
 
@@ -369,22 +387,8 @@ def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | N
     return None, _LEAST_DAMPING
 
 
-def _triangle(jacobian: Array, residual: Array) -> tuple[Array, Array]:
-    """R of the Jacobian and Q'r, from one factorization of both side by side."""
-    return _split(np.asarray(np.linalg.qr(np.column_stack([jacobian, residual]), mode="r")))
-
-
-def _split(both: Array) -> tuple[Array, Array]:
-    """R and Q'r of the factor of both."""
-    size = both.shape[1] - 1
-    padded = np.zeros((size + 1, size + 1))
-    padded[: len(both)] = both
-    return padded[:size, :size], padded[:size, size]
-
-
-def typical_weight(observed: Observations) -> float:
-    """The root mean square weight of a coordinate."""
-    whiten = observed.whiten[seen_mask(observed.points)]
-    if whiten.ndim == 1:
-        return float(np.sqrt(np.mean(whiten**2)))
-    return float(np.sqrt(np.mean(np.sum(whiten**2, axis=(1, 2))) / whiten.shape[1]))
+def _beside(jacobian: Array, residual: Array) -> Array:
+    """Both side by side: one factorization gives R of the Jacobian and Q'r."""
+    both = np.empty((len(residual), jacobian.shape[1] + 1), order="F")
+    both[:, :-1], both[:, -1] = jacobian, residual
+    return both

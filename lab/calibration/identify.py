@@ -300,10 +300,7 @@ def _identifiable(
     order = [kept.index(i) for i in model.column_priority() if i in structure.kept]
     few = observed.thinned(_FIRST_POSES)
     for some in (few, observed):
-        parts = (
-            model.observe(each.inputs, at)[1][seen_mask(each.points)].reshape(-1, len(model.names))
-            for each in some.blocks()
-        )
+        parts = (model.observe(each.inputs, at)[1][each.seen].reshape(-1, len(model.names)) for each in some.blocks())
         rows = np.concatenate([next(parts) if some.in_one_block else triangle_of(parts), known])
         found = tuple(kept[i] for i in independent_columns(rows[:, kept], order))
         if some is observed or len(found) == len(kept):
@@ -340,6 +337,8 @@ def _canonical(model: Model, solution: Fit) -> Fit:
 
 def _shortest_turn(values: Array, turning: list[int]) -> Array:
     """Parameters ``(p,)`` whose rotation vector, at these indices, is the same rotation by at most half a turn."""
+    if values[turning] @ values[turning] <= np.pi**2:
+        return values
     same = values.copy()
     same[turning] = se3.log(se3.exp(values[turning]))
     return same

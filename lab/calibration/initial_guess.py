@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.core import se3
-from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
@@ -43,7 +42,7 @@ def initial_guess(
     placed[list(base)] = 0.0
     origins, rotations = _flange_poses(model, observed.inputs, placed, tool)
     offsets = values[list(tool)].reshape(-1, 3)  # (k, 3)
-    mask = seen_mask(observed.points)
+    mask = observed.seen
     if "base" not in groups:
         starts = [se3.exp(values[list(base)][3:])]
     else:
@@ -51,18 +50,12 @@ def initial_guess(
         starts = [_kabsch(expected[mask], observed.points[mask])]
         if "tool" in groups:
             starts.append(_direct_rotation(origins, rotations, observed.points, mask))
-    best: tuple[float, Array] | None = None
-    for rotation in starts:
-        size, position, targets = _given_rotation(
-            rotation, origins, rotations, observed.points, mask, values, base, tool, groups
-        )
-        if best is None or size < best[0]:
-            found = values.copy()
-            found[list(base)] = np.concatenate([position, se3.log(rotation)])
-            found[list(tool)] = targets.ravel()
-            best = size, found
-    assert best is not None
-    return best[1]
+    rotation, position, targets = _with_the_rest(
+        np.array(starts), origins, rotations, observed.points, mask, (values[list(base[:3])], offsets), groups
+    )
+    placed[list(base)] = np.concatenate([position, se3.log(rotation)]) if "base" in groups else values[list(base)]
+    placed[list(tool)] = targets.ravel()
+    return placed
 
 
 def _flange_poses(model: Model, joints: Array, values: Array, tool: Sequence[int]) -> tuple[Array, Array]:
@@ -98,32 +91,36 @@ def _direct_rotation(origins: Array, rotations: Array, points: Array, mask: Mask
     return se3.nearest_rotation(np.array(solution[:9]).reshape(3, 3).T)
 
 
-def _given_rotation(
-    rotation: Array,
+def _with_the_rest(
+    starts: Array,
     origins: Array,
     rotations: Array,
     points: Array,
     mask: Mask,
-    values: Array,
-    base: Sequence[int],
-    tool: Sequence[int],
+    known: tuple[Array, Array],
     groups: Sequence[str],
-) -> tuple[float, Array, Array]:
-    """With the base's rotation given: the residual's length, the base's position, the targets; all linear."""
+) -> tuple[Array, Array, Array]:
+    """Of the base's rotations ``(s, 3, 3)`` the one that leaves least, the base's position, and the targets ``(k, 3)``.
+
+    Seen from the base, a measured point less the flange's origin is the base's position and the target turned by the
+    flange, whatever the base's rotation is: one factorization for all rotations.
+
+    Args:
+        known: the base's position ``(3,)`` and the targets ``(k, 3)``, for what is not in ``groups``.
+    """
     pose, target = np.nonzero(mask)
     m, k = len(pose), mask.shape[1]
     system = np.zeros((m, 3, 3 + 3 * k))
     system[:, :, :3] = np.eye(3)
     for t in range(k):
         chosen = target == t
-        system[chosen, :, 3 + 3 * t : 6 + 3 * t] = rotation @ rotations[pose[chosen]]
-    known = np.concatenate([values[list(base[:3])], values[list(tool)]])
+        system[chosen, :, 3 + 3 * t : 6 + 3 * t] = rotations[pose[chosen]]
     flat = system.reshape(3 * m, -1)
+    found = np.concatenate([starts.transpose(0, 2, 1) @ known[0], np.tile(known[1].ravel(), (len(starts), 1))], axis=1)
     free = np.concatenate([np.full(3, "base" in groups), np.full(3 * k, "tool" in groups)])
-    error = (points[pose, target] - origins[pose] @ rotation.T).ravel()
     if "base" in groups:
-        known[:3] = 0.0
-    error -= flat @ known
-    known[free] += np.linalg.lstsq(flat[:, free], error, rcond=1e-9)[0]
-    size = float(np.linalg.norm((points[pose, target] - origins[pose] @ rotation.T).ravel() - flat @ known))
-    return size, known[:3], known[3:].reshape(k, 3)
+        found[:, :3] = 0.0
+    wanted = (points[pose, target] @ starts - origins[pose]).reshape(len(starts), -1).T
+    found[:, free] += np.linalg.lstsq(flat[:, free], wanted - flat @ found.T, rcond=1e-9)[0].T
+    best = int(np.argmin(np.linalg.norm(wanted - flat @ found.T, axis=0)))
+    return starts[best], starts[best] @ found[best, :3], found[best, 3:].reshape(k, 3)

@@ -18,7 +18,6 @@ from lab.calibration.gauss_newton import RANK_TOLERANCE, Estimator, Fit, Observa
 from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
-from lab.core.measurements import seen_mask
 from lab.core.newton import least_squares_step
 from lab.core.se3 import Array
 from lab.kinematics.gauge import independent_columns
@@ -58,7 +57,7 @@ def split_of(observation: Observation, observed: Observations, free: Sequence[in
     """
     model, positions = observation.model, observation.positions
     _, jacobian = model.observe(observed.inputs, model.rank_point(values))
-    rows = jacobian[:, positions:][seen_mask(observed.points)[:, positions:]].reshape(-1, len(model.names))
+    rows = jacobian[:, positions:][observed.seen[:, positions:]].reshape(-1, len(model.names))
     rotating = [i for i in free if model.parameters[i].is_angle]
     order = [i for i in model.column_priority() if i in rotating]
     angles = tuple(order[i] for i in independent_columns(rows[:, order], range(len(order))))
@@ -92,7 +91,7 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
     model, positions = observation.model, observation.positions
     if not 0 < positions < len(observation.units):
         raise LabError("the sequential method takes its angles from orientations: say --observe pose")
-    if not seen_mask(observed.points)[:, positions:].any():
+    if not observed.seen[:, positions:].any():
         raise LabError("no orientation was seen: the sequential method takes its angles from them")
     split = split_of(observation, observed, free, start)
     angles = np.eye(len(start))[:, list(split.angles)]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.gauss_newton import ExtraResiduals, Observations, typical_weight, whitening
+from lab.calibration.gauss_newton import ExtraResiduals, Observations, whitening
 from lab.calibration.noise.shared_errors import SharedErrors, correlated
 from lab.calibration.observations.protocol import Observation
 from lab.core.errors import LabError
@@ -90,7 +90,7 @@ def root_mean_square_sigma(observed: Observations, positions: int) -> float:
 
 def weighted_constraints(observation: Observation, observed: Observations) -> ExtraResiduals:
     """What is known beside the measurements, weighed as these are."""
-    weight = typical_weight(observed)
+    weight = observed.typical_weight
 
     def rows(values: Array) -> tuple[Array, Array]:
         residual, jacobian = observation.extra_residuals(values)

@@ -9,8 +9,10 @@ one: payloads, the statistics of a calibration, verification.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+import scipy  # its solvers are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.core.probabilities import chi2_sf, f_sf, t_ppf
@@ -22,6 +24,7 @@ __all__ = [
     "matched_dof",
     "p_value_of_squares",
     "pseudo_inverse",
+    "triangle",
     "triangle_of",
     "unit_columns",
 ]
@@ -124,24 +127,38 @@ def _identifiable(directions: Array) -> NDArray[np.bool_]:
 
 def unit_columns(columns: Array, axis: int = -2) -> tuple[Array, Array]:
     """Columns divided by their norms over the rows' ``axis``, and the norms; columns of zeros by one."""
-    scale = np.linalg.norm(columns, axis=axis)
+    scale = np.sqrt((columns * columns).sum(axis=axis))
     scale[scale == 0] = 1.0
     return columns / np.expand_dims(scale, axis), scale
 
 
-def pseudo_inverse(triangle: Array, tolerance: float) -> Array:
+def pseudo_inverse(upper: Array, tolerance: float) -> Array:
     """The inverse ``(f, f)`` of a triangle; where it is not far from singular, that of its larger singular values.
 
-    Far from it both are the same, and the inverse takes a sixth of the time.
+    Far from it both are the same, and the inverse takes a small part of the time.
 
     Args:
+        upper: ``(f, f)``, a triangle.
         tolerance: of the largest singular value, below which one is zero.
     """
-    if np.diag(triangle).all():
-        inverse = np.asarray(np.linalg.inv(triangle), dtype=float)
-        if np.linalg.norm(triangle) * np.linalg.norm(inverse) < WELL_CONDITIONED:
+    if np.diag(upper).all():
+        inverse = np.asarray(scipy.linalg.lapack.dtrtri(upper)[0], dtype=float)
+        if np.linalg.norm(upper) * np.linalg.norm(inverse) < WELL_CONDITIONED:
             return inverse
-    return np.asarray(np.linalg.pinv(triangle, rcond=tolerance), dtype=float)
+    return np.asarray(np.linalg.pinv(upper, rcond=tolerance), dtype=float)
+
+
+def triangle(rows: Array) -> Array:
+    """R ``(min(n, p), p)`` of rows ``(n, p)``; rows in Fortran's order are overwritten."""
+    size = min(rows.shape)
+    factor = scipy.linalg.lapack.dgeqrf(rows, overwrite_a=True)[0][:size]
+    factor[_below_diagonal(*factor.shape)] = 0.0
+    return np.asarray(factor, dtype=float)
+
+
+@lru_cache(maxsize=64)
+def _below_diagonal(rows: int, columns: int) -> NDArray[np.bool_]:
+    return np.tri(rows, columns, -1, dtype=np.bool_)
 
 
 def triangle_of(parts: Iterable[Array]) -> Array:
@@ -150,20 +167,18 @@ def triangle_of(parts: Iterable[Array]) -> Array:
     Args:
         parts: one at least, each ``(some, p)``.
     """
-    triangle: Array | None = None
+    known: Array | None = None
     for part in parts:
         step = _TALL if len(part) > 2 * _TALL else max(len(part), 1)
         own = _triangle_by_products(part) if step < len(part) else None
         if own is not None:
-            both = own if triangle is None else np.concatenate([triangle, own])
-            triangle = np.asarray(np.linalg.qr(both, mode="r"))
+            known = own if known is None else triangle(np.concatenate([known, own]))
             continue
         for first in range(0, max(len(part), 1), step):
             rows = part[first : first + step]
-            both = rows if triangle is None else np.concatenate([triangle, rows])
-            triangle = np.asarray(np.linalg.qr(both, mode="r"))
-    assert triangle is not None
-    return triangle
+            known = np.asarray(np.linalg.qr(rows if known is None else np.concatenate([known, rows]), mode="r"))
+    assert known is not None
+    return known
 
 
 def _triangle_by_products(rows: Array) -> Array | None:

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from functools import cached_property
 
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.linear_model import triangle, unit_columns
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.compiled.kernels import machine_code
@@ -32,16 +34,28 @@ class BaseSet:
     Attributes:
         kept: indices of the identifiable parameters, ascending.
         fixed: indices of the others, ascending.
-        alias: ``(kept, fixed)``: an error of 1 in a fixed parameter looks exactly like errors of
-            its column in the kept ones (units: those of kept per fixed, in SI).
+        triangle: ``(r, p)`` R of the Jacobian that says so.
         held: those of the fixed that could be identified, hidden in nothing: held on request, or told apart only
             because others are.
     """
 
     kept: tuple[int, ...]
     fixed: tuple[int, ...]
-    alias: Array
+    triangle: Array
     held: tuple[int, ...] = ()
+
+    @cached_property
+    def alias(self) -> Array:
+        """``(kept, fixed)``: an error of 1 in a fixed parameter looks just like errors of its column in the kept ones.
+
+        Units: those of kept per fixed, in SI.
+        """
+        kept, fixed = list(self.kept), list(self.fixed)
+        scaled, scale = unit_columns(self.triangle)
+        found = np.linalg.lstsq(scaled[:, kept], scaled[:, fixed], rcond=None)[0]
+        found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < INDEPENDENT] = 0.0  # of what moves nothing, rounding
+        found[:, [self.fixed.index(i) for i in self.held]] = 0.0
+        return np.asarray(found * scale[fixed] / scale[kept][:, None])
 
 
 def base_set(
@@ -53,7 +67,7 @@ def base_set(
     free: Sequence[str] = (),
     known: Array | None = None,
 ) -> BaseSet:
-    """The identifiable parameters at ``values``, from ``inputs`` or 200 random ones in the limits.
+    """The identifiable parameters at ``values``, from ``inputs`` or random ones in the limits, at most 200.
 
     Take ``values`` at the nominal links: away from them the null directions are only nearly
     null, and no tolerance repairs that.
@@ -67,7 +81,8 @@ def base_set(
         LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
     """
     if inputs is None:
-        inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+        poses = min(STRUCTURE_POSES, 2 * len(model.names))  # at which each parameter is seen twice at least
+        inputs = model.structure_joints(poses, rng_for(0, "structure"))
     _, jacobian = model.observe(inputs, model.rank_point(values))
     flat, order = jacobian.reshape(-1, len(model.names)), model.column_priority()
     if known is not None:
@@ -75,7 +90,7 @@ def base_set(
     if not (fix or free):
         return base_set_of(flat, order)
     fixed, freed = named(model.names, "--fix", fix), named(model.names, "--free", free)
-    return _as_wished(model, base_set_of(flat, order), flat, fixed, freed)
+    return _as_wished(model, base_set_of(flat, order), fixed, freed)
 
 
 def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[int, ...]:
@@ -100,16 +115,16 @@ def _there_are(pattern: str, names: Sequence[str]) -> str:
     return f"the nearest are {', '.join(near)}; the groups are {groups}" if near else f"the groups are {groups}"
 
 
-def _as_wished(model: Model, usual: BaseSet, jacobian: Array, fix: Sequence[int], free: Sequence[int]) -> BaseSet:
+def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[int]) -> BaseSet:
     """The base set less what is to be fixed, with what is to be free."""
     if both := set(fix) & set(free):
         raise LabError(f"--fix and --free both name {model.names[min(both)]}: name it once")
-    triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))
+    upper = usual.triangle
     left = [i for i in usual.kept if i not in fix]
     wished = [*left, *(i for i in free if i not in usual.kept)]
     if not wished:
         raise LabError("--fix leaves no parameter to identify: fix fewer")
-    kept = independent_columns(triangle, wished)
+    kept = independent_columns(upper, wished)
     if lost := [i for i in wished if i not in kept]:
         alias = usual.alias[:, usual.fixed.index(lost[0])]
         strong = np.abs(alias) > 1e-9 * max(np.abs(alias).max(), 1e-300)
@@ -117,28 +132,19 @@ def _as_wished(model: Model, usual: BaseSet, jacobian: Array, fix: Sequence[int]
         name = model.names[lost[0]]
         why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
         raise LabError(f"--free {name}: {name} is not identifiable; {why}")
-    found = _with_aliases(triangle, kept)
-    beyond = [i for i in found.fixed if len(independent_columns(triangle, [*kept, i])) > len(kept)]
-    alias = found.alias.copy()
-    alias[:, [found.fixed.index(i) for i in beyond]] = 0.0
-    return replace(found, alias=alias, held=tuple(beyond))
+    found = _of_kept(upper, kept)
+    beyond = [i for i in found.fixed if len(independent_columns(upper, [*kept, i])) > len(kept)]
+    return replace(found, held=tuple(beyond))
 
 
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:
     """The base set of a Jacobian ``(rows, p)``, its columns preferred in ``order``."""
-    triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))  # the same inner products, fewer rows
-    return _with_aliases(triangle, independent_columns(triangle, order))
+    upper = triangle(jacobian.copy())  # the same inner products, fewer rows
+    return _of_kept(upper, independent_columns(upper, order))
 
 
-def _with_aliases(triangle: Array, kept: tuple[int, ...]) -> BaseSet:
-    """The base set of these columns, and what of them each other one looks like."""
-    fixed = tuple(column for column in range(triangle.shape[1]) if column not in kept)
-    norms = np.linalg.norm(triangle, axis=0)
-    scale = np.where(norms > 0, norms, 1.0)
-    scaled = triangle / scale
-    alias = np.linalg.lstsq(scaled[:, kept], scaled[:, fixed], rcond=None)[0]
-    alias[:, norms[list(fixed)] < INDEPENDENT] = 0.0  # of what moves nothing, rounding
-    return BaseSet(kept, fixed, alias * scale[list(fixed)] / scale[list(kept)][:, None])
+def _of_kept(upper: Array, kept: tuple[int, ...]) -> BaseSet:
+    return BaseSet(kept, tuple(i for i in range(upper.shape[1]) if i not in kept), upper)
 
 
 def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:

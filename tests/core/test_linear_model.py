@@ -10,6 +10,7 @@ from lab.core.linear_model import (
     matched_dof,
     p_value_of_squares,
     pseudo_inverse,
+    triangle,
     triangle_of,
     unit_columns,
 )
@@ -82,6 +83,14 @@ def test_unit_columns_keep_columns_of_zeros() -> None:
     scaled, size = unit_columns(np.array([[3.0, 0.0], [4.0, 0.0]]))
     np.testing.assert_array_equal(size, [5.0, 1.0])
     np.testing.assert_array_equal(scaled, [[0.6, 0.0], [0.8, 0.0]])
+
+
+@pytest.mark.parametrize("shape", [(9, 4), (4, 4), (3, 5)])
+def test_a_triangle_has_the_inner_products_of_its_rows(shape: tuple[int, int]) -> None:
+    rows = np.random.default_rng(5).standard_normal(shape)
+    upper = triangle(rows.copy())
+    assert upper.shape == (min(shape), shape[1]) and not np.tril(upper, -1).any()
+    np.testing.assert_allclose(upper.T @ upper, rows.T @ rows, atol=1e-13)
 
 
 def test_the_inverse_of_a_triangle_leaves_out_what_is_not_determined() -> None:

@@ -124,7 +124,7 @@ def error_shapes(
 ) -> ErrorShapes:
     """What joints, a shift of the base and a drift do to the observed numbers, whitened as these are weighed."""
     n, k, d = observed.points.shape
-    mask = seen_mask(observed.points)[..., None, None]
+    mask = observed.seen[..., None, None]
     slopes = by_joint_positions(model, observed.inputs, values, joints)
     moved = np.broadcast_to(np.eye(d), (n, k, d, d))
     scatter, shift = (

@@ -17,7 +17,7 @@ from lab.calibration.residual.process import JointProcess, PredictedBy, precisio
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
-from lab.core.measurements import Measurements, evenly, seen_mask
+from lab.core.measurements import Measurements, evenly
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
@@ -93,7 +93,7 @@ def with_residual(found: Identification, data: Measurements) -> Identification:
     values, covariance, left = _beside(found, support, turning, variances)
     inputs = support.inputs(model.conditions)
     spread = np.zeros(support.points.shape)
-    spread[seen_mask(support.points)] = left.reshape(-1, 3)
+    spread[support.seen] = left.reshape(-1, 3)
     slopes = by_joint_positions(model, inputs, values, len(turning))
     weights = np.einsum("nki,nkij->nj", spread, slopes)
     process = JointProcess(inputs, support.seen, variances, upper, weights, turning, p)

@@ -16,7 +16,7 @@ from lab.calibration.statistics.useful_parameters import largest_useful_std
 from lab.calibration.validation import configurations, cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
@@ -133,7 +133,7 @@ class FullModel:
                 for name in groups
             },
             structure=_triangle(structure.reshape(-1, len(model.names)), extra_residuals),
-            measured=_triangle(measured[seen_mask(observed.points)].reshape(-1, len(model.names)), extra_residuals),
+            measured=_triangle(measured[observed.seen].reshape(-1, len(model.names)), extra_residuals),
             folds=folds(clusters, seed),
             clusters=clusters,
             configurations=configurations(task.data.joints),
@@ -144,7 +144,7 @@ class FullModel:
     @property
     def least_rows(self) -> int:
         """Residuals that the largest fold leaves to fit; none where there is one fold only."""
-        sizes = np.bincount(self.folds, seen_mask(self.observed.points).sum(axis=1) * self.observed.points.shape[2])
+        sizes = np.bincount(self.folds, self.observed.seen.sum(axis=1) * self.observed.points.shape[2])
         return int(sizes.sum() - sizes.max())
 
     def around(self, found: Identification) -> NestedModels:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
-from lab.core.measurements import seen_mask
 from lab.core.probabilities import f_cdf, f_sf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
@@ -252,7 +251,7 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     for part, basis in within.basis():
         hat = (basis.reshape(-1, *shape[1:], rank) * sight[part][..., None]).sum(axis=2).reshape(-1, rank)  # (n k, f)
         taken += hat.T @ hat
-    count = int(seen_mask(observed.points).sum())
+    count = int(observed.seen.sum())
     first = count - float(np.trace(taken))  # tr AM
     second = within.dof - first
     if min(first, second) < 1:

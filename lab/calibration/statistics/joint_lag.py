@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Fit, Observations
 from lab.calibration.statistics.linearized import FULL_RANK, LinearizedFit, SubsetFit, linearized
 from lab.core.linear_model import LinearModel, p_value_of_squares
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements
 from lab.core.probabilities import t_sf
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
@@ -79,7 +79,7 @@ def lagging(
         rows = [i for i, session in enumerate(sessions) if session == name]
         here = np.zeros_like(moves)
         here[rows] = moves[rows]
-        mask = seen_mask(observed.points)
+        mask = observed.seen
         columns = np.zeros(reading_jacobian.shape)
         columns[mask] = observed.apply(reading_jacobian * here[:, None, None, :]).reshape(columns[mask].shape)
         lag = _regressed(name, linear, within, columns.reshape(*linear.mask.shape, -1), len(names))

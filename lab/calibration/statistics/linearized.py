@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.core.linear_model import LinearModel, p_value_of_squares, triangle_of
-from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
@@ -224,7 +223,7 @@ def linearized(
     Args:
         extra_residuals: what else is known of the parameters; its rows stay whichever poses are looked at.
     """
-    mask = seen_mask(observed.points)
+    mask = observed.seen
     n, k, d = observed.points.shape
     more, rows = (np.empty(0), np.empty((0, len(values)))) if extra_residuals is None else extra_residuals(values)
     blocks = n + -(-len(more) // (k * d))

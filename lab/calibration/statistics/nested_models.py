@@ -14,7 +14,6 @@ from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observa
 from lab.calibration.observations.protocol import Observation
 from lab.calibration.statistics.clustered_rows import ClusteredRows
 from lab.core.linear_model import LinearModel, p_value_of_squares
-from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 
 __all__ = ["Labels", "NestedModels", "Score", "nested_at"]
@@ -175,7 +174,7 @@ def nested_at(
     index, count = list(columns), int(folds.max()) + 1
     predicted, jacobian = observation.model.observe(observed.inputs, values)
     both = np.concatenate([jacobian[..., index], (observed.points - predicted)[..., None]], axis=3)
-    rows, mask = observed.apply(both), seen_mask(observed.points)
+    rows, mask = observed.apply(both), observed.seen
     scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
     scale[scale == 0] = 1.0
     residual, slopes = extra_residuals(values)

@@ -21,7 +21,6 @@ from lab.calibration.statistics.linearized import (
     smallest_p,
 )
 from lab.core.linear_model import p_value_of_squares
-from lab.core.measurements import seen_mask
 from lab.core.probabilities import chi2_isf, chi2_ppf, normal_sf
 from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
@@ -168,7 +167,7 @@ def would_matter(model: Model, observed: Observations, fitted: Array, without: A
     Of a plain fit and one without its outliers it says what leaving them out would change.
     """
     moved = model.points(observed.inputs, fitted) - model.points(observed.inputs, without)
-    return float(np.sqrt((moved[seen_mask(observed.points)] ** 2).sum(axis=-1).mean()))
+    return float(np.sqrt((moved[observed.seen] ** 2).sum(axis=-1).mean()))
 
 
 @dataclass(frozen=True)
@@ -311,7 +310,7 @@ def _weights_at(
     model: Model, observed: Observations, values: Array, extra_residuals: ExtraResiduals | None, floor: float
 ) -> tuple[Array, float]:
     """Tukey's weights of very many poses, and the scale, at parameters that are near enough."""
-    mask = seen_mask(observed.points)
+    mask = observed.seen
     n, k, d = observed.points.shape
     residual = np.zeros((n, k, d))
     residual[mask] = observed.apply(observed.points - model.points(observed.inputs, values)).reshape(-1, d)

@@ -20,7 +20,7 @@ from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.statistics.clustered_rows import cluster_sums, clusters_first, jackknifed
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.linear_model import p_value_of_squares, unit_columns
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.significance import TERM_SEARCH
 from lab.kinematics.effects.effect import Effect
@@ -138,7 +138,7 @@ class TermSearch:
             configurations: ``(n,)`` labels of the poses from 0 on; repeats of one pose share theirs.
             floor: the least standard deviation of a whitened residual.
         """
-        index, mask = list(free), seen_mask(observed.points)
+        index, mask = list(free), observed.seen
         predicted, jacobian = model.observe(observed.inputs, values)
         known, slopes = extra_residuals(values)
         pose = np.repeat(np.nonzero(mask)[0], observed.points.shape[2])

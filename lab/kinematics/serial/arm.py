@@ -246,6 +246,10 @@ class SerialArm:
 
     def column_priority(self) -> tuple[int, ...]:
         """All columns in the order of preference that gives the canonical gauge (``gauge``)."""
+        return self._column_priority
+
+    @cached_property
+    def _column_priority(self) -> tuple[int, ...]:
         return preferred_columns(self.chain, self.parameters)
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
