@@ -124,11 +124,17 @@ def band_of(time_s: Array, band_hz: float = BAND_HZ) -> Band:
     """The band of a run.
 
     Raises:
-        LabError: the run is shorter than what the filters leave out at its ends.
+        LabError: the run is shorter than what the filters leave out at its ends, or a band that is not the usual one is
+            beyond half of the sampling rate.
     """
     step = float((time_s[-1] - time_s[0]) / max(len(time_s) - 1, 1))
     if not (step > 0 and band_hz > 0):
         raise LabError(f"a time step of {step:g} s and a band of {band_hz:g} Hz: both must be above zero")
+    if band_hz > max(0.5 / step, BAND_HZ):
+        raise LabError(
+            f"a band of {band_hz:g} Hz is beyond half of the sampling rate: a run with a row every {step:.3g} s has "
+            f"nothing above {0.5 / step:.4g} Hz; give less"
+        )
     band = Band(step, max(round(0.5 / (step * band_hz)), round(0.5 / _MOST_BAND)))
     least = 2 * band.margin + 4 * (_SPAN + 1) * band.every
     if len(time_s) < least:

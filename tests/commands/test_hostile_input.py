@@ -280,6 +280,8 @@ COMMAND_LINES = (
     "dynamics motion.csv --robot arm.toml --holdout 0.9",
     "dynamics motion.csv --robot arm.toml --holdout nan",
     "dynamics motion.csv --robot arm.toml --band-hz 0",
+    "dynamics motion.csv --robot arm.toml --band-hz 1e9",
+    "dynamics motion.csv --robot arm.toml --band-hz 51",
     "dynamics motion.csv --robot arm.toml --without links",
     "dynamics --robot arm.toml --delay",
     "dynamics motion.csv --robot arm.toml --simulate",

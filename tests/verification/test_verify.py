@@ -413,6 +413,21 @@ def unjudged(runs: Path) -> None:
     (runs / "bad" / CHECKSUMS).write_text(checksum_lines(runs / "bad"))
 
 
+def test_a_noise_in_another_unit_hides_nothing_and_copies_count_once(runs: Path, capsys) -> None:
+    lines = (runs / "good.csv").read_text().splitlines()
+    bad = [",".join([*line.split(",")[:-1], "900.0"]) if i % 2 else line for i, line in enumerate(lines[1:])]
+    (runs / "half.csv").write_text("\n".join([lines[0], *bad]) + "\n")
+    says = "is it in µm? That would be 0.008 mm"
+    assert main(["verify", str(runs / "known"), str(runs / "half.csv"), "--noise-mm", "8"]) == 2
+    assert says in capsys.readouterr().err
+    (runs / "sigma.csv").write_text("\n".join([lines[0] + ",sigma_mm", *(line + ",8" for line in bad)]) + "\n")
+    assert main(["verify", str(runs / "known"), str(runs / "sigma.csv")]) == 2
+    assert "column sigma_mm 8" in capsys.readouterr().err
+    (runs / "twice.csv").write_text("\n".join([*lines, *lines[1:]]) + "\n")
+    once, twice = (checked(capsys, runs, "known", name)[1] for name in ("good.csv", "twice.csv"))
+    assert twice["statistic"] == once["statistic"] and "copies of an earlier one" in twice["warnings"][0]
+
+
 def test_a_run_that_was_not_judged_can_be_forced_and_says_so(runs: Path, capsys) -> None:
     unjudged(runs)
     code, found = checked(capsys, runs, "bad", "good.csv", "--force")

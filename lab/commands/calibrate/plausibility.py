@@ -9,12 +9,13 @@ from lab.calibration.identify import Identification
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 
-__all__ = ["refuse_noise_in_another_unit", "without_copies"]
+__all__ = ["refuse_noise_beyond", "refuse_noise_in_another_unit", "without_copies"]
 
 LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
 LEAST_FREEDOM = 10
 LEAST_ROWS = 5  # of fewer the fit says what they lack
 UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
+ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
 
 
 def without_copies(path: Path, data: Measurements) -> Measurements:
@@ -55,15 +56,31 @@ def refuse_noise_in_another_unit(noise_mm: float | None, rows: Measurements, fou
     Raises:
         LabError: it is; with the number that it would be in the right unit.
     """
+    if found.dof >= LEAST_FREEDOM:
+        refuse_noise_beyond(noise_mm, rows, found.residual_sigma_m, "the residuals", UNIT)
+
+
+def refuse_noise_beyond(
+    noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_DAY
+) -> None:
+    """Refuse a noise that is far more than what is known of the robot and its instrument.
+
+    Args:
+        noise_mm: the option; None where it was not given, and the rows say it.
+        rows: that it is of.
+        known_m: standard deviation per axis of residuals with such an instrument.
+        whose: the residuals' name in the message.
+        times: how many times as much it may be.
+
+    Raises:
+        LabError: it is; with the number that it would be in the right unit.
+    """
     name, given_mm = "--noise-mm", noise_mm
     if given_mm is None:
         name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
         given_mm = 1e3 * float(np.median(known)) if known.size else None
-    estimated_m = found.residual_sigma_m
-    if given_mm is None or found.dof < LEAST_FREEDOM or not estimated_m > LEAST_RESIDUAL_M:
-        return
-    if given_mm / 1e3 > UNIT * estimated_m:
+    if given_mm is not None and known_m > LEAST_RESIDUAL_M and given_mm / 1e3 > times * known_m:
         raise LabError(
-            f"{name} {given_mm:g}: the residuals are those of a noise of {1e3 * estimated_m:.2g} mm, "
-            f"{given_mm / 1e3 / estimated_m:.0f} times less; is it in µm? That would be {given_mm / 1e3:g} mm"
+            f"{name} {given_mm:g}: {whose} are those of a noise of {1e3 * known_m:.2g} mm, "
+            f"{given_mm / 1e3 / known_m:.0f} times less; is it in µm? That would be {given_mm / 1e3:g} mm"
         )

@@ -19,6 +19,7 @@ from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.plausibility import refuse_noise_beyond, without_copies
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
@@ -89,12 +90,14 @@ def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurement
     read = read_measurements(options.file, chain.joint_names, chain.prismatic) if given is None else given
     if calibrated.load is not None and "payload_kg" in calibrated.arm.conditions:
         read = calibrated.load.weighed(read)
+    read = without_copies(Path(options.file), read)
     rows = read.only("calibrate", "reference", "test")
     rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
     calibrated.robot.refuse_impossible(options.file, rows)
     if not len(rows):
         raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")
     with _naming(options):
+        refuse_noise_beyond(options.noise_mm, rows, (calibrated.result.residual_mm or 0.0) / 1e3, "the run's residuals")
         observations, prediction = _against(calibrated, rows, options)
         _refuse_implausible(prediction, observations)
         verified = test(prediction, observations, options.refit, [rows.where(i) for i in range(len(rows))])
