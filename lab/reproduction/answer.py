@@ -122,12 +122,12 @@ def at_least(name: str, printed: str, ours: float, unit: str = "") -> Answer:
         return abs(_read(text) - ours) <= 2e-3 * abs(ours)
 
     apart = f"{ours - value:+.1g}".replace("-", _MINUS)
-    return Answer(name, printed, _written(ours, decimals), unit, apart, ours >= value * (1 - 1e-3), "", check)
+    return Answer(name, printed, _written(ours, decimals), unit, apart, bool(ours >= value * (1 - 1e-3)), "", check)
 
 
 def holds(name: str, gap: float, *, within: float = _EXACT, erratum: str = "") -> Answer:
     """An identity that the source states, and by how much its two sides differ at random positions."""
-    true = gap <= within
+    true = bool(gap <= within)  # NumPy's booleans are none of JSON
     ours = f"{'holds' if true else 'does not hold'}, to {gap:.1g}"
     return Answer(name, "holds", ours, "", f"{gap:.1g}", true, erratum, lambda text: False, False)
 

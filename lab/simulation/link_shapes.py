@@ -74,12 +74,17 @@ def link_rods(chain: Chain) -> list[Rod]:
             low, high = np.sort(chain.sign[i] * np.array([min(chain.lower[i], 0.0), max(chain.upper[i], 0.0)]))
             rods.append(Rod(i - 1, here + low * z, here + high * z, radii[i]))
         else:
-            stretches.append((here - chain.sign[i] * (chain.upper[i] - chain.lower[i]) * z, here))
+            stretches.append((here - chain.sign[i] * _stroke(chain.lower[i], chain.upper[i]) * z, here))
         long = [pair for pair in stretches if np.linalg.norm(pair[1] - pair[0]) > _SHORT_M]
         if i == n - 1:
             long = [(start, _short_of(last[:3, 3], start, end, radii[i])) for start, end in long]
         rods += [Rod(i, start, end, radii[i]) for start, end in long or [(here, here)]]
     return rods
+
+
+def _stroke(lower: float, upper: float) -> float:
+    """A slide's stroke (m); negative where it moves out against its axis, as a quill does whose axis points up."""
+    return float(np.copysign(upper - lower, upper if abs(upper) >= abs(lower) else lower))
 
 
 def _short_of(flange: Array, start: Array, end: Array, radius: float) -> Array:

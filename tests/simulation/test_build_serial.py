@@ -149,12 +149,17 @@ def test_rods_grow_with_the_arm() -> None:
         np.testing.assert_allclose([large.radius, *large.end], 2 * np.array([small.radius, *small.end]), atol=1e-12)
 
 
-def test_a_joint_that_counts_backwards_slides_the_other_way() -> None:
-    """A slide's rod reaches back by its stroke on either side."""
+@pytest.mark.parametrize(("lower", "upper"), [(-0.2, 0.0), (0.0, 0.2)])
+def test_a_slide_keeps_to_the_arm_that_carries_it(lower: float, upper: float) -> None:
+    """Its rod reaches back by the stroke: a quill that goes down stands out above, and backwards the other way round."""
     chain = load_robot("scara").chain
-    backwards = replace(chain, sign=np.array([1.0, 1, -1, 1]))
-    rods = [next(rod for rod in link_rods(each) if rod.joint == 2) for each in (chain, backwards)]
-    assert [rod.start[2] for rod in rods] == pytest.approx([-0.2, 0.2])
+    chain = replace(chain, lower=np.array([*chain.lower[:2], lower, -3]), upper=np.array([*chain.upper[:2], upper, 3]))
+    for sign in (1.0, -1.0):
+        rods = link_rods(replace(chain, sign=np.array([1.0, 1, sign, 1])))
+        slide = next(rod for rod in rods if rod.joint == 2)
+        ends = [sorted(z + sign * reading for z in (slide.start[2], slide.end[2])) for reading in (lower, upper)]
+        assert all(low <= 1e-12 and high >= -1e-12 for low, high in ends)  # at height zero the arm carries it
+        assert np.ptp(ends[0]) == pytest.approx(0.2)
 
 
 def test_a_model_with_shapes_keeps_them() -> None:

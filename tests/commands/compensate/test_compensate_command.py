@@ -322,7 +322,7 @@ def test_arms_with_few_joints_say_what_they_cannot_do(name: str, tmp_path, capsy
     assert main(["identify", str(tmp_path / "points.csv"), *flags]) == 0
     placed = np.array([each.startswith(("base.", "tool.")) for each in arm.names])
     drawn = np.where(placed, values, nominal)
-    joints[:, 1], joints[:, 2:3] = 0.8, 0.1  # clear of limits and of the outstretched arm
+    joints[:, 1], joints[:, 2:3] = 0.8, -0.1  # clear of limits and of the outstretched arm
     write_targets(tmp_path / "targets.csv", arm.tool(joints[:20], drawn)[0])
     capsys.readouterr()
     if name == "course2r":

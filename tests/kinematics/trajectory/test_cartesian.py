@@ -13,7 +13,7 @@ from lab.kinematics.trajectory.motion import Motion
 from lab.kinematics.trajectory.trajectory import common_phases, independent
 from lab.pose_selection.tour import rated
 
-STARTS = {"irb120": np.radians([0, 20, -30, 10, 60, 0]), "scara": np.array([0.3, 1, 0.05, 0]), "delta": np.zeros(3)}
+STARTS = {"irb120": np.radians([0, 20, -30, 10, 60, 0]), "scara": np.array([0.3, 1, -0.05, 0]), "delta": np.zeros(3)}
 
 
 def set_up(name: str):
