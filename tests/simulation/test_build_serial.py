@@ -151,7 +151,7 @@ def test_rods_grow_with_the_arm() -> None:
 
 @pytest.mark.parametrize(("lower", "upper"), [(-0.2, 0.0), (0.0, 0.2)])
 def test_a_slide_keeps_to_the_arm_that_carries_it(lower: float, upper: float) -> None:
-    """Its rod reaches back by the stroke: a quill that goes down stands out above, and backwards the other way round."""
+    """Its rod reaches back by the stroke: a quill that goes down stands out above, or the other way round."""
     chain = load_robot("scara").chain
     chain = replace(chain, lower=np.array([*chain.lower[:2], lower, -3]), upper=np.array([*chain.upper[:2], upper, 3]))
     for sign in (1.0, -1.0):
