@@ -20,6 +20,7 @@ __all__ = ["SymbolicChain", "symbolic_chain", "textbook"]
 
 _Column = Literal["theta", "d", "a", "alpha", "beta"]
 _Step = tuple[_Column, Any]
+_WRITTEN_OUT = 3  # products in a sum
 _EXACT = 1e-9  # rad or m: by how much an angle may miss a multiple of 90 degrees, or a length zero
 _STEPS: dict[Convention, tuple[_Column, ...]] = {
     "distal": ("theta", "d", "a", "alpha", "beta"),
@@ -75,10 +76,19 @@ def symbolic_chain(chain: Chain) -> SymbolicChain:
 
 
 def textbook(expression: Any) -> str:
-    """An entry of a matrix as textbooks print it: c1 is cos q1, s23 is sin(q2 + q3), lengths by their letters."""
+    """An entry of a matrix as textbooks print it: c1 is cos q1, s23 is sin(q2 + q3), lengths by their letters.
+
+    A sum of few products is written out, as the course does; a longer one keeps what its products have in common.
+    """
+    expanded = expression.expand()
+    return _text(expanded if len(expanded.as_ordered_terms()) <= _WRITTEN_OUT else expression)
+
+
+def _text(expression: Any) -> str:
+    """An expression as it stands."""
     sympy = _sympy()
     if expression.is_Add:
-        terms = sorted((textbook(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
+        terms = sorted((_text(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
         return terms[0] + "".join(f" − {term[1:]}" if term.startswith("−") else f" + {term}" for term in terms[1:])
     if expression.is_Mul:
         number, rest = expression.as_coeff_Mul()
@@ -92,7 +102,7 @@ def textbook(expression: Any) -> str:
 def _factor(sympy: Any, factor: Any) -> str:
     """What is multiplied, sums in brackets."""
     if factor.is_Add:
-        return f"({textbook(factor)})"
+        return f"({_text(factor)})"
     if factor.is_Pow:
         return f"{_factor(sympy, factor.base)}^{factor.exp}"
     if factor.func in (sympy.cos, sympy.sin):

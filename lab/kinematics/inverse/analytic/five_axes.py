@@ -8,6 +8,7 @@ rounding after a few steps of Gauss and Newton, are its solutions.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -137,58 +138,65 @@ class FiveAxes:
         if self.backwards:
             found, free = found[:, :, ::-1], free[:, :, ::-1]
         hinges = ~np.array(self.chain.prismatic)
-        joints = found * self.chain.sign
-        joints = self._settled(Ts_frame0_last, joints)
+        joints, off = self._settled(Ts_frame0_last, found * self.chain.sign)
         joints[..., hinges] -= 2 * np.pi * np.round(joints[..., hinges] / (2 * np.pi))
-        joints, gap, tilt, free = self._best(Ts_frame0_last, joints, free)
-        return Solutions(joints, gap, tilt, free)
+        return self._best(joints, off, free)
 
     def _missing(self, Ts: Array, joints: Array) -> tuple[Array, Array]:
         """What is missing ``(m, 6)`` from poses ``(m, 4, 4)``, and the Jacobians ``(m, 6, 5)``."""
-        there, jacobian = self.arm.tool(joints, self.arm.nominal({self.arm.targets[0]: np.zeros(3)}))
+        there, jacobian = self.arm.tool(joints, self._values)
         turned = se3.log(Ts[:, :3, :3] @ there[:, :3, :3].swapaxes(1, 2))
         return np.concatenate([Ts[:, :3, 3] - there[:, :3, 3], turned], axis=1), jacobian
 
-    def _settled(self, Ts: Array, joints: Array) -> Array:
-        """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away."""
+    def _settled(self, Ts: Array, joints: Array) -> tuple[Array, Array]:
+        """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away.
+
+        Returns:
+            Joint positions, and what they miss ``(n, k, 2)``: m and rad.
+        """
         count, many = joints.shape[:2]
         flat, each = joints.reshape(-1, 5).copy(), np.repeat(np.arange(count), many)
-        missing, jacobian = self._missing(Ts[each], flat)
+        apart = Ts[:, None] - self.arm.flange(flat, self._values).reshape(count, many, 4, 4)
+        chord = np.sqrt((apart[..., :3, :3] ** 2).sum(axis=(2, 3)) / 8)  # sin(angle / 2)
+        off = np.stack([np.sqrt((apart[..., :3, 3] ** 2).sum(axis=2)), 2 * np.arcsin(np.minimum(chord, 1.0))], axis=2)
+        size = off.reshape(-1, 2)
+        rows = np.flatnonzero((size.max(axis=1) < _NEAR) & (size.max(axis=1) > _EXACTLY))
+        missing, jacobian = self._missing(Ts[each[rows]], flat[rows])
         for _ in range(_STEPS):
-            size = np.abs(missing).max(axis=1)
-            rows = np.flatnonzero((size < _NEAR) & (size > _EXACTLY))
             if not rows.size:
                 break
-            J = jacobian[rows]
-            normal = J.swapaxes(1, 2) @ J
+            normal = jacobian.swapaxes(1, 2) @ jacobian
             normal[:, range(5), range(5)] += 1e-15 * np.trace(normal, axis1=1, axis2=2)[:, None]
-            step = np.linalg.solve(normal, J.swapaxes(1, 2) @ missing[rows, :, None])[:, :, 0]
+            step = np.linalg.solve(normal, jacobian.swapaxes(1, 2) @ missing[:, :, None])[:, :, 0]
             left, ahead = self._missing(Ts[each[rows]], flat[rows] + step)
-            better = np.linalg.norm(left, axis=1) < np.linalg.norm(missing[rows], axis=1)
-            kept = rows[better]
-            flat[kept] += step[better]
-            missing[kept], jacobian[kept] = left[better], ahead[better]
-            if not better.any():
-                break
-        return flat.reshape(joints.shape)
+            better = np.linalg.norm(left, axis=1) < np.linalg.norm(missing, axis=1)
+            rows, missing, jacobian = rows[better], left[better], ahead[better]
+            flat[rows] += step[better]
+            size[rows] = np.linalg.norm(missing.reshape(-1, 2, 3), axis=2)
+            going = np.abs(missing).max(axis=1) > _EXACTLY
+            rows, missing, jacobian = rows[going], missing[going], jacobian[going]
+        return flat.reshape(joints.shape), off
 
-    def _best(self, Ts: Array, joints: Array, free: NDArray[np.bool_]) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    @cached_property
+    def _values(self) -> Array:
+        """The arm's parameters, with the last frame's origin for a target."""
+        return self.arm.nominal({self.arm.targets[0]: np.zeros(3)})
+
+    def _best(self, joints: Array, off: Array, free: NDArray[np.bool_]) -> Solutions:
         """The ``branches`` nearest candidates, with what they miss; those that are twice there count once."""
         count, many = joints.shape[:2]
-        missing = self._missing(np.repeat(Ts, many, axis=0), joints.reshape(-1, 5))[0].reshape(count, many, 6)
-        gap, tilt = (np.linalg.norm(part, axis=2) for part in (missing[..., :3], missing[..., 3:]))
-        size = np.maximum(gap, tilt)
+        gap, tilt, size = off[..., 0], off[..., 1], off.max(axis=2)
         meets = size <= np.where(size.min(axis=1, keepdims=True) <= _REACHED, _REACHED, EXACT)  # EXACT at singularities
         gap, tilt = np.where(meets, 0.0, gap), np.where(meets, 0.0, tilt)
         if many <= self.branches:
-            return joints, gap, tilt, free
+            return Solutions(joints, gap, tilt, free)
         turns = np.where(self.chain.prismatic, 0.0, 2 * np.pi)
         cost = gap + tilt
         for i in range(1, many):
-            off = joints[:, :i] - joints[:, i : i + 1]
-            off = np.abs(off - turns * np.round(off / (2 * np.pi))).max(axis=2)
-            cost[:, i] = np.where((off < _SAME).any(axis=1), np.inf, cost[:, i])
+            between = joints[:, :i] - joints[:, i : i + 1]
+            between = np.abs(between - turns * np.round(between / (2 * np.pi))).max(axis=2)
+            cost[:, i] = np.where((between < _SAME).any(axis=1), np.inf, cost[:, i])
         order = np.argsort(cost, axis=1, kind="stable")[:, : self.branches]
         gap = np.where(np.isinf(cost), np.inf, gap)
         rows = np.arange(count)[:, None]
-        return joints[rows, order], gap[rows, order], tilt[rows, order], free[rows, order]
+        return Solutions(joints[rows, order], gap[rows, order], tilt[rows, order], free[rows, order])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.inverse.analytic.first_joint import FirstJoint, Named
+from lab.kinematics.inverse.analytic.first_joint import FirstJoint, Named, turned_back
 from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, type_2
 from lab.kinematics.inverse.analytic.planar_joints import PlanarJoints
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, plane_across
@@ -68,9 +68,8 @@ class PlanarMiddle:
             e, f, _ = np.tensordot(plane, lever[:, None] - np.multiply.outer(self.column.axis, first), 1)
             back = R[None]
         else:
-            turned = se3.exp(-first[..., None] * self.column.axis)
-            back = turned @ R
-            e, f, _ = np.einsum("ij,mnjk,kn->imn", plane, turned, lever)
+            back = se3.exp(-first[..., None] * self.column.axis) @ R
+            e, f, _ = turned_back(self.column.split(lever), (np.cos(first), np.sin(first)))
         M = plane @ back @ plane.T
         a = plane @ self.axes.directions[4]
         fifth = _turn_about(a, M[..., 2, :])
