@@ -7,7 +7,7 @@ the workspace against the predicted one, how often something is taken beside the
 named an outlier, and how often a verification of the unchanged arm finds it changed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
@@ -16,8 +16,8 @@ from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.noise.estimation import Estimate, chosen_components
-from lab.calibration.noise.likelihood import ErrorShapes, RestrictedProblem
-from lab.calibration.noise.small_samples import small_sample
+from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
+from lab.calibration.noise.small_samples import SmallSample, small_sample
 from lab.calibration.noise.tails import tail_dof
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
@@ -33,6 +33,7 @@ from lab.kinematics.model import Model
 from lab.render.document import Document, Section
 from lab.studies import executors
 from lab.verification.change_test import change_test
+from lab.verification.estimated_noise import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 
 __all__ = ["CASES", "Case", "Options", "answer", "study"]
@@ -151,21 +152,21 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
         steady = np.linspace(-0.5, 0.5, case.poses)[:, None] * DRIFT_M * direction / np.linalg.norm(direction)
         made = made + np.tile(steady, (1, case.targets))
     free = range(arm.parameters)
-    alone = _observed(case, arm, rows, made, None)
+    alone = _observed(case, rows, made, None)
     plain = fit(cast(Model, arm), alone, free, np.zeros(arm.parameters))
     linear = linearized(cast(Model, arm), alone, plain.values, plain.free)
     shapes = _shapes(case, arm, rows)
     both = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)
     problem = RestrictedProblem(both, linear.mask.size, shapes, case.known)
     estimate, _ = chosen_components(problem)
-    observed = _observed(case, arm, rows, made, (estimate, shapes))
+    observed = _observed(case, rows, made, (estimate, shapes))
     found = fit(cast(Model, arm), observed, free, plain.values)
     scale, dof = estimate.likelihood.scale, np.full(arm.parameters, float(problem.dof))
     if case.known and not estimate.kinds:
         scale, dof = 1.0, np.full(arm.parameters, np.inf)
     covariance = scale * found.unit_covariance()
-    if estimate.kinds:
-        small = small_sample(problem, estimate)
+    small = small_sample(problem, estimate) if estimate.kinds else None
+    if small is not None:
         factor = small.factor / linear.scale[:, None] * linear.scale
         covariance, dof = factor @ covariance @ factor.T, small.dof
     std = np.sqrt(np.diag(covariance))
@@ -179,23 +180,18 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
         "plain square": plain.values**2,
         "taken": np.array(bool(estimate.kinds)),
         "named": np.array(len(_named(case, arm, observed, rng)) > 0),
-        "alarmed": np.array(_alarmed(case, arm, found.values, covariance, (estimate, problem.dof, linear), rng)),
+        "alarmed": np.array(_alarmed(case, arm, found.values, covariance, (estimate, problem.dof, linear), small, rng)),
     }
 
 
 def _observed(
-    case: Case, arm: _LinearArm, rows: NDArray[np.int_], made: Array, shared: tuple[Estimate, ErrorShapes] | None
+    case: Case, rows: NDArray[np.int_], made: Array, shared: tuple[Estimate, ErrorShapes] | None
 ) -> Observations:
     """Errors as measurements, in units of the given noise, or of an order of magnitude."""
-    points = made.reshape(len(rows), case.targets, 3)
-    weight = np.full(points.shape[:2], 1 / SIGMA_M)
-    correlation = None
-    if shared is not None and shared[0].kinds:
-        estimate, shapes = shared
-        parts = estimate.components
-        sizes = np.sqrt(parts.scatter), np.sqrt(parts.shift), parts.carry, np.sqrt(parts.trend)
-        correlation = shapes.correlation(*map(float, sizes))
-    return Observations(rows[:, None].astype(float), points, weight, correlation)
+    if shared is None or not shared[0].kinds:
+        points = made.reshape(len(rows), case.targets, 3)
+        return Observations(rows[:, None].astype(float), points, np.full(points.shape[:2], 1 / SIGMA_M))
+    return _weighed(case, rows, made, shared[0].components, 1.0, shared[1])
 
 
 def _shapes(case: Case, arm: _LinearArm, rows: NDArray[np.int_]) -> ErrorShapes:
@@ -226,6 +222,7 @@ def _alarmed(
     values: Array,
     covariance: Array,
     found: tuple[Estimate, int, LinearizedFit],
+    small: SmallSample | None,
     rng: np.random.Generator,
 ) -> bool:
     """Whether a few new measurements of the unchanged arm are said to be of a changed one."""
@@ -234,9 +231,8 @@ def _alarmed(
     made = errors(case, arm, rows, rng)
     shapes = _shapes(case, arm, rows)
     another_day = ErrorShapes(shapes.scatter, shapes.shift, shapes.shift, shapes.times)
-    observed = _observed(case, arm, rows, made, (estimate, another_day))
     scale = 1.0 if case.known and not estimate.kinds else estimate.likelihood.scale
-    observed = Observations(observed.inputs, observed.points, observed.whiten / np.sqrt(scale), observed.correlation)
+    observed = _weighed(case, rows, made, estimate.components, scale, another_day)
     tail = tail_dof(linear)
     prediction = CalibrationPrediction(
         cast(Arm, arm),
@@ -246,8 +242,45 @@ def _alarmed(
         None if case.known and not estimate.kinds else dof,
         tail_dof=None if np.isinf(tail) else tail,
     )
+    if small is not None:
+        moved = [
+            tuple(
+                _weighed(case, rows, made, *_moved(estimate.components, scale, name, sign * STEP), another_day)
+                for sign in (1, -1)
+            )
+            for name in small.components.names
+        ]
+        pairs = cast(list[tuple[Observations, Observations]], moved)
+        prediction, observed = with_estimated_noise(prediction, observed, small.components, pairs)
     held = VerificationProblem(prediction, observed).fitted(values, np.zeros((arm.parameters, 0)))
     return change_test(prediction, held).changed
+
+
+def _weighed(
+    case: Case,
+    rows: NDArray[np.int_],
+    made: Array,
+    parts: Components,
+    scale: float,
+    shapes: ErrorShapes,
+) -> Observations:
+    """Errors as measurements weighed by some variances, ``scale`` that of the instrument."""
+    points = made.reshape(len(rows), case.targets, 3)
+    sizes = np.sqrt(parts.scatter), np.sqrt(parts.shift), parts.carry, np.sqrt(parts.trend)
+    weight = np.full(points.shape[:2], 1 / (SIGMA_M * np.sqrt(scale)))
+    return Observations(rows[:, None].astype(float), points, weight, shapes.correlation(*map(float, sizes)))
+
+
+def _moved(parts: Components, scale: float, name: str, step: float) -> tuple[Components, float]:
+    """Components in units of the instrument's variance, and that variance, with one of them larger by e^step."""
+    factor = float(np.exp(step))
+    if name == "scale":
+        shared = {each: getattr(parts, each) / factor for each in ("scatter", "shift", "trend")}
+        return replace(parts, **shared), scale * factor
+    if name == "carry":
+        odds = parts.carry / (1 - parts.carry) * factor
+        return replace(parts, carry=odds / (1 + odds)), scale
+    return replace(parts, **{name: factor * getattr(parts, name)}), scale
 
 
 def of_one_arm(name: str, seed: int, campaigns: int) -> dict[str, Array]:

@@ -1,6 +1,7 @@
 """Which errors the numbers of a fit share, and what that does to the fit's covariance."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.shared_errors import Clock, SharedErrors, error_shapes, row_times
-from lab.calibration.noise.small_samples import small_sample
+from lab.calibration.noise.small_samples import ComponentErrors, SmallSample, small_sample
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
@@ -44,11 +45,22 @@ class NoiseSearch:
 
     def corrected(self, found: Identification) -> Identification:
         """An identification with these errors, its covariance and intervals those of estimated variances."""
-        if self.shared is None or self.problem is None or self.linear is None or self.estimate is None:
+        small = self._small_sample
+        if small is None or self.linear is None:
             return found
-        small = small_sample(self.problem, self.estimate)
         factor = small.factor / self.linear.scale[:, None] * self.linear.scale
         return replace(found, covariance=factor @ found.covariance @ factor.T, dof_each=small.dof)
+
+    @property
+    def component_errors(self) -> ComponentErrors | None:
+        """How well the variances of what errors share are known; None where none were estimated."""
+        return None if self._small_sample is None else self._small_sample.components
+
+    @cached_property
+    def _small_sample(self) -> SmallSample | None:
+        if self.shared is None or self.problem is None or self.estimate is None:
+            return None
+        return small_sample(self.problem, self.estimate)
 
 
 def search_noise(found: Identification, data: Measurements, noise: Noise) -> NoiseSearch:

@@ -82,6 +82,21 @@ class SharedErrors:
         own: Array = self.scatter_rad**2 * np.eye(joints)
         return own if self.counts_rad is None else own + self.counts_rad @ self.counts_rad.T
 
+    def moved(self, name: str, step: float) -> "SharedErrors":
+        """The same with the logarithm of one variance (of ``carry`` that of its odds) larger by ``step``.
+
+        Args:
+            name: as in ``small_samples.ComponentErrors``.
+        """
+        factor = float(np.exp(step / 2))
+        if name == "scale":
+            return replace(self, independent_share=self.independent_share * factor**2)
+        if name == "carry":
+            odds = self.carry / (1 - self.carry) * factor**2
+            return replace(self, carry=odds / (1 + odds))
+        field = {"scatter": "scatter_rad", "shift": "wandering_m", "trend": "drift_m"}[name]
+        return replace(self, **{field: factor * getattr(self, field)})
+
     @property
     def independent_m(self) -> float:
         """The instrument's noise that is independent from pose to pose, of one coordinate."""

@@ -7,7 +7,8 @@ degrees of freedom of a parameter's interval are those of a chi squared with the
 1946). A wandering base's correlation is too far from a normal distribution for the first: C is taken as it is.
 """
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -16,11 +17,37 @@ from lab.calibration.noise.likelihood import LEAST_SHARE, Components, Restricted
 from lab.core.linear_model import matched_dof
 from lab.core.se3 import Array
 
-__all__ = ["SmallSample", "small_sample"]
+__all__ = ["ComponentErrors", "SmallSample", "small_sample"]
 
 _STEP = 0.1  # of the logarithm of a variance, and of a correlation's odds, for differences
 _LARGEST = 0.5  # of a standard deviation: no correction beyond is to be believed
 _LEAST_CURVATURE = 0.05  # of a log-likelihood by the logarithm of a variance: below, the residuals say nothing of it
+
+
+@dataclass(frozen=True)
+class ComponentErrors:
+    """How well estimated variance components are known, and what hangs on them.
+
+    Attributes:
+        names: ``(c,)`` of ``Components``, and ``scale`` for the instrument's variance; as logarithms, ``carry`` as that
+            of its odds.
+        covariance: ``(c, c)`` of these.
+        slopes: ``(c, f)`` the derivative of each parameter's standard deviation, as a logarithm, by each of them.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    slopes: Array
+
+    def without(self, name: str) -> "ComponentErrors":
+        """The same where one of the variances is known after all."""
+        kept = [i for i, each in enumerate(self.names) if each != name]
+        names = tuple(self.names[i] for i in kept)
+        return ComponentErrors(names, self.covariance[np.ix_(kept, kept)], self.slopes[kept])
+
+    def of(self, parameters: Sequence[int]) -> "ComponentErrors":
+        """The same of some of the parameters."""
+        return replace(self, slopes=self.slopes[:, list(parameters)])
 
 
 @dataclass(frozen=True)
@@ -30,10 +57,12 @@ class SmallSample:
     Attributes:
         factor: ``(f, f)``: the covariance C becomes ``factor C factor'``, in unit columns.
         dof: ``(f,)`` degrees of freedom of each parameter's interval.
+        components: how well the variances are known that they stand on.
     """
 
     factor: Array
     dof: Array
+    components: ComponentErrors
 
 
 def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
@@ -60,12 +89,13 @@ def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
     sizes, axes = np.linalg.eigh(bend / 2)  # half of the deviance is minus the log-likelihood
     spread = (axes / np.maximum(sizes, _LEAST_CURVATURE)) @ axes.T
     slopes = np.stack([np.diag(each) for each in first])
+    components = ComponentErrors(at.names, spread, slopes / np.diag(middle.covariance) / 2)
     variance = np.einsum("if,ij,jf->f", slopes, spread, slopes)
     dof = np.minimum(matched_dof(np.diag(middle.covariance), variance), 1e9)
     if "carry" in at.names:
-        return SmallSample(np.eye(len(dof)), dof)
+        return SmallSample(np.eye(len(dof)), dof, components)
     more = -np.einsum("ij,ijfg->fg", spread, second)
-    return SmallSample(_bounded(middle.covariance, more), dof)
+    return SmallSample(_bounded(middle.covariance, more), dof, components)
 
 
 @dataclass(frozen=True)

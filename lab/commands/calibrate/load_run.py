@@ -11,9 +11,10 @@ import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.noise import noise_model_from_dict
+from lab.commands.calibrate.noise import component_errors_from_dict, noise_model_from_dict
 from lab.commands.calibrate.range_dict import measured_range_from_dict
 from lab.commands.calibrate.residual_file import read_residual
 from lab.commands.calibrate.run_findings import Findings
@@ -138,6 +139,11 @@ class Calibrated:
         """Errors that the numbers of a measurement share, beside the instrument's."""
         values = dict(zip(self.arm.names, self.values.tolist(), strict=True))
         return noise_model_from_dict(self.result.noise_model, values)
+
+    @property
+    def component_errors(self) -> ComponentErrors | None:
+        """How well the variances of these are known; its slopes are of ``identified``."""
+        return component_errors_from_dict(self.result.noise_model)
 
     @property
     def measured(self) -> MeasuredRange | None:

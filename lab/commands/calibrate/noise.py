@@ -9,13 +9,14 @@ import numpy as np
 from lab.calibration.identify import Identification
 from lab.calibration.noise.search import NoiseSearch, search_noise
 from lab.calibration.noise.shared_errors import SharedErrors, counted
+from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.core.measurements import Measurements, seen_mask
 from lab.kinematics.encoders import Encoders
 
-__all__ = ["Fits", "noise_model_from_dict", "noise_model_to_dict", "noise_of"]
+__all__ = ["Fits", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict", "noise_of"]
 
 _ROUNDS = 3  # of outliers and the noise that they are judged by
 
@@ -85,8 +86,12 @@ def _counted(whole: Identification, rows: Measurements, encoders: Encoders | Non
     return counted(observation.model, rows, whole.values, encoders, whole.sigma_m, dof)
 
 
-def noise_model_to_dict(shared: SharedErrors | None) -> dict[str, Any] | None:
-    """Shared errors as ``result.json`` holds them; None where there are none."""
+def noise_model_to_dict(shared: SharedErrors | None, errors: ComponentErrors | None = None) -> dict[str, Any] | None:
+    """Shared errors as ``result.json`` holds them; None where there are none.
+
+    Args:
+        errors: how well their variances are known; None where these are not estimates.
+    """
     if shared is None:
         return None
     return {
@@ -97,8 +102,27 @@ def noise_model_to_dict(shared: SharedErrors | None) -> dict[str, Any] | None:
         "wandering_correlation": shared.carry,
         "drift_mm": 1e3 * shared.drift_m,
         "encoder_counts_rad": None if shared.counts_rad is None else shared.counts_rad.tolist(),
+        "component_errors": None
+        if errors is None
+        else {
+            "names": list(errors.names),
+            "covariance": errors.covariance.tolist(),
+            "slopes": errors.slopes.tolist(),
+        },
         "words": list(shared.words),
     }
+
+
+def component_errors_from_dict(content: Mapping[str, Any] | None) -> ComponentErrors | None:
+    """How well the variances of a noise model are known, that ``noise_model_to_dict`` made; None where it is not said.
+
+    Args:
+        content: the noise model; None where there is none.
+    """
+    errors = None if content is None else content.get("component_errors")
+    if errors is None:
+        return None
+    return ComponentErrors(tuple(errors["names"]), np.array(errors["covariance"]), np.array(errors["slopes"]))
 
 
 def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str, float]) -> SharedErrors | None:

@@ -178,7 +178,7 @@ class CalibrationResult(Result):
             "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
             "noise_known": identification.sigma_known,
             "noise_tail_freedom": number(self.fit.tail_dof),
-            "noise_model": noise_model_to_dict(self.fit.noise.shared),
+            "noise_model": noise_model_to_dict(self.fit.noise.shared, self.fit.noise.component_errors),
             "instrument_noise": _instrument_to_dict(self.fit.instrument),
             "residual_mm": number(1e3 * identification.residual_sigma_m),
             "freedom": identification.dof,

@@ -12,6 +12,8 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations, whitening
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.noise.correlation import Correlation
+from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
@@ -27,6 +29,7 @@ from lab.core.errors import LabError
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
 from lab.formats.measurement_csv import read_measurements
+from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified
 from lab.verification.test import verify as test
@@ -158,7 +161,30 @@ def _against(
         prediction = CalibrationPrediction(arm, values, free, 0.0 * covariance, dof, strange, tail)
         return _beside_process(_widened(observations, lacking), calibrated.predicted_by, rows.targets), prediction
     prediction = CalibrationPrediction(arm, values, free, larger * covariance, dof, strange, tail)
-    return _beyond_range(_widened(observations, lacking), prediction, calibrated.measured), prediction
+    errors = calibrated.component_errors
+    if errors is None:
+        return _beyond_range(_widened(observations, lacking), prediction, calibrated.measured), prediction
+    floored = (calibrated.result.noise_mm or 0.0) / 1e3 < LEAST_SIGMA_M  # of what is hardly there nothing is estimated
+    if options.noise_mm is not None or options.instrument is not None or floored:
+        errors = errors.without("scale")
+    return _of_estimated_noise(calibrated, rows, _noise(calibrated, options), prediction, errors.of(kept))
+
+
+def _of_estimated_noise(
+    calibrated: Calibrated, rows: Measurements, noise: Noise, prediction: CalibrationPrediction, errors: ComponentErrors
+) -> tuple[Observations, CalibrationPrediction]:
+    """Measurements and prediction by a noise model whose variances the run estimated, with what that costs."""
+    observation, shared = observation_of(prediction.arm), noise.shared
+    assert shared is not None
+
+    def by(some: Measurements, its: SharedErrors) -> Observations:
+        observations, _ = weighed(observation, some, replace(noise, shared=its))
+        return _beyond_range(observations, prediction, calibrated.measured)
+
+    first = rows.take(np.arange(min(len(rows), MOST_POSES)))
+    moved = [(by(first, shared.moved(name, STEP)), by(first, shared.moved(name, -STEP))) for name in errors.names]
+    prediction, observations = with_estimated_noise(prediction, by(rows, shared), errors, moved)
+    return observations, prediction
 
 
 def _beside_process(observations: Observations, by: PredictedBy, targets: tuple[str, ...]) -> Observations:
