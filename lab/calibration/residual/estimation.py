@@ -72,19 +72,18 @@ def with_residual(found: Identification, data: Measurements) -> Identification:
     conditioned on the same residuals; ``process`` is what predicts beside them.
 
     Args:
-        found: of points.
+        found: of points of a serial arm.
         data: the rows that it comes from. Of very many the process is conditioned on some, evenly spaced.
 
     Raises:
-        LabError: something else than points was observed, or there are too few poses.
+        LabError: there are too few poses.
     """
     model = found.model
-    if not isinstance(model, SerialArm | ArmWithEffects):
-        raise LabError("--model residual: it takes measured points of a serial arm; leave it out")
+    assert isinstance(model, SerialArm | ArmWithEffects)
     numbers = 3 * max(int(data.seen.sum(axis=1).max()), 1)
     spare = 3 * int(data.seen.sum()) - len(found.fit.free)
     if spare < _LEAST_SPARE:
-        raise LabError(f"--model residual: {len(data)} poses are too few to say how the joints are off; measure more")
+        raise LabError(f"{len(data)} poses are too few for the group residual; measure more, or leave it out")
     support = _thinned(data, _MOST_NUMBERS // numbers)
     few = _thinned(support, _MOST_ESTIMATING // numbers)
     turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)

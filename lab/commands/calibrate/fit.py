@@ -51,6 +51,7 @@ from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
 from lab.kinematics.effects.registry import CANDIDATES, searched_terms
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
+from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["Fitter"]
 
@@ -79,6 +80,19 @@ class Fitter:
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
     _last_fit: LastMade = field(default_factory=LastMade, repr=False, compare=False)
     _last_outliers: LastMade = field(default_factory=LastMade, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Refuse what no identification of these measurements has.
+
+        Raises:
+            LabError: the group ``residual`` is asked of something else than measured points of a serial arm.
+        """
+        if not self.options.residual:
+            return
+        instead = "" if self.kind.name == "points" else f"--observe {self.kind.name}"
+        instead = instead if isinstance(self.robot.arm(self.targets), SerialArm) else "a mechanism with loops"
+        if instead:
+            raise LabError(f"--model residual: it takes measured points of a serial arm, not {instead}; leave it out")
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""

@@ -8,6 +8,7 @@ import pytest
 from helpers.robots import IRB120
 from scipy import stats
 
+import lab
 from lab.calibration.extrapolation import prediction_squares
 from lab.calibration.identify import identify
 from lab.calibration.residual.estimation import with_residual
@@ -144,3 +145,11 @@ def test_components_have_names_of_their_own() -> None:
         JointKernels(TURNING).of_offsets(joints, joints), JointKernels(TURNING).of_offsets(joints, turned), strict=True
     ):
         assert np.allclose(near, far)  # a whole turn leads back
+
+
+@pytest.mark.parametrize(
+    ("robot", "observe", "instead"), [("irb120", "pose", "--observe pose"), ("rrr3", "points", "a m")]
+)
+def test_what_has_no_such_offsets_is_refused_in_one_line(robot: str, observe: str, instead: str) -> None:
+    with pytest.raises(LabError, match=f"^--model residual: it takes measured points of a serial arm, not {instead}"):
+        lab.calibrate(robot, poses=9, observe=observe, model="residual")
