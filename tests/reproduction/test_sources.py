@@ -88,6 +88,50 @@ def test_the_thesis_is_complete() -> None:
     assert [each for each in wanted if each not in said] == []
 
 
+SECTIONS = {  # of each source: what it numbers
+    "course": [
+        *("1", "2", "3", "4", "5.1", "5.2", "5.3", "5.4", "5.5", "5.6", "6.1", "6.2", "7.1", "7.2", "7.3", "7.4"),
+        *(f"8.{i}" for i in range(1, 10)), "9", "10.1", "10.2", "10.3",
+        "11.1", "11.2", "11.3", "11.3.1", "11.3.2", "11.4.1", "11.4.2", "11.4.3", "11.4.4", "11.5", "11.6",
+        *(f"A3.{i}" for i in range(1, 12)), "recalls 1", "recalls 2",
+    ],
+    "elastic": [*(f"3.{i}" for i in range(21, 41)), "figure 3.4", "figure 3.5", "figure 3.7"],
+    "staubli": [
+        *(f"1.{i}" for i in range(1, 7)), "figure 1", "figure 2", "figure 3", "table 1", "section 1.2", "section 1.3.5",
+        "section 1.4",
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_every_numbered_item_of_the_other_sources_is_there_or_listed(name: str) -> None:
+    """Sections of the course and its annex's equations; equations, figures and tables of the two articles."""
+    source = source_named(name)
+    said = {one for each in (*source.items, *source.missing) for one in _numbers(name, each.number)}
+    assert [each for each in SECTIONS[name] if each not in said] == []
+
+
+def _numbers(source: str, heading: str) -> set[str]:
+    """What a heading like ``Sections 11.3, 11.3.2`` or ``Equations 3.36 b to 3.38, figure 3.7`` names, one by one."""
+    out, kind = set[str](), ""
+    for part in heading.split(", "):
+        first, _, rest = part.partition(" ")
+        if rest and not re.match(r"A?\d", first):
+            kind = first.lower().rstrip("s")
+            part = rest
+        ends = re.findall(r"A?\d+(?:\.\d+)*", part)
+        if " to " in part and len(ends) == 2:
+            stem, _, low = ends[0].rpartition(".")
+            dot = "." if stem else ""
+            ends = [f"{stem}{dot}{i}" for i in range(int(low), int(ends[1].rpartition(".")[2]) + 1)]
+        elif " and " in part:
+            ends = [each.strip() for each in part.removeprefix("recalls ").split(" and ")]
+        named = kind in ("figure", "table", "recall", "recalls") or (kind == "section" and source == "staubli")
+        word = {"recall": "recalls"}.get(kind, kind)
+        out |= {f"{word} {end}" if named else end for end in ends}
+    return out
+
+
 def _spelled(number: str) -> list[str]:
     """``Equations III.6 to III.8, III.10`` one by one."""
     kind, _, rest = number.partition(" ")

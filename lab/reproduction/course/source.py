@@ -1,6 +1,7 @@
 """The course as a source."""
 
 from lab.reproduction.course.arms import ARM_ITEMS
+from lab.reproduction.course.basics import BASIC_ITEMS
 from lab.reproduction.course.carriers import CARRIER_ITEMS
 from lab.reproduction.course.motion import MOTION_ITEMS
 from lab.reproduction.course.parallel import PARALLEL_ITEMS
@@ -14,7 +15,10 @@ __all__ = ["COURSE"]
 COURSE = Source(
     "course",
     "Mallem 2011, geometric and kinematic models of robots (ENSIIE)",
-    (*VOLUME_ITEMS, *CARRIER_ITEMS, *VERSATRAN_ITEMS, *ARM_ITEMS, *MOTION_ITEMS, *PARALLEL_ITEMS, *ROTATION_ITEMS),
+    (
+        *VOLUME_ITEMS, *BASIC_ITEMS[:2], *CARRIER_ITEMS, *VERSATRAN_ITEMS, *ARM_ITEMS, *MOTION_ITEMS, *PARALLEL_ITEMS,
+        *BASIC_ITEMS[2:], *ROTATION_ITEMS,
+    ),
     (
         Missing("Sections 1 to 4", "Robotics, its disciplines, parts and functions", "words and illustrations"),
         Missing("Sections 5.1 to 5.6", "Definitions of the models",
