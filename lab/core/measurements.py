@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +11,58 @@ from numpy.typing import NDArray
 from lab.core.errors import IncompleteColumnError, LabError
 from lab.core.se3 import Array
 
-__all__ = ["SESSION", "Measurements", "asked", "evenly", "measured", "seen_mask"]
+__all__ = [
+    "LAST_MOVE",
+    "PLACE",
+    "SESSION",
+    "Measurements",
+    "Visits",
+    "asked",
+    "evenly",
+    "last_moves",
+    "measured",
+    "seen_mask",
+]
 
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
+LAST_MOVE = "last move of "  # before a joint's name: the condition that says in which direction it moved last
+PLACE = "place in the file"  # the condition that says how far on in the campaign a row is, from 0 to 1
+_STILL = 1e-4  # rad or m: a joint that moves by less from one row to the next has not been moved
+
+
+@dataclass(frozen=True)
+class Visits:
+    """The order in which an arm took its poses.
+
+    Attributes:
+        place: ``(n,)``, 0 of the first row of all that were measured together, 1 of the last.
+        last_move: ``(n, joints)``: 1 or -1 by the direction in which each joint moved last, 0 where nobody knows.
+    """
+
+    place: Array
+    last_move: Array
+
+    def take(self, rows: NDArray[np.int_]) -> "Visits":
+        """Those of some rows."""
+        return Visits(self.place[rows], self.last_move[rows])
+
+
+def last_moves(joints: Array, sessions: Sequence[str] = ()) -> Array:
+    """The direction in which each joint moved last ``(n, joints)``: 1, -1, or 0 where that is not known.
+
+    Args:
+        joints: ``(n, joints)`` positions (rad, m of a slide) in the order of the visits.
+        sessions: of the rows, where there are several: before the first row of each, nothing is known.
+    """
+    moved = np.diff(joints, axis=0, prepend=joints[:1])
+    sign = np.where(np.abs(moved) > _STILL, np.sign(moved), 0.0)
+    begins = np.zeros(len(joints), dtype=bool)
+    begins[:1] = True
+    if sessions:
+        begins[1:] = [a != b for a, b in pairwise(sessions)]
+    sign[begins] = 0.0
+    told = np.where((sign != 0) | begins[:, None], np.arange(len(joints))[:, None], 0)
+    return np.asarray(np.take_along_axis(sign, np.maximum.accumulate(told, axis=0), axis=0))
 
 
 @dataclass(frozen=True)
@@ -33,6 +84,7 @@ class Measurements:
         lines: of the file, as an editor counts them, one per row; empty where there is no file.
         conditions: what else was set or read at a pose, ``(n,)`` each, NaN where not given, by the name of
             its column: ``payload_kg``, ``temp_C``, ``time_s``, ``cable_mm``, ``approach_<joint>``.
+        visits: the order of the rows among all that were measured together; None where these rows are all.
     """
 
     joint_names: tuple[str, ...]
@@ -48,6 +100,7 @@ class Measurements:
     warnings: tuple[str, ...] = ()
     lines: tuple[int, ...] = ()
     conditions: Mapping[str, Array] = field(default_factory=dict)
+    visits: Visits | None = None
 
     def __post_init__(self) -> None:
         n, k = len(self.joints), len(self.targets)
@@ -81,7 +134,15 @@ class Measurements:
             conditions={name: column[index] for name, column in self.conditions.items()},
             other={name: tuple(column[i] for i in pick) for name, column in self.other.items()},
             lines=tuple(self.lines[i] for i in pick) if self.lines else (),
+            visits=self._visited.take(index),
         )
+
+    @cached_property
+    def _visited(self) -> Visits:
+        """The order of the rows among all that were measured together."""
+        if self.visits is not None:
+            return self.visits
+        return Visits(np.linspace(0.0, 1.0, len(self)), last_moves(self.joints, self.sessions))
 
     def where(self, row: int) -> str:
         """Where a row stands, as an error says it: its line in the file, else its id."""
@@ -91,6 +152,7 @@ class Measurements:
         """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
 
         Where nothing is said of a payload there is none. ``session NAME`` is 1 in the rows of that session, else 0.
+        What the order of the rows says (``PLACE``, ``LAST_MOVE``) is no column.
 
         Raises:
             LabError: another condition is missing, or empty in a row.
@@ -101,6 +163,10 @@ class Measurements:
     def _condition(self, name: str) -> Array:
         if name not in self.conditions and name.startswith(SESSION):
             return np.array([session == name.removeprefix(SESSION) for session in self.sessions], dtype=np.float64)
+        if name == PLACE and name not in self.conditions:
+            return self._visited.place
+        if name.startswith(LAST_MOVE) and name not in self.conditions:
+            return self._visited.last_move[:, self.joint_names.index(name.removeprefix(LAST_MOVE))]
         return asked(self.conditions, name, len(self), self.where)
 
     def without(self, ids: Sequence[str]) -> "Measurements":

@@ -124,7 +124,7 @@ def read_table(path: Path) -> RobotTable:
     if "corrections" in document:
         chain = _corrected(path, chain, document["corrections"])
     if (drives := drives_in(path, document, chain.size)) is not None:
-        chain = replace(chain, encoders=drives.encoders)
+        chain = replace(chain, encoders=drives.encoders, gear_ratio=drives.gear_ratio)
     base = read_base(path, document["base"]) if "base" in document else None
     tool = {**read_tool(path, document.get("tool", {})), **_khalil_tool(path, document, warnings)}
     height_m, place = read_height(path, document), _place(path, document)
@@ -203,6 +203,8 @@ def _write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
         lines += [f"lower_{unit} = {float(chain.lower[i])!r}", f"upper_{unit} = {float(chain.upper[i])!r}"]
     if (own := chain.encoders) is not None:
         lines += ["", *drives_lines(Drives(own.gear_ratio, own.couplings, None, own.counts_per_turn))]
+    elif chain.gear_ratio is not None:
+        lines += ["", *drives_lines(Drives(chain.gear_ratio, np.eye(chain.size), None))]
     return "\n".join([*lines, *written_base_and_tool(base, tool, "the last frame")]) + "\n"
 
 

@@ -28,6 +28,11 @@ _UNITS: Final = {
     "m/h": DisplayUnit(1e3, "mm/h", 4),
     "rad/h": DisplayUnit(1e3, "mrad/h", 4),
     "1/h": DisplayUnit(1e6, "ppm/h", 2),
+    "1/K": DisplayUnit(1e6, "ppm/K", 3),
+    "rad/K": DisplayUnit(1e6, "µrad/K", 3),
+    "m/K": DisplayUnit(1e6, "µm/K", 3),
+    "rad/(Nm)^3": DisplayUnit(1e9, "nrad/(Nm)³", 4),
+    "m/N^3": DisplayUnit(1e9, "nm/N³", 4),
 }
 _JOINT_ANGLE: Final = DisplayUnit(1e3, "mrad", 4)  # of an effect in a joint, which is small
 

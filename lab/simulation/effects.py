@@ -16,7 +16,16 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import JointSprings
-from lab.kinematics.effects.conditions import BUMPED, PAYLOAD, TIME, PoseConditions, approach_of, in_order
+from lab.kinematics.effects.conditions import (
+    BUMPED,
+    PAYLOAD,
+    REFERENCE_C,
+    TEMPERATURE,
+    TIME,
+    PoseConditions,
+    approach_of,
+    in_order,
+)
 from lab.kinematics.effects.effect import (
     ArmFacts,
     ChangesJointPositions,
@@ -28,12 +37,14 @@ from lab.kinematics.effects.effect import (
     ShapesNoise,
     SimulatedEffect,
 )
+from lab.kinematics.effects.hardening import HardeningSprings
 from lab.kinematics.effects.registry import EFFECTS, EffectOptions
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["NOTHING_SET", "Effects", "random_conditions", "random_effects", "true_parameters"]
 
 NOTHING_SET: Mapping[str, Array] = MappingProxyType({})
+_WARMING_K, _TIMES = 10.5, 3.0  # what an arm would warm up by in the end, and time constants that a campaign lasts
 Part = TypeVar("Part", bound=SimulatedEffect)
 
 
@@ -76,7 +87,8 @@ class Effects:
     def is_elastic(self) -> bool:
         """Whether the arm gives way under its load."""
         springs, links = self.part(JointSprings), self.part(ElasticLinks)
-        return bool(springs.compliance_rad_per_nm.any() or links.compliances.any())
+        hard = self.part(HardeningSprings).cubic_rad_per_nm3
+        return bool(springs.compliance_rad_per_nm.any() or links.compliances.any() or hard.any())
 
     @property
     def varies(self) -> bool:
@@ -186,8 +198,9 @@ def random_conditions(
     """What is set at each pose of a campaign, ``(poses,)`` a column: what matters to the effects or is asked for.
 
     A payload is one of ``payload_kg``, each as likely; a joint is approached from either side, as likely; the poses
-    are evenly spaced in time, the last at ``duration_s``. Payloads and approaches are drawn from children of ``rng``
-    each, pose after pose, so that more poses keep the first ones' and no column depends on another.
+    are evenly spaced in time, the last at ``duration_s``; meanwhile the arm warms up by 10 K, exponentially, in three
+    time constants. Payloads and approaches are drawn from children of ``rng`` each, pose after pose, so that more poses
+    keep the first ones' and no column depends on another.
     """
     loading, approaching = rng.spawn(2)
     sides = np.where(approaching.random((poses, chain.size)) < 0.5, -1.0, 1.0)
@@ -196,6 +209,7 @@ def random_conditions(
         columns[PAYLOAD] = np.array(payload_kg, dtype=np.float64)[loading.integers(len(payload_kg), size=poses)]
     columns[BUMPED] = np.where(np.arange(poses) < poses / 2, 0.0, 1.0)
     columns[TIME] = np.linspace(0.0, duration_s, poses)
+    columns[TEMPERATURE] = REFERENCE_C + _WARMING_K * -np.expm1(-_TIMES * np.linspace(0.0, 1.0, poses))
     wanted = dict.fromkeys([*effects.columns(chain.joint_names), *asked])
     return {name: columns[name] for name in wanted if name in columns}
 

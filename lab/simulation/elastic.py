@@ -88,7 +88,14 @@ class FlexibleArm:
         """The arm at joints ``(m, n)``, no link bent."""
         return Stand(joints, np.zeros((*joints.shape, 6)))
 
-    def settled(self, driven: Array, compliance: Array, payload_kg: Array, motion: JointMotion = AT_REST) -> Stand:
+    def settled(
+        self,
+        driven: Array,
+        compliance: Array,
+        payload_kg: Array,
+        motion: JointMotion = AT_REST,
+        cubic: Array | float = 0.0,
+    ) -> Stand:
         """Where the arm stands under its weight and a payload, and in motion under their inertia.
 
         A fixed point, not Newton's method: the loads that the bent arm bears are worked out anew by MuJoCo, without
@@ -99,6 +106,7 @@ class FlexibleArm:
             compliance: ``(n,)`` rad/Nm (m/N for a slide), of the joints.
             payload_kg: ``(m,)``.
             motion: of the joints as they are driven.
+            cubic: ``(n,)`` rad/(Nm)^3 (m/N^3), by which the joints give way for the cube of their torque.
 
         Raises:
             LabError: no equilibrium is found, as the arm is too soft.
@@ -106,7 +114,7 @@ class FlexibleArm:
         stand, last = self.straight(driven), np.zeros((*driven.shape, 7))
         for _ in range(_MOST_STEPS):
             torques, loads = self.loads(stand, payload_kg, motion)
-            sag, torsors = compliance * torques, self._links.torsors(loads)
+            sag, torsors = compliance * torques + cubic * torques**3, self._links.torsors(loads)
             stand = Stand(driven - sag, torsors)
             given = np.concatenate([sag[..., None], torsors], axis=2)
             if np.abs(given - last).max(initial=0.0) <= _STILL:

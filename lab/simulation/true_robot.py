@@ -15,6 +15,7 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import JointSprings
 from lab.kinematics.effects.conditions import PAYLOAD, PoseConditions
+from lab.kinematics.effects.hardening import HardeningSprings
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.simulation.effects import NOTHING_SET, Effects
@@ -140,8 +141,9 @@ class TrueRobot(ABC):
         All effects that are the same at every visit are in it: motors, then loads, growth, and the tracker's drift.
 
         Args:
-            conditions: ``payload_kg``, ``approach_<joint>`` (+1 or -1), ``time_s`` and ``session 2`` (1 after the
-                bump), ``(m,)`` each; where missing there is no payload, no approach, no time gone by, no bump.
+            conditions: ``payload_kg``, ``approach_<joint>`` (+1 or -1), ``time_s``, ``temp_C`` and ``session 2`` (1
+                after the bump), ``(m,)`` each; where missing there is no payload, no approach, no time gone by, no
+                bump, and it is 20 degrees Celsius.
             scatter: ``(m, n)`` rad or m, how far the joints stand off by chance.
         """
         sites = [self.model.site(name).id for name in targets]
@@ -191,7 +193,8 @@ class TrueSerialRobot(TrueRobot):
             return super()._stand(driven, sites, payload_kg)
         springs = self.effects.part(JointSprings)
         arm = FlexibleArm(self.model, self.robot, springs.payload_at_m, self.effects.part(ElasticLinks).compliances)
-        settled = arm.settled(driven + self.joint_offset, springs.compliance_rad_per_nm, payload_kg)
+        hard = self.effects.part(HardeningSprings).cubic_rad_per_nm3
+        settled = arm.settled(driven + self.joint_offset, springs.compliance_rad_per_nm, payload_kg, cubic=hard)
         return arm.positions(settled, sites)
 
     def _qpos(self, driven: Array) -> Array:

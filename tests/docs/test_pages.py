@@ -129,7 +129,7 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
     elif "obstacle" in content:
         assert [each.name for each in read_cell(path).obstacle] == ["table"]
     elif "drive" in content:
-        assert read_drives(path, 2).couplings[1].tolist() == [1.0, 1.0]
+        assert read_drives(path, 2).couplings[1].tolist() == [float("coupling" in content), 1.0]
     elif "certificate" in content:
         assert not read_certificate_details(path).missing
     elif "systematic" in content:

@@ -68,6 +68,11 @@ def test_units_of_effects() -> None:
         "drift.scale": "1/h",
         "session.b.y": "m",
         "session.b.rx": "rad",
+        "joint4.hysteresis": "rad",
+        "joint2.spring_sin2": "rad",
+        "joint3.hardening": "rad/(Nm)^3",
+        "thermal.expansion": "1/K",
+        "joint6.thermal": "rad/K",
     }
     assert {name: units[name] for name in expected} == expected
 

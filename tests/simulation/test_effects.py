@@ -12,10 +12,12 @@ from scipy import optimize, stats
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
+from lab.core.measurements import last_moves, measured
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.backlash import Play
 from lab.kinematics.effects.bad_readings import Displaced
+from lab.kinematics.effects.compensator import CompensatorSpring
 from lab.kinematics.effects.compliance import JointSprings, compliances
 from lab.kinematics.effects.conditions import PoseConditions
 from lab.kinematics.effects.coupling import JointCoupling
@@ -23,10 +25,13 @@ from lab.kinematics.effects.drift import TrackerDrift
 from lab.kinematics.effects.effect import LEVER_M, ArmFacts, SimulatedEffect
 from lab.kinematics.effects.gear import GearErrors
 from lab.kinematics.effects.growth import ThermalGrowth
+from lab.kinematics.effects.hardening import HardeningSprings
 from lab.kinematics.effects.harmonics import Runout
+from lab.kinematics.effects.hysteresis import JointHysteresis
 from lab.kinematics.effects.lag import ReadingLag
 from lab.kinematics.effects.registry import EffectOptions, effect
 from lab.kinematics.effects.repeatability import VisitScatter
+from lab.kinematics.effects.temperature import ThermalExpansion, ThermalZeros
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.effects import Effects, random_conditions, random_effects, true_parameters
 from lab.simulation.elastic import FlexibleArm
@@ -441,13 +446,17 @@ def test_the_same_seed_gives_the_same_campaign_and_one_effect_leaves_the_others(
         ("coupling", JointCoupling),
         ("backlash", Play),
         ("drift", TrackerDrift),
+        ("hysteresis", JointHysteresis),
+        ("expansion", ThermalExpansion),
+        ("thermal_zeros", ThermalZeros),
     ],
 )
 def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, kind: type[SimulatedEffect]) -> None:
     """The equations of calibration, at these parameters, say where the arm that MuJoCo moves is."""
     drawing = SerialArm(CHAIN, TARGETS)
     arm = ArmWithEffects(drawing, tuple(effect(name, CHAIN, loads_of(MODEL)) for name in group.split("+")))
-    every = random_effects(FACTS, ALL, np.random.default_rng(4))
+    later = {"hysteresis_mrad": 0.1, "expansion_ppm_per_k": 20.0, "thermal_zero_mrad_per_k": 0.01}
+    every = random_effects(FACTS, replace(ALL, **later), np.random.default_rng(4))
     effects = only(every.part(kind))
     real = true_robot(MODEL, Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6)), REAL.T_world_tracker)
     real = real.with_effects(effects)
@@ -455,10 +464,57 @@ def test_the_true_parameters_make_the_identifiers_arm_the_real_one(group: str, k
     geometry = MODEL.values_before(drawing, real.T_world_tracker)
     values = np.concatenate([geometry, [truth[name] for name in arm.names[len(geometry) :]]])
     conditions = random_conditions(CHAIN, effects, len(JOINTS), np.random.default_rng(0), (0.0, 3.0), 3600.0)
-    inputs = np.column_stack([JOINTS, *(conditions.get(name, np.zeros(len(JOINTS))) for name in arm.conditions)])
+    data = replace(measured(CHAIN.joint_names, JOINTS, (), np.zeros((len(JOINTS), 0, 3))), conditions=conditions)
+    inputs = data.inputs(arm.conditions)
     seen = real.points(JOINTS, TARGETS, conditions)
     np.testing.assert_allclose(arm.points(inputs, values), seen, atol=1e-9)
     assert np.abs(drawing.points(JOINTS, geometry) - seen).max() > 1e-5
+
+
+def test_a_compensators_spring_is_that_of_its_ends() -> None:
+    """The torque is the derivative of the spring's energy, and its first two harmonics hold nearly all of it."""
+    part, angle = CompensatorSpring(1.0), np.linspace(-np.pi, np.pi, 721)
+    near, far = 0.1010205144336438, 1.0  # ends at distances whose 2 a b / (a^2 + b^2) is 0.2
+    energy_scale, free = near * far, 0.7 * np.hypot(near, far)
+
+    def energy(at: Array) -> Array:
+        length = np.sqrt(near**2 + far**2 - 2 * near * far * np.cos(at))
+        return 0.5 * (length - free) ** 2 / energy_scale
+
+    joints = np.tile(angle[:, None], (1, 6))
+    offsets = part.joint_offsets(joints, PoseConditions({}, len(joints), ()))
+    torque = (energy(angle + 1e-5) - energy(angle - 1e-5)) / 2e-5
+    np.testing.assert_allclose(offsets[:, 1], torque, atol=1e-9)
+    assert not np.delete(offsets, 1, axis=1).any()
+    fitted, truth = effect("compensator", CHAIN, None), part.true_parameters()
+    values = np.array([truth[each.name] for each in fitted.parameters])
+    left = offsets[:, 1] - fitted.offsets(joints, np.zeros((len(joints), 0)), values)[0][:, 1]
+    assert 1e-3 < np.abs(left).max() < 0.004 < 0.03 < np.abs(values[2])
+
+
+def test_a_joint_that_hardens_gives_way_by_the_cube_of_its_torque() -> None:
+    """MuJoCo's equilibrium is that of the fitted group, but for how the sag itself changes the torque."""
+    loads, cubic = loads_of(MODEL), -1e-9 * (entry(2, 1.0) + entry(3, 1.0))
+    fitted = effect("hardening", CHAIN, loads)
+    driven, payload = JOINTS[:5], np.array([0.0, 1.0, 2.0, 3.0, 0.0])
+    stand = FlexibleArm(MODEL.model, MODEL).settled(driven, np.zeros(6), payload, cubic=cubic)
+    offsets, _ = fitted.offsets(driven, payload[:, None], np.array([-1e-9, -1e-9]))
+    np.testing.assert_allclose(stand.joints - driven, offsets, atol=1e-3 * np.abs(offsets).max())
+    assert np.abs(offsets).max() > 1e-6
+    real = REAL.with_effects(only(HardeningSprings(cubic)))
+    rigid = REAL.with_effects(Effects.none(6))
+    assert np.abs(real.points(driven, TARGETS) - rigid.points(driven, TARGETS)).max() > 1e-6
+
+
+def test_the_last_move_is_kept_until_the_next_and_forgotten_between_sessions() -> None:
+    joints = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, -0.2], [0.05, -0.2], [0.3, 0.4]])
+    np.testing.assert_array_equal(last_moves(joints), [[0, 0], [1, 0], [1, -1], [-1, -1], [1, 1]])
+    np.testing.assert_array_equal(last_moves(joints, "aabbb"), [[0, 0], [1, 0], [0, 0], [-1, 0], [1, 1]])
+    assert last_moves(joints[:0]).shape == (0, 2)
+    data = measured(CHAIN.joint_names[:2], joints, (), np.zeros((5, 0, 3)))
+    picked = data.take([4, 1]).take([1])  # rows know what came before them in the whole campaign
+    name = CHAIN.joint_names[0]
+    np.testing.assert_array_equal(picked.inputs([f"last move of {name}", "place in the file"])[:, 2:], [[1.0, 0.25]])
 
 
 @pytest.mark.thorough

@@ -14,6 +14,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.effects.conditions import absent
 
 __all__ = ["LOADED_GROUPS", "Alternative", "alternatives"]
 
@@ -79,7 +80,7 @@ def _compared(chosen: str, other: str, rise: float, found: Identification, swapp
     inputs = found.model.structure_joints(_POSES, rng_for(0, "structure"))
     size = inputs.shape[1] - len(found.model.conditions)
     column = {name: inputs[:, size + i] for i, name in enumerate(found.model.conditions)}
-    others = [column.get(name, np.zeros(_POSES)) for name in swapped.model.conditions]
+    others = [column.get(name, absent(name, _POSES)) for name in swapped.model.conditions]
     there = np.column_stack([inputs[:, :size], *others])
     apart = np.linalg.norm(
         found.model.points(inputs, found.values) - swapped.model.points(there, swapped.values), axis=2

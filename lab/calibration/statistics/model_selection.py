@@ -98,6 +98,7 @@ def select(
     *,
     candidates: Sequence[str] = CANDIDATES,
     terms: Mapping[str, Effect] = _NO_TERMS,
+    expected: Sequence[str] = (),
     seed: int = 0,
 ) -> Selection:
     """Identify with geometry alone, then with whatever groups the measurements call for.
@@ -110,6 +111,7 @@ def select(
         nominal: the nominal parameters of such a model.
         candidates: groups to try, those of ``kinematics.effects`` or the caller's own.
         terms: groups of single joints to search, by names that ``model_with`` knows.
+        expected: those of them that the search begins with.
         seed: of the folds, and of the search's level.
 
     Raises:
@@ -126,7 +128,7 @@ def select(
     growth = _Growth(task, tuple(name for name in candidates if name not in refused), alone, seed)
     growth.grow()
     if terms:
-        growth.search(terms)
+        growth.search(terms, expected)
     rows = growth.rows | refused
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
@@ -230,11 +232,11 @@ class _Growth:
             self.task, [*self.taken, *(name for name in others if name not in shared)], self.alone, self.seed
         )
 
-    def search(self, terms: Mapping[str, Effect]) -> None:
+    def search(self, terms: Mapping[str, Effect], expected: Sequence[str]) -> None:
         """Add the groups of single joints that the residuals show, and try the others anew around those."""
         table = TermTable.of(terms, self.task.data)
         for _ in range(_SEARCHES):
-            new = self._found_terms(table)
+            new = self._found_terms(table, expected)
             self.rows |= {term.name: GroupTrial(term.name, 0, np.nan, term.p, np.nan, True) for term in new}
             if not new or not self.moved_to((*self.taken, *(term.name for term in new))):
                 break
@@ -256,7 +258,7 @@ class _Growth:
             if not self.moved_to(groups):
                 return
 
-    def _found_terms(self, table: TermTable) -> tuple[FoundTerm, ...]:
+    def _found_terms(self, table: TermTable, expected: Sequence[str]) -> tuple[FoundTerm, ...]:
         """What a search around the arm as it is identified finds."""
         task, found = self.task, self.found
         observed, known = weighed(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
@@ -272,7 +274,7 @@ class _Growth:
             floor=1.0 if known else LEAST_SIGMA_M,
         )
         room = self.large().least_rows / ROWS_PER_PARAMETER - len(found.fit.free)
-        return search.run(rng_for(self.seed, "flips"), int(room) // 2)
+        return search.run(rng_for(self.seed, "flips"), int(room) // 2, expected)
 
     def _judge_terms(self, terms: set[str]) -> None:
         """Fill in the rows of the terms: each with what was taken before it."""

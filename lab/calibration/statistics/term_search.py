@@ -162,20 +162,32 @@ class TermSearch:
             floor,
         )
 
-    def run(self, rng: np.random.Generator, most: int) -> tuple[FoundTerm, ...]:
-        """The groups that are significant, at most so many, in the order in which they are taken."""
+    def run(self, rng: np.random.Generator, most: int, expected: Sequence[str] = ()) -> tuple[FoundTerm, ...]:
+        """The groups that are significant, at most so many, in the order in which they are taken.
+
+        Args:
+            expected: names of groups that are searched first, by themselves, at half of the level.
+        """
+        if not expected:
+            return tuple(self._taken(rng, most, self.allowed, TERM_SEARCH))
+        first = np.array([name in set(expected) for name in self.table.names], dtype=bool)
+        taken = self._taken(rng, most, first, TERM_SEARCH / 2)
+        return (*taken, *self._taken(rng, most - len(taken), self.allowed, TERM_SEARCH / 2))
+
+    def _taken(self, rng: np.random.Generator, most: int, among: NDArray[np.bool_], level: float) -> list[FoundTerm]:
+        """What is significant at a level among some of the groups."""
         taken: list[FoundTerm] = []
         while len(taken) < most:
             gram, scores = self._gram(), self._scores()
-            useful = self._useful(gram)
-            threshold = self._threshold(scores, gram, useful, rng)
+            useful = self._useful(gram) & among
+            threshold = self._threshold(scores, gram, useful, rng, level)
             fall = np.where(useful, _quadratic((self.columns.T @ self.residual)[self._pairs], gram), 0.0)
             pool = [int(i) for i in np.argsort(-fall)[:_POOL] if fall[i] > threshold]
             new = self._stage(pool, threshold, min(_STAGE, most - len(taken)))
             if not new:
                 break
             taken += new
-        return tuple(taken)
+        return taken
 
     def _stage(self, pool: list[int], threshold: float, most: int) -> list[FoundTerm]:
         """The groups taken of a pool, the one that lowers the squares most first, while they are significant."""
@@ -227,7 +239,9 @@ class TermSearch:
         least = np.sqrt(np.maximum(np.minimum(gram[0], gram[2]), 0.0) * share)
         return np.asarray(self.allowed & free & (share > _APART) & (sigma < self.largest_std * least))
 
-    def _threshold(self, scores: Array, gram: Array, useful: NDArray[np.bool_], rng: np.random.Generator) -> float:
+    def _threshold(
+        self, scores: Array, gram: Array, useful: NDArray[np.bool_], rng: np.random.Generator, level: float
+    ) -> float:
         """What the largest fall of the squares exceeds by chance as often as the level says."""
         if not useful.any():
             return np.inf
@@ -235,7 +249,7 @@ class TermSearch:
         size = float(np.abs(scores).max()) or 1.0
         products = size * (flips @ (scores / size).astype(np.float32)).astype(np.float64)
         largest = _quadratic(products[:, self._pairs[useful]], gram[:, useful]).max(axis=1)
-        return float(np.sort(largest)[-int(TERM_SEARCH * (FLIPS + 1))])
+        return float(np.sort(largest)[-int(level * (FLIPS + 1))])
 
 
 def _products_of_pairs(rows: Array, pairs: NDArray[np.int_]) -> Array:

@@ -47,8 +47,8 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
-from lab.kinematics.effects.registry import CANDIDATES, searched_terms
+from lab.kinematics.effects.effect import ArmFacts, SessionInfo
+from lab.kinematics.effects.registry import CANDIDATES, expected_terms, searched_terms
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
@@ -106,7 +106,8 @@ class Fitter:
         rows = rows.take(np.flatnonzero(self.kind.rows(rows)))
         time_s = rows.conditions.get("time_s", np.zeros(1))
         given = time_s[np.isfinite(time_s)]
-        return SessionInfo(tuple(dict.fromkeys(rows.sessions)), float(given[0]) if len(given) else 0.0)
+        started = float(given[0]) if len(given) else 0.0
+        return SessionInfo(tuple(dict.fromkeys(rows.sessions)), started, timed="time_s" in rows.conditions)
 
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
@@ -268,19 +269,23 @@ class Fitter:
         for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]
-            asked, searched = (self.noise, self.request), self._terms()
+            facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
             selection = select(
-                weighed_so.model_with, rows, self.nominal, *asked, candidates=tried, terms=searched, seed=self.seed
+                weighed_so.model_with,
+                rows,
+                self.nominal,
+                self.noise,
+                self.request,
+                candidates=tried,
+                terms=searched_terms(facts),
+                expected=expected_terms(facts),
+                seed=self.seed,
             )
             if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.held)
         assert selection is not None
         return selection
-
-    def _terms(self) -> dict[str, Effect]:
-        """The groups of single joints that are searched."""
-        return searched_terms(ArmFacts(self.robot.chain, self.robot.loads, self.course))
 
     def unanswerable(self, group: str) -> str:
         """What is missing for a group in the rows that are to be judged by; empty if nothing is."""

@@ -18,7 +18,7 @@ from lab.commands.keywords import options_of, takes
 from lab.commands.stops import Stops
 from lab.compensation.compensator import Compensation, Compensator
 from lab.core.errors import LabError, error_context
-from lab.core.measurements import asked
+from lab.core.measurements import LAST_MOVE, asked, last_moves
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
@@ -140,7 +140,7 @@ def _corrected(
     compensator = Compensator(run.nominal_inverse(target), run.arm, run.values, may_not)
     if bound is not None:
         compensator = replace(compensator, bound=bound)
-    found = compensator(wanted, conditions, targets.joints)
+    found, conditions = _in_their_order(compensator, wanted, conditions, targets)
     inputs = np.concatenate([found.joints, conditions], axis=1)
     without = _without_effects(run, inputs[found.converged], target)
     if without is not None:
@@ -211,6 +211,19 @@ def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> Non
         raise LabError(f"{source}: line {targets.lines[row]}, {said}; mend it, or leave the row's joints empty")
 
 
+def _in_their_order(
+    compensator: Compensator, wanted: PoseTarget, conditions: Array, targets: Targets
+) -> tuple[Compensation, Array]:
+    """The corrected targets, and what the arm's effects ask for there, with where the joints come from."""
+    found = compensator(wanted, conditions, targets.joints)
+    told = [i for i, name in enumerate(compensator.arm.conditions) if name.startswith(LAST_MOVE)]
+    if not told:
+        return found, conditions
+    moved = conditions.copy()
+    moved[:, told] = last_moves(found.uncorrected)
+    return compensator(wanted, moved, targets.joints), moved
+
+
 def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:
     """What the arm's effects ask for at each target ``(n, c)``, and what was taken for granted."""
     given, said = targets.conditions, []
@@ -219,10 +232,15 @@ def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, 
         said.append(f"every target carries the load that was identified, {run.load.mass_kg:.4g} kg")
     with error_context(source):
         columns = [
-            asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}") for name in run.arm.conditions
+            np.zeros(len(targets))  # until it is known where the joints come from
+            if name.startswith(LAST_MOVE)
+            else asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}")
+            for name in run.arm.conditions
         ]
     if unused := [name for name in targets.conditions if name not in run.arm.conditions]:
         said.append(f"{source}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
+    if any(name.startswith(LAST_MOVE) for name in run.arm.conditions):
+        said.append(f"{source}: hysteresis is corrected for moves from each target to the next one there")
     if "payload_kg" in run.arm.conditions and "payload_kg" not in given:
         said.append(f"{source}: no column payload_kg: the flange is assumed to carry nothing at any target")
     return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said

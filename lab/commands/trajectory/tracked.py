@@ -15,7 +15,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.effects.arm import Arm
-from lab.kinematics.effects.conditions import PAYLOAD, approach_of, rates_of
+from lab.kinematics.effects.conditions import PAYLOAD, absent, approach_of, last_move_of, rates_of
 
 __all__ = ["TrackedArm", "tracked_arm", "tracking_along", "tracking_warnings"]
 
@@ -95,9 +95,10 @@ def tracking_along(tracked: TrackedArm, joints: Array, speeds: Array, accelerati
     """Errors and correction at k times of a motion, by its joints ``(k, n)`` and their rates."""
     names = tracked.arm.rigid.chain.joint_names
     columns = dict(zip(rates_of(names), np.concatenate([speeds, accelerations], axis=1).T, strict=True))
-    columns |= {approach_of(name): np.sign(column) for name, column in zip(names, speeds.T, strict=True)}
+    for told in (approach_of, last_move_of):
+        columns |= {told(name): np.sign(column) for name, column in zip(names, speeds.T, strict=True)}
     columns |= {PAYLOAD: np.full(len(times), tracked.payload_kg)}
-    rest = [columns.get(name, np.zeros(len(times))) for name in tracked.arm.conditions]
+    rest = [columns.get(name, absent(name, len(times))) for name in tracked.arm.conditions]
     stacked = np.stack(rest, axis=1) if rest else np.empty((len(times), 0))
     wanted = tracked.arm.rigid.tool(joints, tracked.nominal)
     return tracking(tracked.arm, tracked.values, wanted, joints, stacked, 0)

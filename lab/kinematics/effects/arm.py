@@ -19,6 +19,8 @@ from lab.kinematics.serial.walk import Torsors
 
 __all__ = ["Arm", "ArmWithEffects", "affected"]
 
+_PLACE = 3  # parameters of every arm that come first: where its base is, about which it grows
+
 
 @dataclass(frozen=True)
 class ArmWithEffects:
@@ -71,6 +73,8 @@ class ArmWithEffects:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at settings ``(n, joints + conditions)``."""
         moved = self._moved(inputs, values)
         points = self._bent(moved).points(moved["joints"][0], self._geometric(values))
+        if self._size_changes:
+            points = points + moved["size"][0][:, None] * (points - values[:_PLACE])
         return _seen_from(points, moved["frame"][0]) if self._frame_moves else points
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
@@ -84,6 +88,12 @@ class ArmWithEffects:
         jacobian[..., first:] = self.arm.joint_derivatives(rigid[..., :first]) @ by_joint[:, None]
         if self.links:
             jacobian[..., first:] += rigid[..., first:] @ moved["links"][1][:, None]
+        if self._size_changes:
+            growth, by_growth = moved["size"]
+            jacobian *= 1 + growth[:, None, None]
+            jacobian[..., range(_PLACE), range(_PLACE)] -= growth[:, None]
+            jacobian[..., first:] += (points - values[:_PLACE])[..., None] @ by_growth[:, None]
+            points = points + growth[:, None] * (points - values[:_PLACE])
         if self._frame_moves:
             jacobian = _seen_from(jacobian.swapaxes(2, 3), frame, shifted=False).swapaxes(2, 3)
             jacobian[..., first:] += _by_frame(points, frame) @ by_frame[:, None]
@@ -98,6 +108,9 @@ class ArmWithEffects:
         moved = self._moved(inputs, values)
         frame = moved["frame"][0]
         Ts, jacobian = self._bent(moved).tool(moved["joints"][0], self._geometric(values), target)
+        if self._size_changes:
+            Ts = Ts.copy()
+            Ts[:, :3, 3] += moved["size"][0] * (Ts[:, :3, 3] - values[:_PLACE])
         if self._frame_moves:
             Ts = se3.pose(se3.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
         return Ts, jacobian
@@ -129,6 +142,10 @@ class ArmWithEffects:
     def _frame_moves(self) -> bool:
         return any(effect.moves == "frame" for effect in self.effects)
 
+    @property
+    def _size_changes(self) -> bool:
+        return any(effect.moves == "size" for effect in self.effects)
+
     def _geometric(self, values: Array) -> Array:
         return values[: len(self.arm.names)]
 
@@ -142,7 +159,7 @@ class ArmWithEffects:
         return {link: torsors[:, 6 * i : 6 * i + 6] for i, link in enumerate(self.links)}
 
     def _moved(self, inputs: Array, values: Array) -> "_Moved":
-        """Where the joints stand ``(n, joints)``, the frame ``(n, 7)`` and the links' torsors ``(n, 6 links)``.
+        """Where the joints stand ``(n, joints)``, frame ``(n, 7)``, links' torsors ``(n, 6 links)``, size ``(n, 1)``.
 
         Each comes with its derivatives by the effects' parameters.
         """
@@ -150,7 +167,7 @@ class ArmWithEffects:
         joints, conditions = inputs[:, :size], inputs[:, size:]
         kind = np.result_type(inputs, values)
         total = len(self.names) - first
-        sizes = {"joints": size, "frame": 7, "links": 6 * len(self.links)}
+        sizes = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1}
         found: _Moved = {
             what: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
             for what, count in sizes.items()

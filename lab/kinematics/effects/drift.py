@@ -1,4 +1,7 @@
-"""A tracker that creeps, or a frame that grows: what is measured moves in proportion to the time from a start."""
+"""A tracker that creeps, a base that yields, or a frame that grows: what is measured moves steadily.
+
+In proportion to the time from a start where a file has ``time_s``, else to a row's place in the file.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from lab.core.measurements import PLACE
 from lab.core.se3 import Array
 from lab.kinematics.effects.conditions import HOUR_S, TIME
 from lab.kinematics.effects.effect import (
@@ -19,7 +23,7 @@ from lab.kinematics.effects.effect import (
 )
 from lab.kinematics.parameter import placed_parameters
 
-__all__ = ["Drift", "TrackerDrift", "drift"]
+__all__ = ["Drift", "TrackerDrift", "drift", "drift_by_row"]
 
 
 def drift(start_s: float = 0.0) -> Effect:
@@ -31,6 +35,20 @@ def drift(start_s: float = 0.0) -> Effect:
         return hours * values, hours[:, :, None] * np.eye(7)
 
     return Effect("drift", parameters, offsets, (TIME,), "frame")
+
+
+def drift_by_row() -> Effect:
+    """The fitted group where nobody wrote down the time: how far what is measured moves from first row to last."""
+    parameters = placed_parameters("drift", "drift", (*AXES, "scale"), scaled=True)
+
+    def offsets(_: Array, place: Array, values: Array) -> tuple[Array, Array]:
+        return place * values, place[:, :, None] * np.eye(7)
+
+    return Effect("drift", parameters, offsets, (PLACE,), "frame")
+
+
+def _fitted(arm: ArmFacts) -> Effect:
+    return drift(arm.sessions.start_s) if arm.sessions.timed else drift_by_row()
 
 
 @dataclass(frozen=True)
@@ -56,9 +74,7 @@ class Drift(VirtualEffect):
     """How fast the tracker turns, about a random axis."""
 
     draws: ClassVar[int] = 2
-    groups: ClassVar[tuple[FittedGroup, ...]] = (
-        FittedGroup("drift", lambda arm: drift(arm.sessions.start_s), of_one_campaign=True),
-    )
+    groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("drift", _fitted, of_one_campaign=True),)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Both directions are drawn."""

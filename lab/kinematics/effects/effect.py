@@ -52,10 +52,11 @@ LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad time
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """How a campaign went: its sessions in their order, and when its clock was started (s)."""
+    """How a campaign went: its sessions in their order, when its clock was started (s), and whether it had one."""
 
     sessions: tuple[str, ...] = ()
     start_s: float = 0.0
+    timed: bool = True
 
 
 NO_SESSIONS = SessionInfo()
@@ -91,9 +92,10 @@ class Effect:
             joints are from their measured positions ``(n, joints)`` (rad, m of a slide), and the derivatives
             ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
             the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v). One that moves
-            links gives six for each of ``links``: the torsor of its far end (``serial.walk.Torsors``).
+            links gives six for each of ``links``: the torsor of its far end (``serial.walk.Torsors``). One that
+            changes the arm's size gives one: the share by which all its lengths grow.
         conditions: columns of ``Measurements.conditions`` that it asks for.
-        moves: the joints, the frame in which points are measured, or the far ends of links.
+        moves: the joints, the frame in which points are measured, the far ends of links, or the size of the arm.
         typical: values at which the rank is decided, where zeros would hide a parameter.
         links: those whose far ends it moves, from 0; none unless it moves links.
     """
@@ -102,7 +104,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     offsets: Offsets
     conditions: tuple[str, ...] = ()
-    moves: Literal["joints", "frame", "links"] = "joints"
+    moves: Literal["joints", "frame", "links", "size"] = "joints"
     typical: tuple[float, ...] = ()
     links: tuple[int, ...] = ()
 
@@ -137,6 +139,7 @@ class TermFamily:
         fitted: the group of a joint, from 0, and a number; a LabError where the arm has no such.
         searched: the pairs of a joint, from 0, and a number that are searched for an arm.
         words: what such a group says of the arm, from the two numbers of its name.
+        expected: those of the pairs that the robot's description leads one to expect: the search begins with them.
     """
 
     symbol: str
@@ -144,6 +147,7 @@ class TermFamily:
     fitted: Callable[[ArmFacts, int, int], Effect]
     searched: Callable[[ArmFacts], Sequence[tuple[int, int]]]
     words: Callable[[int, int], str]
+    expected: Callable[[ArmFacts], Sequence[tuple[int, int]]] = lambda _: ()
 
     def name(self, joint: int, number: int) -> str:
         """Of the group of a joint, from 0, and a number."""

@@ -24,7 +24,7 @@ from lab.kinematics.parameter import joint_parameter
 
 __all__ = ["HARMONIC", "LARGEST_ORDER", "Harmonics", "Runout", "harmonics"]
 
-LARGEST_ORDER = 64  # that is searched: a harmonic of a real arm above was never worth its poses
+LARGEST_ORDER = 64  # that is searched where nothing says of more: above, none of a real arm was worth its poses
 
 _NAMES = ("sin1", "cos1", "sin2", "cos2")
 
@@ -53,7 +53,17 @@ def _of_one_joint(arm: ArmFacts, joint: int, order: int) -> Effect:
 
 
 def _searched(arm: ArmFacts) -> list[tuple[int, int]]:
-    return [(joint, order) for joint in turning_joints(arm.chain) for order in range(1, LARGEST_ORDER + 1)]
+    usual = [(joint, order) for joint in turning_joints(arm.chain) for order in range(1, LARGEST_ORDER + 1)]
+    return list(dict.fromkeys([*usual, *_expected(arm)]))
+
+
+def _expected(arm: ArmFacts) -> list[tuple[int, int]]:
+    """Waves of the motors by the gear ratios: once a turn, as an eccentric one, and twice, as a wave generator."""
+    if (ratio := arm.chain.gear_ratio) is None:
+        return []
+    waves = [(joint, turns * abs(float(ratio[joint]))) for joint in turning_joints(arm.chain) for turns in (1, 2)]
+    near = [(joint, whole) for joint, wave in waves for whole in (int(np.floor(wave)), int(np.ceil(wave)))]
+    return list(dict.fromkeys((joint, whole) for joint, whole in near if whole >= 1))
 
 
 HARMONIC = TermFamily(
@@ -62,6 +72,7 @@ HARMONIC = TermFamily(
     _of_one_joint,
     _searched,
     lambda joint, order: f"joint {joint} runs out {'once' if order == 1 else f'{order} times'} a turn",
+    _expected,
 )
 
 

@@ -16,6 +16,7 @@ from lab.kinematics.effects.backlash import Backlash
 from lab.kinematics.effects.bad_readings import BadReadings
 from lab.kinematics.effects.bending import Bending
 from lab.kinematics.effects.campaign import Duration, Payloads
+from lab.kinematics.effects.compensator import Compensator
 from lab.kinematics.effects.compliance import Compliance
 from lab.kinematics.effects.coupling import Coupling, FullCoupling
 from lab.kinematics.effects.drift import Drift
@@ -31,12 +32,15 @@ from lab.kinematics.effects.effect import (
 from lab.kinematics.effects.encoder_rounding import EncoderRounding
 from lab.kinematics.effects.gear import Gear
 from lab.kinematics.effects.growth import Growth
+from lab.kinematics.effects.hardening import Hardening
 from lab.kinematics.effects.harmonics import Harmonics
+from lab.kinematics.effects.hysteresis import Hysteresis
 from lab.kinematics.effects.instrument_noise import InstrumentNoise
 from lab.kinematics.effects.lag import Lag
 from lab.kinematics.effects.repeatability import Repeatability
 from lab.kinematics.effects.ripple import Ripple
 from lab.kinematics.effects.sessions import Bump
+from lab.kinematics.effects.temperature import Temperature, ZerosByTemperature
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
@@ -47,6 +51,7 @@ __all__ = [
     "TERM_FAMILIES",
     "EffectOptions",
     "effect",
+    "expected_terms",
     "fitted_groups",
     "said_of_term",
     "searched_terms",
@@ -57,6 +62,11 @@ Kind = TypeVar("Kind", bound=VirtualEffect)
 
 @dataclass(frozen=True)
 class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
+    ZerosByTemperature,
+    Temperature,
+    Hardening,
+    Compensator,
+    Hysteresis,
     EncoderRounding,
     InstrumentNoise,
     FullCoupling,
@@ -141,6 +151,11 @@ def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
     """The groups of single joints that ``--model auto`` searches for an arm, by name."""
     names = (family.name(*pair) for family in TERM_FAMILIES for pair in family.searched(facts))
     return {name: effect(name, facts.chain, facts.loads, facts.sessions) for name in names}
+
+
+def expected_terms(facts: ArmFacts) -> tuple[str, ...]:
+    """Those of ``searched_terms`` that the robot's description leads one to expect."""
+    return tuple(family.name(*pair) for family in TERM_FAMILIES for pair in family.expected(facts))
 
 
 def said_of_term(name: str) -> str:

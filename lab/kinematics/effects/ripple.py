@@ -58,14 +58,16 @@ class Ripple(VirtualEffect):
     """Gear waves of a virtual arm."""
 
     ripple_mrad: float = 0.0
-    """A wave of each joint's gear, 3 to 60 times a turn, with a random phase."""
+    """A wave of each joint's gear, as often a turn as the robot's gear ratios say, else 3 to 60 times."""
 
     draws: ClassVar[int] = 1
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The same amplitude for every hinge; orders and phases are drawn."""
+        """The same amplitude for every hinge; phases are drawn, and orders where no gear ratio names them."""
         size = arm.chain.size
         order = rngs[0].integers(_ORDERS[0], _ORDERS[1] + 1, size)
+        if (ratio := arm.chain.gear_ratio) is not None:
+            order = np.where(arm.chain.prismatic, order, np.maximum(np.round(np.abs(ratio)), 1)).astype(np.int_)
         phase = rngs[0].uniform(0.0, 2 * np.pi, size)
         amplitude = self.ripple_mrad / 1e3 * ~np.array(arm.chain.prismatic)
         waves = np.stack([order, amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=1)

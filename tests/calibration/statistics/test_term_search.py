@@ -13,7 +13,7 @@ from lab.calibration.statistics.term_search import TermSearch, TermTable
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import ArmFacts
-from lab.kinematics.effects.registry import said_of_term, searched_terms
+from lab.kinematics.effects.registry import expected_terms, said_of_term, searched_terms
 from lab.kinematics.gauge import base_set
 
 SIGMA = 8e-6
@@ -217,3 +217,40 @@ def test_terms_are_told_in_words() -> None:
     assert said_of_term("joint3.gravity4") == "joint 3 gives way to the weight of link 4"
     assert said_of_term("joint3.coupling1") == "joint 3 follows joint 1"
     assert said_of_term("harmonics2") == said_of_term("joint0.harmonic2") == said_of_term("joint1.harmonic02") == ""
+
+
+def test_gear_ratios_name_waves_that_the_search_begins_with() -> None:
+    """A wave beyond the usual orders is searched for where a gear ratio names it, and a weaker one is found so."""
+    ratios = np.array([-101.0, 80.5, 50.0, 121.0, 100.0, 100.0])
+    geared = ArmFacts(replace(IRB120.chain, gear_ratio=ratios), IRB120.loads)
+    expected = expected_terms(geared)
+    assert expected[:6] == tuple(
+        f"joint{i}.harmonic{k}" for i, k in ((1, 101), (1, 202), (2, 80), (2, 81), (2, 161), (3, 50))
+    )
+    assert not expected_terms(ArmFacts(IRB120.chain, IRB120.loads))
+    assert set(searched_terms(geared)) - set(TERMS) == {name for name in expected if not name.endswith("harmonic50")}
+    wave = searched_terms(geared)
+    data = campaign(3, {})
+    found = geometry(data)
+    size = 1.35e-5 * np.sin(101 * data.joints[:, 0] + 1.0)
+    moved = data.joints + np.outer(size, np.eye(6)[0])
+    data = replace(
+        data,
+        points=data.points + found.model.points(moved, found.values) - found.model.points(data.joints, found.values),
+    )
+    found, table = geometry(data), TermTable.of(wave, data)
+    taken = []
+    for first in ((), expected):
+        search = TermSearch.at(
+            table,
+            found.model,
+            Observations.unweighted(data),
+            found.values,
+            found.fit.free,
+            configurations(data.joints),
+            found.extra_residuals,
+            largest_std=WEAK,
+            floor=1e-9,
+        )
+        taken.append([term.name for term in search.run(np.random.default_rng(0), 20, first)])
+    assert taken == [[], ["joint1.harmonic101"]]

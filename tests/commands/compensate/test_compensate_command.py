@@ -164,6 +164,29 @@ def test_a_bent_arm_is_corrected_for_its_payload_and_says_what_files_cannot_hold
     assert 1e-5 < lifted.max() < 1e-3  # 3 kg half a metre out on 1e5 Nm/rad
 
 
+@pytest.mark.thorough
+def test_hysteresis_is_corrected_in_the_order_of_the_targets(tmp_path, capsys) -> None:
+    """The arm comes to a target from the one before: the joint positions lean against the way that it comes."""
+    out = tmp_path / "sticky"
+    assert main(["calibrate", "--hysteresis-mrad", "0.4", "--model", "hysteresis", "--out", str(out), "--json"]) == 0
+    capsys.readouterr()
+    run = read_calibrated(out)
+    Ts = poses(run, 12)
+    found = []
+    for name, order in (("forth", Ts), ("back", Ts[::-1])):
+        write_targets(tmp_path / f"{name}.csv", order)
+        code, result = compensated(capsys, tmp_path / f"{name}.csv", out, tmp_path / name)
+        assert code == 0 and any("from each target to the next" in warning for warning in result["warnings"])
+        found.append(np.deg2rad(rows_of(tmp_path / name / "joints.csv")[1][:, :6]))
+    signs = [np.sign(np.diff(joints, axis=0, prepend=joints[:1])) for joints in found]
+    (forth, back), signs = (found[0], found[1][::-1]), [signs[0], signs[1][::-1]]
+    known = dict(zip(run.arm.names, run.values, strict=True))
+    width = np.array([known[f"joint{i}.hysteresis"] for i in range(1, 7)])
+    same = np.abs(forth - back).max(axis=1) < 0.01  # the same solution of the inverse
+    assert same.sum() >= 4 and (width > 1e-4).all()
+    np.testing.assert_allclose((forth - back)[same], (-width / 2 * (signs[0] - signs[1]))[same], atol=1e-8)
+
+
 def test_it_prints_for_a_person(run: Path, tmp_path, capsys) -> None:
     Ts = poses(read_calibrated(run), 3)
     Ts[1, :3, 3] += 4.0

@@ -24,7 +24,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.link_masses import loads_of
 
-ALONE = tuple(name for name in GROUPS if name not in ("payload", "tubes"))  # tubes: bending and torsion in one
+ALONE = tuple(name for name in GROUPS if name not in ("payload", "tubes", "compensator"))  # in others
 PARAMETERS = {
     "compliance": 2,
     "payload": 3,
@@ -39,7 +39,13 @@ PARAMETERS = {
     "backlash": 6,
     "drift": 7,
     "sessions": 12,
+    "hysteresis": 6,
+    "compensator": 4,
+    "hardening": 2,
+    "expansion": 1,
+    "thermal_zeros": 6,
 }
+SIZE_BY_SYMBOL = {"compliance": 1e-5, "ei_y": 1e-5, "ei_z": 1e-5, "gj": 1e-5, "mass": 0.5, "hardening": 1e-9}
 SESSIONS = SessionInfo(("a", "b", "c"))
 SIZES = {
     "compliance": 1e-5,
@@ -48,6 +54,7 @@ SIZES = {
     "torsion": 1e-5,
     "extension": 1e-6,
     "tubes": 1e-5,
+    "hardening": 1e-9,
 }  # of the others 0.2 mrad, ...
 
 
@@ -65,7 +72,7 @@ def true_values(arm: SerialArm | ArmWithEffects, rng: np.random.Generator) -> Ar
     values[kept] += 5e-4 * rng.normal(size=len(kept))
     for i in range(len(rigid.names), len(arm.names)):
         last = arm.names[i].rpartition(".")[2]
-        size = 1e-5 if last in ("compliance", "ei_y", "ei_z", "gj") else 0.5 if last == "mass" else 2e-4
+        size = SIZE_BY_SYMBOL.get(last, 2e-4)
         values[i] = size * rng.uniform(0.5, 1.5)
     return values
 
@@ -84,15 +91,15 @@ def seen(arm: SerialArm | ArmWithEffects, values: Array, poses: int, rng: np.ran
 def test_derivatives_of_effects(chain: Chain, name: str) -> None:
     rng = np.random.default_rng(0)
     loads = IRB120.loads if chain is IRB120.chain else loads_on(chain, rng)
-    if chain is VERSATRAN and name in ("bending", "torsion", "extension", "tubes"):
-        with pytest.raises(LabError, match="has no joint or link that could have it"):
+    if chain is VERSATRAN and name in ("bending", "torsion", "extension", "tubes", "compensator"):
+        with pytest.raises(LabError, match=r"has no joint (or link that could have it|2 that turns)"):
             effect(name, chain, loads, SESSIONS)  # slides alone, and links without a length
         return
     made = effect(name, chain, loads, SESSIONS)
     joints, values = chain.random_joints(20, rng), SIZES.get(name, 2e-4) * rng.normal(size=len(made.parameters))
     conditions = rng.uniform(0, 3, (20, len(made.conditions)))
     offset, derivative = made.offsets(joints, conditions, values)
-    moved = {"frame": 7, "joints": chain.size, "links": 6 * len(made.links)}[made.moves]
+    moved = {"frame": 7, "joints": chain.size, "links": 6 * len(made.links), "size": 1}[made.moves]
     assert offset.shape == (20, moved) and derivative.shape == (20, moved, len(made.parameters))
     assert_derivatives(lambda v: made.offsets(joints, conditions, v)[0], derivative, values, relative=1e-7)
     still, _ = made.offsets(joints, conditions, np.zeros(len(values)))
@@ -348,3 +355,33 @@ def test_drift_is_of_time_alone() -> None:
     still = arm.arm.points(joints[:, :6], values[:-7])[0, 0]
     moved = (1 + v[6]) * se3.exp(v[3:6]) @ (still + v[:3])
     np.testing.assert_allclose(arm.points(joints, values)[0, 0], moved, atol=1e-15)
+
+
+def test_a_drift_without_a_clock_is_of_the_place_in_the_file() -> None:
+    """The last row is moved by the parameters themselves, the first not at all, rows that are left out or not."""
+    untimed = SessionInfo(timed=False)
+    arm = IRB120.arm_with(("p1",), ("drift",), untimed)
+    assert [each.unit for each in arm.parameters if each.name in ("drift.x", "drift.rx")] == ["m", "rad"]
+    values, joints = arm.nominal(IRB120.tool), IRB120.chain.random_joints(5, np.random.default_rng(0))
+    values[arm.names.index("drift.x")] = 1e-3
+    data = measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((5, 1, 3))).take([4, 0, 1])
+    rigid = arm.arm.points(data.joints, values[: len(arm.arm.names)])
+    moved = arm.points(data.inputs(arm.conditions), values) - rigid
+    np.testing.assert_allclose(moved[:, 0, 0], [1e-3, 0.0, 0.25e-3], atol=1e-15)
+
+
+def test_an_arm_expands_about_its_base() -> None:
+    """Every distance from the base grows alike, wherever the tracker is, and ``tool`` agrees with ``points``."""
+    rng = np.random.default_rng(1)
+    arm = IRB120.arm_with(("p1", "p2"), ("expansion", "drift"))
+    values = true_values(arm, rng)
+    values[arm.names.index("thermal.expansion")] = 20e-6
+    still = np.where([name.startswith("drift") for name in arm.names], 0.0, values)
+    joints = IRB120.chain.random_joints(6, rng)
+    cold, warm = (np.column_stack([joints, np.full(6, t), np.full(6, 1800.0)]) for t in (20.0, 45.0))
+    assert arm.conditions == ("temp_C", "time_s")
+    before, after = (arm.points(inputs, still) - values[:3] for inputs in (cold, warm))
+    np.testing.assert_allclose(after, (1 + 25 * 20e-6) * before, atol=1e-15)
+    np.testing.assert_allclose(arm.tool(warm, values, 1)[0][:, :3, 3], arm.points(warm, values)[:, 1], atol=1e-15)
+    assert_derivatives(lambda v: arm.points(warm, v), arm.observe(warm, values)[1], values, relative=1e-6)
+    np.testing.assert_allclose(arm.observe(warm, values)[0], arm.points(warm, values), atol=1e-15)
