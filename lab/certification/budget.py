@@ -4,19 +4,21 @@ The errors of a position are linear in the input quantities, e = sum of c x, wit
 closed forms of the errors give. The law of propagation sums their variances (JCGM 100:2008, GUM, 5.1.2), the effective
 degrees of freedom are those of Welch and Satterthwaite (G.4.1). Beside it the quantities are drawn from their
 distributions (JCGM 101:2008, Supplement 1); where the two differ by more than the digits that are given, what was drawn
-counts (clause 8).
+counts (clause 8). A third time whole calibrations are drawn, and the parameters that they shift go through the full
+kinematics: positions are not linear in them, and where that shows in the digits that are given, it counts.
 
 What is stated is of the whole workspace: positions are at random poses of it. Of a position the error is a vector and
 the expanded uncertainty the length that 95 % of the errors do not exceed, over poses and calibrations like this one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import floor, log10
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.workspace_prediction import length_not_exceeded
 from lab.core.distributions import Uncertain
@@ -28,6 +30,7 @@ __all__ = [
     "Budget",
     "BudgetLine",
     "InputQuantity",
+    "KinematicDraws",
     "Measurand",
     "Propagated",
     "budget_of",
@@ -38,6 +41,7 @@ Measurand = Literal["position", "distance"]
 COVERAGE = 0.95
 MEASURANDS: tuple[Measurand, ...] = ("position", "distance")
 _DRAWS = 500  # at each of the poses
+_CALIBRATIONS = 400  # drawn, each at all of the poses
 _DIGITS = 2  # of an expanded uncertainty (JCGM 100:2008, 7.2.6)
 
 
@@ -53,6 +57,8 @@ class InputQuantity:
         uncertainty: of each of its components, SI.
         columns: ``(w, 3, c)`` how far a unit of each component moves the positions at w poses, m.
         anew: whether it is another one at each position; else all positions share it.
+        shifts: ``(f, c)`` how far a unit of each component shifts the identified parameters; None for what does not
+            come through the fit.
     """
 
     group: str
@@ -63,6 +69,7 @@ class InputQuantity:
     uncertainty: Uncertain
     columns: Array
     anew: bool = False
+    shifts: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,21 @@ class BudgetLine:
 
 
 @dataclass(frozen=True)
+class KinematicDraws:
+    """The length that 95 % of the errors do not exceed, of the same drawn calibrations.
+
+    Attributes:
+        linear_m: with positions linear in the identified parameters.
+        full_m: with positions by the full kinematics.
+        draws: how many calibrations, each at all poses.
+    """
+
+    linear_m: float
+    full_m: float
+    draws: int
+
+
+@dataclass(frozen=True)
 class Budget:
     """The uncertainty of a measurand.
 
@@ -95,6 +117,7 @@ class Budget:
         freedom: its effective degrees of freedom.
         propagated_m: expanded uncertainty by the law of propagation.
         drawn_m: the same by drawing the quantities so many times, with ``drawn_std_m`` its own standard deviation.
+        kinematics: the same by drawing calibrations, linear and through the full kinematics.
     """
 
     measurand: Measurand
@@ -105,6 +128,7 @@ class Budget:
     drawn_m: float
     drawn_std_m: float
     draws: int
+    kinematics: KinematicDraws
 
     @cached_property
     def tolerance_m(self) -> float:
@@ -117,9 +141,18 @@ class Budget:
         return abs(self.drawn_m - self.propagated_m) <= self.tolerance_m + 2 * self.drawn_std_m
 
     @property
+    def is_linear(self) -> bool:
+        """Whether the full kinematics leave the digits that are given as they are."""
+        return abs(self.kinematics.full_m - self.kinematics.linear_m) <= self.tolerance_m
+
+    @property
     def expanded_m(self) -> float:
-        """Expanded uncertainty for 95 % coverage, m: as propagated, or as drawn where that differs."""
-        return self.propagated_m if self.agrees else self.drawn_m
+        """Expanded uncertainty for 95 % coverage, m: as propagated, or as drawn where that differs.
+
+        Where positions are not linear in the parameters, it grows or shrinks as the drawn calibrations do.
+        """
+        linear = self.propagated_m if self.agrees else self.drawn_m
+        return linear if self.is_linear else linear * self.kinematics.full_m / self.kinematics.linear_m
 
     @property
     def coverage_factor(self) -> float:
@@ -175,13 +208,18 @@ def propagated(
 
 
 def budget_of(
-    measurand: Measurand, quantities: Sequence[InputQuantity], positions: Array, rng: np.random.Generator
+    measurand: Measurand,
+    quantities: Sequence[InputQuantity],
+    positions: Array,
+    moved: Callable[[Array], Array],
+    rng: np.random.Generator,
 ) -> Budget:
     """The budget of positions, or of distances between random pairs of them.
 
     Args:
         quantities: those that matter; at least one has an uncertainty above zero.
         positions: ``(w, 3)`` m.
+        moved: the same positions with the identified parameters shifted by ``(f,)``, by the full kinematics.
         rng: of the pairs and of the draws.
     """
     found = propagated(measurand, quantities, positions, rng)
@@ -192,12 +230,15 @@ def budget_of(
         BudgetLine(quantity, float(np.sqrt(variance)), float(share))
         for quantity, variance, share in zip(found.quantities, found.variances, shares, strict=True)
     ]
-    return Budget(measurand, tuple(lines), found.combined_m, found.freedom, found.expanded_m, drawn, std, lengths.size)
+    kinematics = _through_kinematics(measurand, found.quantities, positions, moved, rng)
+    return Budget(
+        measurand, tuple(lines), found.combined_m, found.freedom, found.expanded_m, drawn, std, lengths.size, kinematics
+    )
 
 
 def _of_distances(quantities: Sequence[InputQuantity], positions: Array, rng: np.random.Generator) -> list[Array]:
     """Columns ``(w, 1, c)`` of the distance between each position and another one."""
-    there = (np.arange(len(positions)) + rng.integers(1, len(positions), len(positions))) % len(positions)
+    there = _partners(len(positions), rng)
     apart = positions - positions[there]
     along = (apart / np.linalg.norm(apart, axis=1, keepdims=True))[:, None]  # (w, 1, 3)
     found = []
@@ -205,6 +246,51 @@ def _of_distances(quantities: Sequence[InputQuantity], positions: Array, rng: np
         here, far = along @ each.columns, along @ each.columns[there]
         found.append(np.concatenate([here, far], axis=2) if each.anew else here - far)
     return found
+
+
+def _partners(count: int, rng: np.random.Generator) -> NDArray[np.int_]:
+    """Of each position another one."""
+    return (np.arange(count) + rng.integers(1, count, count)) % count
+
+
+def _through_kinematics(
+    measurand: Measurand,
+    quantities: Sequence[InputQuantity],
+    positions: Array,
+    moved: Callable[[Array], Array],
+    rng: np.random.Generator,
+) -> KinematicDraws:
+    """Errors of drawn calibrations: the same ones with the linear map and with the full kinematics."""
+    count = len(positions)
+    other: Array = np.zeros((_CALIBRATIONS, count, 3))  # what does not come through the fit
+    mapped, shifts = np.zeros_like(other), np.zeros(1)
+    for each in quantities:
+        kinds = each.columns.shape[2]
+        if each.anew:
+            values = _together(each, rng, (count, _CALIBRATIONS, kinds))
+            other += np.einsum("wci,wdi->dwc", each.columns, values)
+            continue
+        values = _together(each, rng, (1, _CALIBRATIONS, kinds))[0]
+        through = (values @ each.columns.reshape(-1, kinds).T).reshape(other.shape)
+        if each.shifts is None:
+            other += through
+        else:
+            mapped, shifts = mapped + through, shifts + values @ each.shifts.T
+    full = mapped if shifts.ndim == 1 else np.stack([moved(shift) for shift in shifts]) - positions
+    if measurand == "distance":
+        there = _partners(count, rng)
+        apart = positions - positions[there]
+        lengths = np.linalg.norm(apart, axis=1)
+        along = (apart / lengths[:, None])[..., None]
+        linear, bent = mapped + other, full + other
+        steps = [
+            ((linear - linear[:, there])[..., None, :] @ along)[..., 0, 0],
+            np.linalg.norm(apart + bent - bent[:, there], axis=2) - lengths,
+        ]
+    else:
+        steps = [np.linalg.norm(errors + other, axis=2) for errors in (mapped, full)]
+    met = np.isfinite(steps[1])  # a loop may not close so far off
+    return KinematicDraws(*(_quantile(np.abs(each[met]))[0] for each in steps), _CALIBRATIONS)
 
 
 def _drawn_lengths(quantities: Sequence[InputQuantity], columns: Sequence[Array], rng: np.random.Generator) -> Array:

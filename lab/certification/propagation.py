@@ -1,6 +1,6 @@
 """How errors of what was measured come through a fit into positions of the workspace."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from lab.core.measurements import seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 
-__all__ = ["Propagation"]
+__all__ = ["Propagation", "independent_shifts"]
 
 _POSES = 200
 
@@ -26,12 +26,14 @@ class Propagation:
         gain: ``(f, r)`` from whitened rows to the identified parameters.
         positions: ``(w, 3)`` m of the first target at random poses of the workspace.
         slopes: ``(w, 3, f)`` of these positions by the identified parameters.
+        moved: the same positions ``(w, 3)`` m by the full kinematics, with the identified parameters moved by ``(f,)``.
     """
 
     observed: Observations
     gain: Array
     positions: Array
     slopes: Array
+    moved: Callable[[Array], Array]
 
     @classmethod
     def of(
@@ -60,17 +62,21 @@ class Propagation:
         points, there = model.observe(inputs, values)
         there, points = there[:, 0][..., list(free)], points[:, 0]
         kept = np.isfinite(there).all(axis=(1, 2)) & np.isfinite(points).all(axis=1)
-        return cls(observed, gain, points[kept], there[kept])
 
-    def of_errors(self, displacements: Array) -> Array:
-        """Columns ``(w, 3, c)`` m of what displaces the measured points by ``(n, k, 3, c)`` m."""
-        return np.asarray(self.slopes @ (self.gain @ self.observed.apply(displacements)))
+        def moved(shift: Array) -> Array:
+            shifted = values.copy()
+            shifted[list(free)] += shift
+            return model.points(inputs[kept], shifted)[:, 0]
 
-    def of_parameters(self, covariance: Array) -> Array:
-        """Columns ``(w, 3, f)`` m of independent errors of variance one, from a covariance ``(f, f)``."""
-        scale = _scale(covariance)
-        sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-        return np.asarray(self.slopes @ (scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))))
+        return cls(observed, gain, points[kept], there[kept], moved)
+
+    def shifts_by(self, displacements: Array) -> Array:
+        """Shifts ``(f, c)`` of the identified parameters where the measured points are off by ``(n, k, 3, c)`` m."""
+        return np.asarray(self.gain @ self.observed.apply(displacements))
+
+    def columns_of(self, shifts: Array) -> Array:
+        """Columns ``(w, 3, c)`` m of shifts ``(f, c)`` of the identified parameters."""
+        return np.asarray(self.slopes @ shifts)
 
     def covariance_of(self, independent: Array) -> Array:
         """Covariance ``(f, f)`` of the parameters by errors with ``(n, k, 3, 3)`` m^2, independent from point to point.
@@ -83,6 +89,13 @@ class Propagation:
         whitened = alone.in_units_of_noise(roots)[seen_mask(alone.points)]  # (points, 3, 3)
         blocks = self.gain.reshape(len(self.gain), -1, 3).transpose(1, 0, 2) @ whitened
         return np.asarray(np.einsum("pfi,pgi->fg", blocks, blocks))
+
+
+def independent_shifts(covariance: Array) -> Array:
+    """Shifts ``(f, f)`` of the identified parameters by independent numbers of variance one, from their covariance."""
+    scale = _scale(covariance)
+    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0)))
 
 
 def _scale(covariance: Array) -> Array:

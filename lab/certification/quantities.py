@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from lab.certification.budget import InputQuantity
-from lab.certification.propagation import Propagation
+from lab.certification.propagation import Propagation, independent_shifts
 from lab.core.distributions import Uncertain
 from lab.core.se3 import Array
 from lab.core.tracker_errors import PLACEMENT, ErrorTerm, TrackerErrors
@@ -78,26 +78,18 @@ def quantities_of(
     if chance.placement == "in the noise" and placed:  # it has a line of its own
         covariance = covariance - np.sum([part for _, part in placed], axis=0)
     sigma = chance.noise.uncertainty
-    found.append(
-        InputQuantity(
-            "parameters",
-            "identified parameters: random errors of the measurements",
-            chance.noise.source,
-            "µm",
-            1e6,
-            sigma,
-            propagation.of_parameters(covariance) / sigma.standard,
-        )
-    )
+    words = "identified parameters: random errors of the measurements"
+    said = "parameters", words, chance.noise.source, "µm", 1e6, sigma
+    found.append(_fitted(propagation, independent_shifts(covariance) / sigma.standard, *said))
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     if (robot := chance.repeatability) is not None:
         said = "repeatability", "repeatability of the robot", robot.source, "µm", 1e6, robot.uncertainty
         found.append(InputQuantity(*said, each, anew=True))
         if not chance.scatter_counted:
             alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
-            columns = propagation.of_parameters(propagation.covariance_of(alike))
+            shifts = independent_shifts(propagation.covariance_of(alike))
             said = "repeatability", "repeatability in the measurements", *said[2:]
-            found.append(InputQuantity(*said, columns))
+            found.append(_fitted(propagation, shifts, *said))
     if (lack := chance.model) is not None:
         words = "model: errors of the robot that it leaves"
         found.append(InputQuantity("model", words, lack.source, "µm", 1e6, lack.uncertainty, each, anew=True))
@@ -114,8 +106,8 @@ def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, exp
 def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, term: ErrorTerm) -> InputQuantity:
     """A systematic error of the instrument, through the fit."""
     group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
-    columns = propagation.of_errors(errors.displacements(term, _seen(propagation)))
-    return InputQuantity(group, term.words, source, term.unit, term.factor, errors.quantity(term), columns)
+    shifts = propagation.shifts_by(errors.displacements(term, _seen(propagation)))
+    return _fitted(propagation, shifts, group, term.words, source, term.unit, term.factor, errors.quantity(term))
 
 
 def _placements(propagation: Propagation, errors: TrackerErrors, source: str) -> Iterator[tuple[InputQuantity, Array]]:
@@ -125,8 +117,24 @@ def _placements(propagation: Propagation, errors: TrackerErrors, source: str) ->
         if not quantity.standard:
             continue
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
-        columns = propagation.of_parameters(covariance) / quantity.standard
-        yield InputQuantity("reflector", term.words, source, term.unit, term.factor, quantity, columns), covariance
+        shifts = independent_shifts(covariance) / quantity.standard
+        said = "reflector", term.words, source, term.unit, term.factor, quantity
+        yield _fitted(propagation, shifts, *said), covariance
+
+
+def _fitted(
+    propagation: Propagation,
+    shifts: Array,
+    group: str,
+    words: str,
+    source: str,
+    unit: str,
+    factor: float,
+    uncertainty: Uncertain,
+) -> InputQuantity:
+    """A quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
+    columns = propagation.columns_of(shifts)
+    return InputQuantity(group, words, source, unit, factor, uncertainty, columns, shifts=shifts)
 
 
 def _seen(propagation: Propagation) -> Array:

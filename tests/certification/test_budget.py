@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from lab.certification.budget import Budget, InputQuantity, Measurand, budget_of, propagated
 from lab.core.distributions import Uncertain
@@ -18,7 +19,7 @@ def quantity(uncertainty: Uncertain, columns: Array, *, anew: bool = False) -> I
 
 
 def budget(measurand: Measurand, *quantities: InputQuantity) -> Budget:
-    return budget_of(measurand, quantities, POSITIONS, np.random.default_rng(1))
+    return budget_of(measurand, quantities, POSITIONS, lambda shift: POSITIONS, np.random.default_rng(1))
 
 
 def test_one_normal_number_has_the_factor_of_the_normal() -> None:
@@ -75,3 +76,41 @@ def test_distances_feel_neither_shifts_nor_turns_but_growth_and_what_is_anew() -
     anew = budget("distance", quantity(Uncertain(1e-6), EACH, anew=True))
     assert anew.combined_m == pytest.approx(np.sqrt(2) * 1e-6)
     assert anew.coverage_factor == pytest.approx(1.96, abs=1e-3)
+
+
+@pytest.mark.parametrize("bend_per_m", [0.0, 2e5])
+def test_what_is_not_linear_in_the_parameters_is_in_what_is_stated(bend_per_m: float) -> None:
+    """A parameter x moves positions by x along one axis and by b x^2 along another: the 95 % of |x| says both."""
+    sigma = 2e-6
+    one = InputQuantity("parameters", "x", "test", "µm", 1e6, Uncertain(sigma), X, shifts=np.ones((1, 1)))
+
+    def moved(shift: Array) -> Array:
+        return POSITIONS + np.array([shift[0], bend_per_m * shift[0] ** 2, 0.0])
+
+    found = budget_of("position", [one], POSITIONS, moved, np.random.default_rng(1))
+    reached = found.kinematics.linear_m
+    assert reached == pytest.approx(1.96 * sigma, rel=0.15)  # 400 draws
+    assert found.kinematics.full_m == pytest.approx(np.hypot(reached, bend_per_m * reached**2), rel=1e-6)
+    assert found.is_linear == (not bend_per_m)
+    grown = found.kinematics.full_m / reached if bend_per_m else 1.0
+    assert found.expanded_m == pytest.approx(grown * found.propagated_m, rel=0.01)
+
+
+def test_distances_through_kinematics_are_those_of_moved_positions() -> None:
+    """Positions that grow by x: distances do likewise, and a turn by much leaves them as they are."""
+    grows = InputQuantity(
+        "parameters", "x", "test", "", 1.0, Uncertain(1e-5), POSITIONS[..., None], shifts=np.ones((1, 1))
+    )
+    found = budget_of("distance", [grows], POSITIONS, lambda s: POSITIONS * (1 + s[0]), np.random.default_rng(1))
+    assert found.kinematics.full_m == pytest.approx(found.kinematics.linear_m, rel=1e-9) and found.is_linear
+    turned = np.cross([0.0, 0.0, 1.0], POSITIONS)
+
+    def rotated(shift: Array) -> Array:
+        return POSITIONS @ Rotation.from_rotvec([0, 0, float(shift[0])]).as_matrix().T
+
+    turn = InputQuantity(
+        "parameters", "x", "test", "rad", 1.0, Uncertain(0.3), turned[..., None], shifts=np.ones((1, 1))
+    )
+    noise = quantity(Uncertain(1e-3), EACH, anew=True)
+    found = budget_of("distance", [turn, noise], POSITIONS, rotated, np.random.default_rng(1))
+    assert found.kinematics.full_m == pytest.approx(1.96 * np.sqrt(2) * 1e-3, rel=0.1)

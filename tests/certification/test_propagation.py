@@ -50,14 +50,15 @@ def test_a_displaced_measurement_moves_positions_as_the_map_says(name: str) -> N
     moved = TrackerErrors().displacements(term, observed().points)
     size = 1e-6 / np.abs(moved).max()
     found = fitted_positions(observed().points + size * moved[..., 0]) - propagation().positions
-    expected = size * propagation().of_errors(moved)[..., 0]
+    expected = size * propagation().columns_of(propagation().shifts_by(moved))[..., 0]
     np.testing.assert_allclose(found, expected, atol=1e-10)
     assert np.abs(expected).max() > 1e-7
 
 
 def test_a_shift_of_all_points_shifts_all_positions() -> None:
     alike = np.broadcast_to(np.eye(3), (*observed().points.shape, 3))
-    np.testing.assert_allclose(propagation().of_errors(alike), np.broadcast_to(np.eye(3), (200, 3, 3)), atol=1e-9)
+    columns = propagation().columns_of(propagation().shifts_by(alike))
+    np.testing.assert_allclose(columns, np.broadcast_to(np.eye(3), (200, 3, 3)), atol=1e-9)
 
 
 def test_the_covariance_of_independent_errors_is_that_of_dense_algebra() -> None:
@@ -108,3 +109,16 @@ def test_how_the_reflector_is_placed_counts_once(placement: str) -> None:
 def test_a_warm_robot_is_longer_from_its_foot() -> None:
     found = temperature_of(propagation(), TRUTH[:3], Uncertain(2.0), 12e-6)
     np.testing.assert_allclose(found.columns[..., 0], 12e-6 * (propagation().positions - TRUTH[:3]))
+
+
+def test_shifted_parameters_move_positions_by_the_full_kinematics() -> None:
+    """For small shifts as the linear map says, for large ones not; against the arm's own positions."""
+    part, rng = propagation(), np.random.default_rng(4)
+    shift = rng.standard_normal(len(FREE))
+    small = part.moved(1e-6 * shift) - part.positions
+    np.testing.assert_allclose(small, part.columns_of(1e-6 * shift[:, None])[..., 0], atol=1e-10)
+    values = TRUTH.copy()
+    values[list(FREE)] += 0.1 * shift
+    far = part.moved(0.1 * shift)
+    np.testing.assert_allclose(far, ARM.points(ASKED, values)[:, 0], atol=1e-12)
+    assert np.abs(far - part.positions - part.columns_of(0.1 * shift[:, None])[..., 0]).max() > 1e-3

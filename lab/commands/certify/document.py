@@ -71,7 +71,8 @@ _METHOD = (
     "and Satterthwaite. The expanded uncertainty is the length that 95 % of the errors do not exceed, over poses and "
     "calibrations like this one; k is its ratio to the combined standard uncertainty. A position is a vector, for "
     "which k is 1.61 where its three coordinates are equally uncertain. Beside it the quantities were drawn from "
-    "their distributions (JCGM 101:2008): where the two differ in the digits that are given, what was drawn is stated.",
+    "their distributions (JCGM 101:2008): where the two differ in the digits that are given, what was drawn is "
+    "stated. Whole calibrations were drawn, too, and their parameters went through the full kinematics.",
 )
 
 
@@ -218,7 +219,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         f"k = {budget.coverage_factor:.2f}: ",
         Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
         f" By Monte Carlo, {budget.draws:,} draws: {fixed(1e3 * budget.drawn_m, drawn)} mm, which "
-        f"{'confirms it' if budget.agrees else 'differs, and is stated'}.",
+        f"{'confirms it' if budget.agrees else 'differs, and is stated'}. {_of_kinematics(budget)}",
     )
     drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
     figure = Figure(f"budget-{budget.measurand}-figure", (contributions_picture(budget),), drawing)
@@ -227,6 +228,16 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         "the variance in %"
     )
     return Table(tuple(columns), rows, caption), Paragraph(words), figure
+
+
+def _of_kinematics(budget: Budget) -> str:
+    """Whether the linear map of the parameters suffices."""
+    found, digits = budget.kinematics, digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
+    full, linear = (fixed(1e3 * each, digits) for each in (found.full_m, found.linear_m))
+    return (
+        f"Through the full kinematics {found.draws:,} drawn calibrations give {full} mm, with the linear map {linear} "
+        "mm: " + ("the linear map suffices." if budget.is_linear else "U was multiplied by their ratio.")
+    )
 
 
 def _line(line: BudgetLine) -> Row:

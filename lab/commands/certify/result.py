@@ -191,6 +191,12 @@ def _budget_to_dict(budget: Budget) -> dict[str, Any]:
         "monte_carlo_draws": budget.draws,
         "tolerance_mm": 1e3 * budget.tolerance_m,
         "agrees": budget.agrees,
+        "kinematics": {
+            "linear_mm": 1e3 * budget.kinematics.linear_m,
+            "full_mm": 1e3 * budget.kinematics.full_m,
+            "draws": budget.kinematics.draws,
+            "is_linear": budget.is_linear,
+        },
     }
 
 

@@ -57,7 +57,8 @@ def _certified(options: CertifyOptions) -> Certificate:
     source = str(options.instrument or calibrated.options.get("instrument") or "")
     quantities = _quantities(calibrated, device, Path(source).name, details, propagation, chance)
     budgets = tuple(
-        budget_of(each, quantities, propagation.positions, rng_for(0, "null", i)) for i, each in enumerate(MEASURANDS)
+        budget_of(each, quantities, propagation.positions, propagation.moved, rng_for(0, "null", i))
+        for i, each in enumerate(MEASURANDS)
     )
     return Certificate(
         options,
