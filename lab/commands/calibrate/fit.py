@@ -270,17 +270,9 @@ class Fitter:
             before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]
             facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
-            selection = select(
-                weighed_so.model_with,
-                rows,
-                self.nominal,
-                self.noise,
-                self.request,
-                candidates=tried,
-                terms=searched_terms(facts),
-                expected=expected_terms(facts),
-                seed=self.seed,
-            )
+            asked = weighed_so.model_with, rows, self.nominal, self.noise, self.request
+            terms, first = searched_terms(facts), expected_terms(facts)
+            selection = select(*asked, candidates=tried, terms=terms, expected=first, seed=self.seed)
             if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.held)
