@@ -16,6 +16,7 @@ from lab.calibration.identifiability import poses_needed
 from lab.calibration.initial_guess import columns_of
 from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.prior import Tolerance, prior_of
+from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints
 from lab.core import se3
 from lab.core.errors import LabError
@@ -26,6 +27,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set, independent_columns
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import frame_rotations
 
 __all__ = [
     "ILL_CONDITIONED",
@@ -270,6 +272,8 @@ def _refuse_impossible_or_few(
             f"{data.where(int(lost[0]))} "
             "the first: its loops do not close there; mend the joint positions, or leave the pose out"
         )
+    if why := few_points_of_a_station(observation.model, data):
+        raise LabError(why)
     if (count := int(data.seen.sum())) < 3:
         needed = poses_needed(observation.model, nominal)
         raise LabError(f"{count} measured points: too few to place a base; measure at least {needed} poses")
@@ -309,11 +313,17 @@ def _identifiable(
 
 
 def _canonical(model: Model, solution: Fit) -> Fit:
-    """The same solution with the base's rotation vector of at most half a turn, and the covariance of that.
+    """The same solution with rotation vectors of frames of at most half a turn each, and the covariance of that."""
+    for turning in frame_rotations(model.parameters):
+        solution = _with_shortest_turn(solution, turning)
+    return solution
+
+
+def _with_shortest_turn(solution: Fit, turning: list[int]) -> Fit:
+    """With one rotation vector, at these indices, of at most half a turn.
 
     Two vectors r and s of one rotation change it alike where J_l(r) dr = J_l(s) ds.
     """
-    turning = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
     values = _shortest_turn(solution.values, turning)
     other = solution.other
     if other is not None:

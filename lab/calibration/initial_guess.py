@@ -5,7 +5,7 @@ the targets then enter linearly, if the nine entries of the rotation are taken a
 the nearest rotation is the start.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.effects.stations import at_first_station, further_stations
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
 
@@ -35,8 +36,16 @@ def initial_guess(
         model: the arm, measured by points.
         observed: positions of its targets, m in the instrument's frame.
         values: ``(p,)``: the links, and whichever of base and targets ``groups`` leaves as it is.
-        groups: what is to be placed: base, tool, or both.
+        groups: what is to be placed: base, tool, or both; with the base also the stations of the instrument, if it
+            had several.
     """
+    if "base" in groups and (further := further_stations(model.parameters)):
+        return _of_stations(model, observed, values, groups, further)
+    return _of_one_station(model, observed, values, groups)
+
+
+def _of_one_station(model: Model, observed: Observations, values: Array, groups: Sequence[str]) -> Array:
+    """With one station, or with the rows of one that are taken for the first's."""
     base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
     placed = values.copy()
     placed[list(base)] = 0.0
@@ -56,6 +65,37 @@ def initial_guess(
     placed[list(base)] = np.concatenate([position, se3.log(rotation)]) if "base" in groups else values[list(base)]
     placed[list(tool)] = targets.ravel()
     return placed
+
+
+def _of_stations(
+    model: Model,
+    observed: Observations,
+    values: Array,
+    groups: Sequence[str],
+    further: Mapping[str, tuple[int, ...]],
+) -> Array:
+    """With several stations: each places the base in its own frame, with the tool that the one of most points finds."""
+    first = observed.inputs.shape[1] - len(model.conditions)
+    columns = [first + model.conditions.index(condition) for condition in further]
+    within = observed.inputs[:, columns] > 0
+    station = np.where(within.any(axis=1), within.argmax(axis=1) + 1, 0)
+    inputs = at_first_station(model.conditions, observed.inputs)
+    base, tool = list(columns_of(model, ("base",))), list(columns_of(model, ("tool",)))
+    counts = np.bincount(station, observed.seen.sum(axis=1), minlength=len(columns) + 1)
+    most = int(counts.argmax())
+    found, Ts_base_station = values.copy(), [np.eye(4)] * len(counts)
+    for which in sorted(range(len(counts)), key=lambda each: each != most):
+        here = Observations(inputs[station == which], observed.points[station == which], np.ones(1))
+        placed = _of_one_station(model, here, found, groups if which == most else ("base",))
+        found[tool] = placed[tool]
+        T_station_base = se3.pose(se3.exp(placed[base][3:]), placed[base][:3])
+        Ts_base_station[which] = se3.inverse(T_station_base)
+        if which == 0:
+            found[base] = placed[base]
+    for which, own in enumerate(further.values(), start=1):
+        T_first_station = se3.inverse(Ts_base_station[0]) @ Ts_base_station[which]
+        found[list(own)] = np.concatenate([T_first_station[:3, 3], se3.log(T_first_station[:3, :3])])
+    return found
 
 
 def _flange_poses(model: Model, joints: Array, values: Array, tool: Sequence[int]) -> tuple[Array, Array]:

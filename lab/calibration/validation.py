@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.refit import placed_anew
+from lab.calibration.stations import few_points_of_a_station
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
-from lab.kinematics.parameter import targets_of
+from lab.kinematics.parameter import frame_rotations, targets_of
 from lab.kinematics.serial.axes_to_dh import Truth
 
 __all__ = [
@@ -231,6 +232,9 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
     count = int(rows.max()) + 1
     kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
     enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(count))
+    for fold in range(count):
+        if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
+            return Validation(None, None, (f"not validated: without a fold, {why}",))
     if count < LEAST_FOLDS or not enough:
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
@@ -276,14 +280,15 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     before: list[Array] = []
     after: list[Array] = []
     held: dict[str, tuple[str, ...]] = {}
-    for session in dict.fromkeys(data.sessions):
-        part = data.take([i for i, s in enumerate(data.sessions) if s == session])
+    setups = data.setups if refit else tuple((name, "") for name in data.sessions)  # stations are known, or placed anew
+    for setup in dict.fromkeys(setups):
+        part = data.take([i for i, each in enumerate(setups) if each == setup])
         reference, test = _reference_and_test(part, refit)
         inputs, points = part.inputs(model.conditions)[test], part.points[test]
         for values, errors in ((identification.nominal_aligned, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
             if refit:
-                where = f"session '{session}'" if session else "the validation file"
+                where = _setup_in_words(setup) or "the validation file"
                 found = placed_anew(model, part.take(reference), part.take(test), moved, refit, where)
                 moved = found.values
                 if found.held:
@@ -305,11 +310,11 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
         truth: that arm's parameters, in the canonical gauge.
     """
     model, free = identification.model, list(identification.fit.free)
-    rotation = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
     truly = truth.of(model.names)
     difference = identification.values - truly
-    estimate, true = (se3.exp(values[rotation]) for values in (identification.values, truly))
-    difference[rotation] = se3.log(true.T @ estimate)
+    for rotation in frame_rotations(model.parameters):
+        estimate, true = (se3.exp(values[rotation]) for values in (identification.values, truly))
+        difference[rotation] = se3.log(true.T @ estimate)
     error = difference[free]
     local = error_tangent(model, identification.values)[np.ix_(free, free)]
     covariance = local @ identification.covariance @ local.T
@@ -322,10 +327,10 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
 
 
 def error_tangent(model: Model, values: Array) -> Array:
-    """Derivatives ``(p, p)`` of errors by parameters: one, but for the base's rotation, whose error is a logarithm."""
-    rotation = [model.names.index(f"base.{axis}") for axis in ("rx", "ry", "rz")]
+    """Derivatives ``(p, p)`` of errors by parameters: one, but for rotations of frames, whose error is a logarithm."""
     tangent = np.eye(len(model.names))
-    tangent[np.ix_(rotation, rotation)] = se3.left_jacobian(-values[rotation])
+    for rotation in frame_rotations(model.parameters):
+        tangent[np.ix_(rotation, rotation)] = se3.left_jacobian(-values[rotation])
     return tangent
 
 
@@ -348,12 +353,19 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
     else:
         reference = rows[::REFERENCE_EVERY] if refit else []
     test = [i for i in rows if i not in set(reference)]
-    where = f"session '{part.sessions[0]}' of the validation file" if part.sessions[0] else "the validation file"
+    words = _setup_in_words(part.setups[0] if refit else (part.sessions[0], ""))
+    where = f"{words} of the validation file" if words else "the validation file"
     if refit and not reference:
         raise LabError(f"{where} has no row with use = reference to refit {', '.join(refit)}; mark one")
     if not test:
         raise LabError(f"{where} has no row left to validate on; mark fewer rows as reference")
     return reference, test
+
+
+def _setup_in_words(setup: tuple[str, str]) -> str:
+    """A session and a station, as a person names them; "" where neither has a name."""
+    kinds = zip(("session", "station"), setup, strict=True)
+    return ", ".join(f"{kind} '{name}'" for kind, name in kinds if name)
 
 
 def _transfer(source: Model, target: Model, values: Array) -> Array:

@@ -17,6 +17,7 @@ from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
 from lab.core.linear_model import matched_dof, p_value_of_squares
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.effects.stations import at_first_station
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
@@ -178,7 +179,7 @@ def _spread_of_kept(model: Model, structure: BaseSet, tolerance: Tolerance) -> A
 
 def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
     """Random poses of the workspace, and derivatives ``(n, 3, p)`` of the first target's positions there."""
-    inputs = model.structure_joints(_POSES, rng_for(0, "structure"))
+    inputs = at_first_station(model.conditions, model.structure_joints(_POSES, rng_for(0, "structure")))
     jacobian: Array = model.observe(inputs, values)[1][:, 0]
     reached = np.isfinite(jacobian).all(axis=(1, 2))
     return inputs[reached], jacobian[reached]

@@ -4,23 +4,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import whitening
+from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.campaign.robot import Robot, load_virtual
+from lab.campaign.stations import refuse_idle_stations, stations_in
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, is_isotropic, observing
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.stations import station_parameters
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.pose_selection.criteria import Criterion, Scaling, criterion
-from lab.pose_selection.exchange import Sensitivity, information
-from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility
+from lab.pose_selection.exchange import Feasible, Sensitivity, information
+from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, seeing_station
 from lab.simulation.collisions import collides, random_poses, unchecked
 from lab.simulation.model import RobotModel
 
@@ -34,21 +40,28 @@ MEASURED_SLACK = 1e-3  # rad or m: how far joint positions may lie beyond a data
 class PoseProblem:
     """A planning problem, from which designs of any size are chosen.
 
+    Inputs are joint positions and, where the instrument has several stations, which of them measures a pose: one column
+    for each but the first, 1 or 0.
+
     Attributes:
         values: nominal parameters ``(p,)``, with the base before the nominal tracker.
-        whitened: joint positions ``(n, joints)`` to Jacobians ``(n, r, f)`` of the base set in standard deviations.
+        seen: the arm as its instrument sees it from all its stations; its parameters begin with those of ``arm``.
+        inputs: ``(m, joints + stations - 1)`` of the candidates.
+        whitened: inputs to Jacobians ``(n, r, f)`` of the base set in standard deviations.
         sensitivity: the same in the units of the scaling, which the criterion sees.
         pool: ``(m, r, f)``, sensitivities of the candidates.
         test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
-        already: ``(n0, joints)``, poses measured before.
+        already: ``(n0, joints + stations - 1)``, poses measured before.
         before: ``(n0, r, f)``, sensitivities there.
     """
 
     robot: Robot
     arm: RigidArm
+    seen: Arm
     structure: BaseSet
     values: Array
     candidates: Candidates
+    inputs: Array
     whitened: Sensitivity
     sensitivity: Sensitivity
     pool: Array
@@ -65,6 +78,10 @@ class PoseProblem:
         """Information ``(f, f)`` of the poses measured before, as the criterion sees it; None without any."""
         return information(self.before) if len(self.before) else None
 
+    def station(self, inputs: Array) -> NDArray[np.int_]:
+        """``(n,)`` the station, from 0, that measures each of these inputs."""
+        return station_of(inputs[:, self.arm.chain.size :])
+
 
 def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
@@ -78,53 +95,104 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
     device, scaling = _noisy(options.instrument), Scaling(options.scaling)
     model = robot.model
     arm = robot.arm(options.targets)
+    seen = robot.arm_with(options.targets, (), SessionInfo(stations=model.stations))
     values = model.values_before(arm, model.T_world_tracker)
-    structure = base_set(arm, values)
+    all_values = np.concatenate([values, *station_parameters(model.Ts_world_station)])
+    structure = base_set(seen, all_values)
     kept = list(structure.kept)
-    rows = 3 * len(arm.targets)
     candidates = draw_candidates(
         model, options.targets, device, options.candidates, rng_for(options.seed, "candidates")
     )
-
-    everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
-
-    def observed(joints: Array) -> tuple[Array, Array]:
-        """Points and their Jacobian of the base set; zeros for a pose that the arm cannot take."""
-        points, jacobian = arm.observe(joints, values)
-        return _finite(points), _finite(jacobian[..., kept])
-
-    def unweighted(joints: Array) -> Array:
-        return observed(joints)[1].reshape(len(joints), rows, len(kept))
-
-    def whitened(joints: Array) -> Array:
-        points, jacobian = observed(joints)
-        white = everywhere if is_isotropic(device) else whitening(device.covariance(points))
-        return (white @ jacobian).reshape(len(joints), rows, len(kept))
-
+    inputs = _assigned(options, model, device, candidates.joints)
+    unweighted, whitened = _sensitivities(seen, all_values, kept, device)
     jacobians = whitened if scaling.kind == "whitened" else unweighted
-    pool = jacobians(candidates.joints)
-    factors = scaling.columns([arm.parameters[i] for i in kept], pool)
+    pool = jacobians(inputs)
+    factors = scaling.columns([seen.parameters[i] for i in kept], pool)
     fresh = random_poses(model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
-    test = unweighted(fresh).reshape(-1, 3, len(kept))  # every target counts
+    test = unweighted(_inputs(model, fresh)).reshape(-1, 3, len(kept))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
     already = _measured_before(options, robot)
     return PoseProblem(
         robot=robot,
         arm=arm,
+        seen=seen,
         structure=structure,
         values=values,
         candidates=candidates,
+        inputs=inputs,
         whitened=whitened,
         sensitivity=lambda joints: jacobians(joints) * factors,
         pool=pool * factors,
         goal=criterion(options.criterion, len(kept), test[::5] * factors),
         scaling=scaling,
         test=test,
-        access=reachability(model, home, candidates.joints, feasibility(model, options.targets, device)),
+        access=reachability(model, home, candidates.joints, _feasible(model, options.targets, device)),
         already=already,
         before=jacobians(already) * factors,
         warnings=(*robot.warnings, *warnings, *_unchecked(options)),
     )
+
+
+def _sensitivities(
+    seen: Arm, values: Array, kept: Sequence[int], device: Instrument
+) -> tuple[Sensitivity, Sensitivity]:
+    """Inputs to Jacobians ``(n, r, f)`` of the base set, in m, and in standard deviations of the device's noise."""
+    everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
+    further, columns = len(seen.conditions), list(kept)
+
+    def observed(inputs: Array) -> tuple[Array, Array]:
+        """Points and their Jacobian of the base set; zeros for a pose that the arm cannot take."""
+        if further:  # whoever asks for slopes moves these columns too, which are whole
+            inputs = np.append(inputs[:, :-further], inputs[:, -further:].round(), axis=1)
+        points, jacobian = seen.observe(inputs, values)
+        return _finite(points), _finite(jacobian[..., columns])
+
+    def unweighted(inputs: Array) -> Array:
+        return observed(inputs)[1].reshape(len(inputs), 3 * len(seen.targets), len(columns))
+
+    def whitened(inputs: Array) -> Array:
+        points, jacobian = observed(inputs)
+        white = everywhere if is_isotropic(device) else whitening(device.covariance(points))
+        return (white @ jacobian).reshape(len(inputs), 3 * len(seen.targets), len(columns))
+
+    return unweighted, whitened
+
+
+def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joints: Array) -> Array:
+    """Candidates ``(m, joints)`` with the station that sees each best."""
+    if not model.stations:
+        return joints
+    stations = seeing_station(model, options.targets, device)(joints)
+    refuse_idle_stations(model, stations, STATION_POINTS)
+    return _inputs(model, joints, stations)
+
+
+def station_of(columns: Array) -> NDArray[np.int_]:
+    """``(n,)`` the station, from 0, of columns ``(n, stations - 1)`` that are 1 where a pose is of each further one."""
+    return np.asarray(columns.round() @ np.arange(1, columns.shape[1] + 1), dtype=np.int_)
+
+
+def _inputs(model: RobotModel, joints: Array, stations: NDArray[np.int_] | None = None) -> Array:
+    """Joint positions ``(n, joints)`` with the columns of the stations ``(n,)``; the first of all, if not given."""
+    further = np.arange(1, len(model.station_sites))
+    at = np.zeros(len(joints), dtype=np.int_) if stations is None else stations
+    return np.concatenate([joints, at[:, None] == further], axis=1) if len(further) else joints
+
+
+def _feasible(model: RobotModel, targets: Sequence[str], device: Instrument) -> Feasible:
+    """A callable: whether inputs are feasible poses, every target in the sight of their station."""
+    allowed = [feasibility(model, targets, device, station=k) for k in range(len(model.station_sites))]
+    if len(allowed) == 1:
+        return allowed[0]
+
+    def feasible(inputs: Array) -> NDArray[np.bool_]:
+        joints, fine = inputs[:, : model.chain.size], np.zeros(len(inputs), dtype=np.bool_)
+        at = station_of(inputs[:, model.chain.size :])
+        for k, check in enumerate(allowed):
+            fine[at == k] = check(joints[at == k])
+        return fine
+
+    return feasible
 
 
 def _unchecked(options: DesignOptions) -> tuple[str, ...]:
@@ -176,12 +244,12 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     """Poses ``(n0, joints)`` of the file to extend: those fully measured, or all of a plan not yet measured."""
     chain = robot.chain
     if options.extend is None:
-        return np.empty((0, chain.size))
+        return _inputs(robot.model, np.empty((0, chain.size)))
     rows = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False).only("calibrate")
     robot.refuse_beyond_limits(options.extend, rows, MEASURED_SLACK)
     robot.refuse_impossible(options.extend, rows)
     measured = rows.seen.all(axis=1)
-    joints = rows.joints[measured] if measured.any() else rows.joints
-    if not len(joints):
+    rows = rows.take(np.flatnonzero(measured)) if measured.any() else rows
+    if not len(rows):
         raise LabError(f"{options.extend}: no row has use = calibrate; mark some, or leave --extend out")
-    return joints
+    return _inputs(robot.model, rows.joints, stations_in(options.extend, rows, robot.model))

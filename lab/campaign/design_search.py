@@ -33,13 +33,14 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
 def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
     chain = problem.robot.chain
     keep_off = MARGIN * (chain.upper - chain.lower)
+    further = problem.inputs.shape[1] - chain.size  # columns of stations, which stay as they are: nothing slopes there
     return ascend(
         design,
         problem.sensitivity,
         problem.goal,
         problem.access.feasible,
-        chain.lower + keep_off,
-        chain.upper - keep_off,
+        np.append(chain.lower + keep_off, np.zeros(further)),
+        np.append(chain.upper - keep_off, np.ones(further)),
         rounds=rounds,
         measured=problem.measured,
     )
@@ -48,7 +49,7 @@ def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
 def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
     """A design among the candidates to which a free way leads."""
     return exchange(
-        problem.candidates.joints,
+        problem.inputs,
         problem.pool,
         count,
         problem.goal,

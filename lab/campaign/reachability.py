@@ -24,11 +24,13 @@ HUBS = 20  # candidates tried as poses to pass through on the way to others
 class ReachabilityGraph:
     """Where the arm may be, and go.
 
+    Inputs are joint positions, with further columns that say how a pose is measured, where there are such.
+
     Attributes:
         hubs: ``(h, joints)``, home (zero joint positions, or what is nearest and touches nothing) and poses with a
             free way to it.
         free: whether the joint path between two poses is free of collisions.
-        reachable: whether a free way leads from a hub to joint positions ``(n, joints)``.
+        reachable: whether a free way leads from a hub to inputs ``(n, joints + further)``.
         feasible: whether they are feasible as well.
     """
 
@@ -49,7 +51,11 @@ def free_home(model: RobotModel, candidates: Array) -> Array:
 def reachability(
     model: RobotModel, home: Array, candidates: Array, allowed: Feasible, most: int = HUBS
 ) -> ReachabilityGraph:
-    """Hubs among the first of the candidates ``(m, joints)``, and what can be reached from them."""
+    """Hubs among the first of the candidates ``(m, joints)``, and what can be reached from them.
+
+    Args:
+        allowed: inputs ``(n, joints + further)`` to ``(n,)``, whether the arm may be there and is measured there.
+    """
     free = path_check(model)
     found = [home]
     for pose in candidates[:most]:
@@ -65,7 +71,7 @@ def reachability(
         return known[key]
 
     def reachable(joints: Array) -> NDArray[np.bool_]:
-        return np.array([leads_to(pose) for pose in joints], dtype=bool)
+        return np.array([leads_to(pose) for pose in joints[:, : model.chain.size]], dtype=bool)
 
     def feasible(joints: Array) -> NDArray[np.bool_]:
         fine = allowed(joints)

@@ -26,6 +26,7 @@ from lab.kinematics.dynamics.link_loads import refuse_without_length
 from lab.kinematics.effects.arm import Arm, affected
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import effect
+from lab.kinematics.effects.stations import stations
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
@@ -127,8 +128,8 @@ class Robot(ABC):
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
-        effects = [effect(name, self.chain, self.loads, course, moving=moving) for name in groups]
-        return affected(self.arm(targets), effects)
+        named = [effect(name, self.chain, self.loads, course, moving=moving) for name in groups]
+        return affected(self.arm(targets), [*stations(course.stations), *named])
 
     @abstractmethod
     def _simulated_loads(self) -> Loads | None:
@@ -180,9 +181,8 @@ class Robot(ABC):
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
         known = self.tool or DEFAULT_TOOL
-        for target in targets:
-            if target not in known:
-                raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
+        for target in (target for target in targets if target not in known):
+            raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
 
     def refuse_impossible(self, path: Path, data: Measurements) -> None:
         """A LabError for joint positions of a file that the nominal model cannot take."""

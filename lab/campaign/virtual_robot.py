@@ -4,11 +4,16 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.most_likely_parameters import SAME_M
+from lab.calibration.stations import STATION_POINTS
+from lab.campaign.instruments import named_instrument
+from lab.campaign.observation_kinds import KINDS
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
+from lab.campaign.stations import refuse_idle_stations, station_columns, stations_in
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
@@ -20,10 +25,11 @@ from lab.kinematics.effects.registry import GROUPS
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.simulation.candidate_poses import seeing_station
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects, random_conditions, random_effects
 from lab.simulation.observations.points import recorded
-from lab.simulation.true_robot import GeometryErrors, TrueRobot, random_tracker
+from lab.simulation.true_robot import GeometryErrors, TrueRobot, before_stations, random_tracker
 
 __all__ = [
     "FRESH_POSES",
@@ -40,10 +46,12 @@ USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
-    """The virtual arm of these options, before its tracker, with its effects."""
+    """The virtual arm of these options, before its tracker at all its stations, with its effects."""
     arm = ArmFacts(robot.chain, robot.loads, sections=robot.link_compliances)
     effects = random_effects(arm, options.effects, rng_for(options.seed, "effects"))
-    return _geometry(robot, options).with_effects(effects)
+    rngs = [rng_for(options.seed, "tracker", k) for k in range(1, len(robot.model.station_sites))]
+    others = np.array([random_tracker(robot.model, rng, k) for k, rng in enumerate(rngs, start=1)])
+    return before_stations(_geometry(robot, options).with_effects(effects), others)
 
 
 def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
@@ -85,7 +93,8 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
     """
     model = robot.model
     if options.plan is None:
-        return random_poses(model, options.poses, rng_for(options.seed, "poses")), {}, ()
+        joints = random_poses(model, options.poses, rng_for(options.seed, "poses"))
+        return joints, _station_columns(robot, options, _seeing(robot, options, joints)), ()
     plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
     plan = plan.only("calibrate")
     if not len(plan):
@@ -99,7 +108,8 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
         raise LabError(f"{options.plan}: {row}: the arm collides in this pose; take it out of the plan")
     if "payload_kg" in plan.conditions and any(options.effects.payload_kg):
         raise LabError(f"{options.plan}: has a column payload_kg, and --payload-kg is given too; keep one")
-    set_there, notes = {}, list(plan.warnings)
+    set_there = _station_columns(robot, options, stations_in(options.plan, plan, model))
+    notes = list(plan.warnings)
     for name, column in plan.conditions.items():
         if (empty := np.isnan(column)).any():
             raise LabError(f"{options.plan}: {plan.where(int(np.argmax(empty)))}, column {name}: empty; fill it in")
@@ -108,6 +118,22 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
     if any(plan.sessions):
         notes.append(f"{options.plan}: the column session is passed over: only a bump makes sessions of a virtual arm")
     return joints, set_there, tuple(notes)
+
+
+def _seeing(robot: Robot, options: VirtualCampaign, joints: Array) -> NDArray[np.int_]:
+    """``(n,)`` the station, from 0, that sees each of random poses ``(n, joints)`` best; in turn where none does."""
+    if len(robot.model.stations) < 2:
+        return np.zeros(len(joints), dtype=np.int_)
+    best = seeing_station(robot.model, options.targets, named_instrument(options.instrument))(joints)
+    return np.where(best >= 0, best, np.arange(len(joints)) % len(robot.model.stations))
+
+
+def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[np.int_]) -> dict[str, Array]:
+    """What is set at poses that these stations measure, from 0; nothing where no instrument's frame is observed."""
+    if "occlusion" not in KINDS[options.observe].setup:
+        return {}
+    refuse_idle_stations(robot.model, stations, STATION_POINTS)
+    return station_columns(robot.model, stations)
 
 
 def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:

@@ -128,9 +128,9 @@ def _refuse_other_files(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise LabError(f"{out}: is a file; give --out a folder")
     there = {path.name: path for path in out.iterdir()} if out.exists() else {}
-    from lab.formats.programs.registry import program_file_names
+    from lab.formats.programs.registry import is_program_file
 
-    known = _FILES | set(program_file_names()) | _program_of(out / "config.json")
+    known = _FILES | _program_of(out / "config.json") | {name for name in there if is_program_file(name)}
     strays = [name for name, path in there.items() if name not in known or path.is_symlink() or not path.is_file()]
     if strays:
         raise LabError(f"{out}: holds {min(strays)}, which is no file of a run; give --out another folder")

@@ -24,20 +24,28 @@ class Stops:
         which: ``(s,)`` which of the poses or targets ``ids`` each one is; -1 where it is none.
         ids: what these are called.
         purpose: what is done at them; every other stop is there for ``via``.
+        stations: of the instrument that measures then, ``(s,)`` names; none where it has one alone.
     """
 
     joints: Array
     which: NDArray[np.int_]
     ids: Sequence[str]
     purpose: str
+    stations: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each one is called: its pose's or target's id, ``home`` at the ends, or ``via`` and a number."""
-        last, names, via = len(self.which) - 1, list[str](), 0
+        """What each one is called: its pose's or target's id, ``home`` at the ends, or ``via`` and a number.
+
+        Between two stations it is ``home_between`` and a number.
+        """
+        last, names, via, between = len(self.which) - 1, list[str](), 0, 0
         for i, pose in enumerate(self.which.tolist()):
-            via += pose < 0 and i not in (0, last)
+            moved = bool(self.stations) and 0 < i < last and self.stations[i] != self.stations[i + 1]
+            between += moved
+            via += pose < 0 and i not in (0, last) and not moved
             passed = "home" if i == 0 else "home_again" if i == last else f"via{via:03d}"
+            passed = f"home_between{between}" if moved else passed
             names.append(self.ids[pose] if pose >= 0 else passed)
         return tuple(names)
 
@@ -47,8 +55,12 @@ class Stops:
         return tuple(self.purpose if pose >= 0 else VIA for pose in self.which)
 
     def columns(self, chain: JointSpec) -> Mapping[str, Sequence[Any]]:
-        """``id``, ``stop`` (what each is for), and each joint's position in ``_deg`` or ``_mm``."""
-        return {"id": list(self.names), "stop": list(self.purposes), **joint_columns(chain, self.joints)}
+        """``id``, ``stop`` (what each is for), ``station`` where there are several, and joint positions.
+
+        These are called ``<joint>_deg`` or ``<joint>_mm``.
+        """
+        stations = {"station": list(self.stations)} if self.stations else {}
+        return {"id": list(self.names), "stop": list(self.purposes), **stations, **joint_columns(chain, self.joints)}
 
     def to_list(self, chain: JointSpec) -> list[dict[str, Any]]:
         """A mapping for each one, by the names of ``columns``."""

@@ -15,6 +15,7 @@ __all__ = [
     "LAST_MOVE",
     "PLACE",
     "SESSION",
+    "STATION",
     "Measurements",
     "Visits",
     "asked",
@@ -25,6 +26,7 @@ __all__ = [
 ]
 
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
+STATION = "station "  # before a station's name: the condition that says which rows were measured from it
 LAST_MOVE = "last move of "  # before a joint's name: the condition that says in which direction it moved last
 PLACE = "place in the file"  # the condition that says how far on in the campaign a row is, from 0 to 1
 _STILL = 1e-4  # rad or m: a joint that moves by less from one row to the next has not been moved
@@ -117,6 +119,16 @@ class Measurements:
         """``(n, k)``: whether a target was seen at a pose."""
         return seen_mask(self.points)
 
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """From which station of the instrument each row was measured, "" where the file does not say."""
+        return self.other.get("station", ("",) * len(self))
+
+    @property
+    def setups(self) -> tuple[tuple[str, str], ...]:
+        """The session and the station of each row: what was set up anew between two rows where they differ."""
+        return tuple(zip(self.sessions, self.stations, strict=True))
+
     def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
         """The measurements of some rows."""
         index = np.asarray(rows, dtype=np.int_)
@@ -151,8 +163,8 @@ class Measurements:
     def inputs(self, conditions: Sequence[str]) -> Array:
         """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
 
-        Where nothing is said of a payload there is none. ``session NAME`` is 1 in the rows of that session, else 0.
-        What the order of the rows says (``PLACE``, ``LAST_MOVE``) is no column.
+        Where nothing is said of a payload there is none. ``session NAME`` is 1 in the rows of that session, else 0, and
+        ``station NAME`` likewise. What the order of the rows says (``PLACE``, ``LAST_MOVE``) is no column.
 
         Raises:
             LabError: another condition is missing, or empty in a row.
@@ -161,8 +173,9 @@ class Measurements:
         return np.concatenate([self.joints, *columns], axis=1) if columns else self.joints
 
     def _condition(self, name: str) -> Array:
-        if name not in self.conditions and name.startswith(SESSION):
-            return np.array([session == name.removeprefix(SESSION) for session in self.sessions], dtype=np.float64)
+        for prefix, column in ((SESSION, self.sessions), (STATION, self.stations)):
+            if name not in self.conditions and name.startswith(prefix):
+                return np.array([each == name.removeprefix(prefix) for each in column], dtype=np.float64)
         if name == PLACE and name not in self.conditions:
             return self._visited.place
         if name.startswith(LAST_MOVE) and name not in self.conditions:

@@ -13,13 +13,24 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.limits import checked_name
 from lab.core.se3 import Array
 from lab.formats.structured import structured
 from lab.formats.text_file import refuse_unbounded
 from lab.formats.toml import read_toml
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["ACCEPTANCE_DEG", "Cell", "JointRange", "Obstacle", "Place", "Reflector", "ToolPoint", "read_cell"]
+__all__ = [
+    "ACCEPTANCE_DEG",
+    "Cell",
+    "JointRange",
+    "Obstacle",
+    "Place",
+    "Reflector",
+    "Station",
+    "ToolPoint",
+    "read_cell",
+]
 
 Triple = tuple[float, ...]
 # Largest angle off a reflector's axis, representative: hollow corner cubes take 30 degrees, cat's eyes 60 to 75.
@@ -117,6 +128,17 @@ class ToolPoint:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Station(Place):
+    """One of the places from which the instrument measures, and its name."""
+
+    name: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked_name("[[station]]", self.name)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Reflector:
     """What the instrument measures on the tool: its kind, or the largest angle off its axis that it takes."""
 
@@ -176,6 +198,7 @@ class Cell:
         clearance_mm: that the arm keeps from every obstacle that says none of its own.
         robot: where the robot's model stands in the cell; its frame is the cell's where this is not said.
         instrument: the head of the tracker or camera; where the robot's model has it if not said.
+        station: its places in their order, in the place of ``instrument``, where it measures from several.
         reflector: None for what the instrument's preset takes.
         tool: measured points; those of the robot where there are none.
         plate: solid parts on the flange, in the robot's last frame.
@@ -189,12 +212,18 @@ class Cell:
     clearance_mm: float = 0.0
     robot: Place = field(default_factory=Place)
     instrument: Place | None = None
+    station: tuple[Station, ...] = ()
     reflector: Reflector | None = None
     tool: tuple[ToolPoint, ...] = ()
     plate: tuple[Obstacle, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
     joints: Mapping[str, JointRange] = field(default_factory=dict)
     home: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def instrument_places(self) -> tuple[Place, ...]:
+        """Where the instrument stands: at its stations, or at one place without a name; none where nothing is said."""
+        return self.station or (() if self.instrument is None else (self.instrument,))
 
     def clearance_m(self, obstacle: Obstacle) -> float:
         """What the arm keeps from an obstacle."""
@@ -244,7 +273,10 @@ def read_cell(path: Path) -> Cell:
     cell = structured(path, Cell, {**content, "path": path})
     if cell.clearance_mm < 0:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")
-    for what, names in (("tool", [each.name for each in cell.tool]), ("obstacle", _names(cell))):
+    if cell.station and cell.instrument is not None:
+        raise LabError(f"{path}: [instrument] and [[station]] both say where the instrument stands; keep one of them")
+    stations = [each.name for each in cell.station]
+    for what, names in (("tool", [each.name for each in cell.tool]), ("obstacle", _names(cell)), ("station", stations)):
         for i, name in enumerate(names):
             if not name or name in names[:i]:
                 wrong = "taken" if name else "empty"

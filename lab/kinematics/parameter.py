@@ -14,6 +14,7 @@ __all__ = [
     "TOLERANCE_RAD",
     "Kind",
     "Parameter",
+    "frame_rotations",
     "indices_of_groups",
     "is_reserved_owner",
     "joint_parameter",
@@ -50,7 +51,18 @@ EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only ke
     "angle rate": 1e-2,
     "ratio rate": 1e-3,
 }
-_OWNERS = ("base", "tool", "drift", "session", "payload", "anchor", "socket", "plane", "cable")  # that are no link
+_OWNERS = (
+    "base",
+    "tool",
+    "drift",
+    "session",
+    "station",
+    "payload",
+    "anchor",
+    "socket",
+    "plane",
+    "cable",
+)  # that are no link
 
 
 @dataclass(frozen=True)
@@ -112,6 +124,12 @@ def targets_of(parameters: Iterable[Parameter]) -> tuple[str, ...]:
 def indices_of_groups(parameters: Iterable[Parameter], groups: Sequence[str]) -> tuple[int, ...]:
     """Where the parameters of some groups stand, ascending."""
     return tuple(i for i, parameter in enumerate(parameters) if parameter.group in groups)
+
+
+def frame_rotations(parameters: Sequence[Parameter]) -> tuple[list[int], ...]:
+    """Where the rotation vectors (rx, ry, rz) of frames stand: the base's, and those of an instrument's stations."""
+    owners = dict.fromkeys(each.owner for each in parameters if each.group in ("base", "stations"))
+    return tuple([i for i, each in enumerate(parameters) if each.owner == owner and each.is_angle] for owner in owners)
 
 
 def link_parameter(owner: str, symbol: str, kind: Kind, nominal: float) -> Parameter:

@@ -8,7 +8,7 @@ the costs so corrected. Costs only ever rise, so an order that is best among cos
 are known is best among the true ones.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -32,6 +32,7 @@ __all__ = [
     "Tour",
     "fastest_way",
     "move_seconds",
+    "one_after_another",
     "plan_tour",
     "rated",
     "tour_trajectory",
@@ -56,17 +57,32 @@ class Tour:
         stops: ``(s, n)`` joint positions to move to one after the other: home, poses and detours' poses, home.
         measured: ``(s,)``, which pose is measured at a stop, -1 where none is.
         seconds: time on the move; time to measure is not in it.
+        breaks: stops at home, between the first and the last, at which the instrument is moved.
     """
 
     order: Indices
     stops: Array
     measured: Indices
     seconds: float
+    breaks: tuple[int, ...] = ()
 
     @property
     def via(self) -> int:
         """How many stops are passed and not measured, home left out."""
-        return int((self.measured[1:-1] < 0).sum())
+        return int((self.measured[1:-1] < 0).sum()) - len(self.breaks)
+
+    def among(self, poses: Indices) -> "Tour":
+        """The tour of poses ``(m,)`` that are some of more, by their numbers among all."""
+        return replace(self, order=poses[self.order], measured=np.where(self.measured < 0, -1, poses[self.measured]))
+
+
+def one_after_another(tours: Sequence[Tour]) -> Tour:
+    """Several tours from home to home as one, which comes home between them: of the same poses, in their parts."""
+    stops = np.concatenate([tours[0].stops, *(tour.stops[1:] for tour in tours[1:])])
+    measured = np.concatenate([tours[0].measured, *(tour.measured[1:] for tour in tours[1:])])
+    breaks = np.cumsum([len(tour.stops) - 1 for tour in tours[:-1]], dtype=np.int_).tolist()
+    order, seconds = np.concatenate([tour.order for tour in tours]), sum(tour.seconds for tour in tours)
+    return Tour(order, stops, measured, seconds, tuple(breaks))
 
 
 class RoadmapGraph:

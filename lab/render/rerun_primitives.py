@@ -121,13 +121,15 @@ def _xyzw(rotations: Array) -> Array:
     return se3.quaternion_from_rotation(rotations)[..., [1, 2, 3, 0]]
 
 
-def draw_instrument(recording: rr.RecordingStream, name: str, T_world_instrument: Array) -> None:
-    """The instrument's frame."""
+def draw_instrument(recording: rr.RecordingStream, name: str, T_world_instrument: Array, station: str = "") -> None:
+    """The instrument's frame, at one of its stations where it has several."""
     T = T_world_instrument
     axes = rr.Arrows3D(
         origins=np.tile(T[:3, 3], (3, 1)), vectors=0.25 * T[:3, :3].T, colors=_AXES, radii=0.006, labels=[name, "", ""]
     )
-    recording.log("world/instrument/frame", axes, static=True)
+    recording.log(
+        rr.new_entity_path(["world", "instrument", "frame", *([station] if station else [])]), axes, static=True
+    )
 
 
 def draw_tracker(recording: rr.RecordingStream, head: Array) -> None:
@@ -151,9 +153,10 @@ def draw_tracker(recording: rr.RecordingStream, head: Array) -> None:
 
 
 def draw_beams(recording: rr.RecordingStream, at: Times, head: Array, points: Array) -> None:
-    """Beams from the head ``(3,)`` to those of the points ``(m, k, 3)`` that are not NaN."""
+    """Beams from the head, ``(3,)`` or of each pose ``(m, 3)``, to the points ``(m, k, 3)`` that are not NaN."""
     visible = np.isfinite(points).all(axis=2)
-    strips = [np.stack([head, point]) for point in points[visible]]
+    heads = np.broadcast_to(np.reshape(head, (-1, 1, 3)), points.shape)
+    strips = [np.stack(ends) for ends in zip(heads[visible], points[visible], strict=True)]
     beams = rr.LineStrips3D.columns(strips=strips).partition(visible.sum(axis=1))
     recording.send_columns("world/instrument/beam", at, beams)
     recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=RGB_BEAM, radii=0.0015), static=True)

@@ -14,11 +14,12 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import FieldOfView, Instrument
 from lab.core.se3 import Array
 from lab.simulation.collisions import collision_flags, most_frequent, standing
-from lab.simulation.model import TRACKER, RobotModel
+from lab.simulation.model import RobotModel
 
 __all__ = [
     "MARGIN",
@@ -28,6 +29,7 @@ __all__ = [
     "field_of_view",
     "incidence",
     "path_check",
+    "seeing_station",
     "view_of",
 ]
 
@@ -40,6 +42,7 @@ _BLOCK = 1024  # a power of two keeps Sobol's points even
 _PATIENCE, _WORST_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
 _HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
 _LOOKED_AT = 500  # colliding draws whose contacts a refusal counts
+_SAME_NOISE = 6  # decimals to which variances are alike
 _GOLDEN = (np.sqrt(5) - 1) / 2
 
 
@@ -77,7 +80,8 @@ def draw_candidates(
     """
     if count < 1:
         raise LabError(f"{count} candidate poses: ask for 1 or more")
-    first_reason = _judge(robot, targets, instrument, margin)
+    nearest = seeing_station(robot, targets, instrument)
+    first_reason = _judge(robot, lambda joints: nearest(joints) >= 0, margin)
     _refuse_tracker_in_arm(robot)
     sobol = scipy.stats.qmc.Sobol(robot.chain.size, scramble=True, rng=rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
@@ -90,12 +94,17 @@ def draw_candidates(
     return Candidates(draws[reasons < 0], drawn, _counted(reasons))
 
 
-def feasibility(robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN) -> Feasible:
+def feasibility(
+    robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN, station: int = 0
+) -> Feasible:
     """A callable: whether joint positions ``(n, joints)`` keep from the limits, touch nothing and show every target.
 
     Quick to ask again and again, by one thread.
+
+    Args:
+        station: of the instrument's stations, from 0, that which is to see the targets.
     """
-    first_reason = _judge(robot, targets, instrument, margin)
+    first_reason = _judge(robot, field_of_view(robot, targets, instrument, station), margin)
     return lambda joints: first_reason(joints) < 0
 
 
@@ -115,13 +124,11 @@ def path_check(robot: RobotModel) -> FreePath:
     return is_free
 
 
-def _judge(
-    robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float
-) -> Callable[[Array], NDArray[np.int_]]:
+def _judge(robot: RobotModel, sees: Feasible, margin: float) -> Callable[[Array], NDArray[np.int_]]:
     """A callable: the first of ``_REASONS`` against each of the joint positions ``(n, joints)``, -1 for none."""
     if not 0 <= margin < 0.5:
         raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
-    sees, data = field_of_view(robot, targets, instrument), mujoco.MjData(robot.model)
+    data = mujoco.MjData(robot.model)
     chain = robot.chain
     keep_off = margin * (chain.upper - chain.lower)
 
@@ -138,8 +145,53 @@ def _judge(
     return first_reason
 
 
-def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Feasible:
+def seeing_station(
+    robot: RobotModel, targets: Sequence[str], instrument: Instrument
+) -> Callable[[Array], NDArray[np.int_]]:
+    """A callable: the station, from 0, that sees the targets best at joint positions ``(n, joints)``; -1 for none.
+
+    Of those that see every target that with the least noise there; where it is alike, that which the reflectors face.
+
+    Raises:
+        LabError: the robot has no such target.
+    """
+    sees = [field_of_view(robot, targets, instrument, station) for station in range(len(robot.station_sites))]
+    if len(sees) == 1:
+        return lambda joints: sees[0](joints).astype(np.int_) - 1
+
+    def best(joints: Array) -> NDArray[np.int_]:
+        if not len(joints):
+            return np.empty(0, dtype=np.int_)
+        seen = np.stack([each(joints) for each in sees], axis=1)
+        noise, angle = _noise_and_angle(robot, targets, instrument, joints)
+        worse = np.round(noise / noise.min(axis=1, keepdims=True), _SAME_NOISE) + 10.0 ** -(_SAME_NOISE + 1) * angle
+        station: NDArray[np.int_] = np.where(seen.any(axis=1), np.where(seen, worse, np.inf).argmin(axis=1), -1)
+        return station
+
+    return best
+
+
+def _noise_and_angle(
+    robot: RobotModel, targets: Sequence[str], instrument: Instrument, joints: Array
+) -> tuple[Array, Array]:
+    """From each station ``(n, s)``: variance of the targets (m^2; one where there is no noise), and angle (rad)."""
+    sites, Ts_world_station = [robot.model.site(name).id for name in targets], robot.Ts_world_station
+    points = np.stack([stand.site_xpos[sites] for stand in standing(robot, joints)])
+    noise = np.ones((len(joints), len(Ts_world_station)))
+    angle = np.empty_like(noise)
+    for i, T in enumerate(Ts_world_station):
+        if instrument.kind != "exact":
+            there = se3.transform(se3.inverse(T), points.reshape(-1, 3)).reshape(points.shape)
+            noise[:, i] = np.trace(instrument.covariance(there), axis1=2, axis2=3).sum(axis=1)
+        angle[:, i] = incidence(robot, targets, joints, np.full(len(joints), i)).max(axis=1)
+    return noise, angle
+
+
+def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument, station: int = 0) -> Feasible:
     """A callable: whether the tracker sees every one of the targets at joint positions ``(n, joints)``.
+
+    Args:
+        station: where it stands, of its stations, from 0.
 
     Raises:
         LabError: the robot has no such target.
@@ -150,10 +202,10 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
     model, data = robot.model, mujoco.MjData(robot.model)
     sites = [model.site(name).id for name in targets]
     ball = np.clip(model.site_size[sites, 0], _HALF_INCH_BALL_M, _LARGEST_BALL_M) + _RIM_M
-    T_world_tracker = robot.T_world_tracker
+    T_world_tracker = robot.Ts_world_station[station]
     head, turn = T_world_tracker[:3, 3].copy(), T_world_tracker[:3, :3]
     view = view_of(robot, instrument)
-    own = _tracker_body(robot) or -1  # a tracker drawn into the world itself leaves nothing out
+    own = _tracker_body(robot, station) or -1  # a tracker drawn into the world itself leaves nothing out
 
     def reached(stand: mujoco.MjData) -> bool:
         for site, radius in zip(sites, ball, strict=True):
@@ -176,15 +228,20 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
     return sees
 
 
-def incidence(robot: RobotModel, targets: Sequence[str], joints: Array) -> Array:
+def incidence(
+    robot: RobotModel, targets: Sequence[str], joints: Array, station: NDArray[np.int_] | None = None
+) -> Array:
     """Angles ``(n, k)`` (rad) from each reflector's axis to the line to the head, at joint positions ``(n, joints)``.
 
-    Of targets that the robot's model has.
+    Args:
+        targets: that the robot's model has.
+        station: ``(n,)`` from which each pose is measured, from 0; the first of all, if not given.
     """
-    sites, head = [robot.model.site(name).id for name in targets], robot.T_world_tracker[:3, 3]
+    sites, heads = [robot.model.site(name).id for name in targets], robot.Ts_world_station[:, :3, 3]
+    at = np.zeros(len(joints), dtype=np.int_) if station is None else station
     cosines = np.empty((len(joints), len(sites)))
     for i, stand in enumerate(standing(robot, joints)):
-        line = head - stand.site_xpos[sites]
+        line = heads[at[i]] - stand.site_xpos[sites]
         cosines[i] = np.sum(line * stand.site_xmat[sites, 2::3], axis=1) / np.linalg.norm(line, axis=1)
     return np.arccos(np.clip(cosines, -1, 1))
 
@@ -196,14 +253,19 @@ def view_of(robot: RobotModel, instrument: Instrument) -> FieldOfView:
     return replace(instrument.field_of_view, acceptance_rad=robot.acceptance_rad)
 
 
-def _tracker_body(robot: RobotModel) -> int:
-    return int(robot.model.site(TRACKER).bodyid[0])
+def _tracker_body(robot: RobotModel, station: int = 0) -> int:
+    return int(robot.model.site(robot.station_sites[station]).bodyid[0])
 
 
 def _refuse_tracker_in_arm(robot: RobotModel) -> None:
-    """The tracker's stand and head must be clear of the arm in half of the poses at least."""
-    model, body = robot.model, _tracker_body(robot)
-    head, up = robot.T_world_tracker[:3, 3].copy(), np.array([0.0, 0.0, 1.0])
+    """The tracker's stand and head must be clear of the arm in half of the poses at least, at each of its stations."""
+    for station in range(len(robot.station_sites)):
+        _refuse_station_in_arm(robot, station)
+
+
+def _refuse_station_in_arm(robot: RobotModel, station: int) -> None:
+    model, body = robot.model, _tracker_body(robot, station)
+    head, up = robot.Ts_world_station[station, :3, 3].copy(), np.array([0.0, 0.0, 1.0])
     joints, data = robot.chain.random_joints(256, np.random.default_rng(0)), mujoco.MjData(model)
     hits = 0
     for _ in collision_flags(robot, joints, data):
@@ -215,7 +277,8 @@ def _refuse_tracker_in_arm(robot: RobotModel) -> None:
         where = "in its base" if 2 * hits <= len(joints) else f"in the way in {hits / len(joints):.0%} of its poses"
         place = ", ".join(f"{x:.3g}" for x in head)
         mend = "move it away" if body else "move it away, or draw its shapes in a body of its own"
-        raise LabError(f"{robot.path}: the tracker, head at ({place}) m, stands inside the arm, {where}; {mend}")
+        named = f" at station '{robot.stations[station]}'" if robot.stations else ""
+        raise LabError(f"{robot.path}: the tracker{named}, head at ({place}) m, stands inside the arm, {where}; {mend}")
 
 
 def _stands_in_base(robot: RobotModel, body: int) -> bool:
@@ -239,7 +302,8 @@ def _refuse_hopeless(
     drawn, have = len(reasons), int(np.count_nonzero(reasons < 0))
     if drawn < _PATIENCE or (have and drawn < count / _WORST_SHARE):
         return
-    n, place = _counted(reasons), ", ".join(f"{x:.3g}" for x in robot.T_world_tracker[:3, 3])
+    n = _counted(reasons)
+    place = " or ".join("(" + ", ".join(f"{x:.3g}" for x in head) + ")" for head in robot.Ts_world_station[:, :3, 3])
     touching = draws[reasons == 2][:_LOOKED_AT]
     pairs = f" (of {len(touching)} of them, {most_frequent(robot, touching)})" if len(touching) else ""
     mend = "move the tracker, turn the targets towards it, or ask for fewer targets"
@@ -248,5 +312,5 @@ def _refuse_hopeless(
     raise LabError(
         f"{robot.path}: {have or 'no'} feasible poses in {drawn} draws, {count} wanted: {n['limits']} too close to a "
         f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide{pairs}, in {n['visibility']} "
-        f"the tracker at ({place}) m does not see {', '.join(targets)}; {mend}"
+        f"the tracker at {place} m does not see {', '.join(targets)}; {mend}"
     )

@@ -1,5 +1,6 @@
 """A robot's model in its cell: with what stands around it, what it carries, its limits, and its instrument's place."""
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -14,7 +15,15 @@ from lab.formats.cell_toml import Cell, Obstacle
 from lab.formats.link_tree import free_name
 from lab.simulation.collisions import collisions_in_words
 from lab.simulation.meshes import VISUAL_GROUP
-from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, compiled, flange_body
+from lab.simulation.model import (
+    TRACKER,
+    RobotModel,
+    at_zero,
+    body_pose,
+    compiled,
+    flange_body,
+    station_suffixed,
+)
 from lab.simulation.serial_model import SerialModel, last_frame
 
 __all__ = ["in_cell"]
@@ -40,13 +49,19 @@ def in_cell(robot: Model, cell: Cell) -> Model:
         body = spec.worldbody.add_body(name=free_name(obstacle.name, [each.name for each in spec.bodies]))
         _add_shape(spec, body, T_robot_cell @ obstacle.pose, obstacle, cell, cell.clearance_m(obstacle), _OBSTACLE_RGBA)
     tool = _carried(robot, spec, cell)
-    if cell.instrument is not None:
-        _place_tracker(robot, spec, T_robot_cell @ cell.instrument.pose)
+    places = [T_robot_cell @ each.pose for each in cell.instrument_places]
+    for station, T in list(zip(cell.station, places, strict=False))[1:]:
+        _add_station(robot, spec, station.name, T)
+    if places:
+        _place_tracker(robot, spec, places[0])
     lower, upper, home = cell.joint_spec_values(robot.chain)
     chain = replace(robot.chain, lower=lower, upper=upper, said_home=home)
     acceptance = robot.acceptance_rad if cell.reflector is None else float(np.deg2rad(cell.reflector.degrees))
     model = compiled(cell.path, spec)
-    placed = replace(robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance)
+    stations = tuple(each.name for each in cell.station)
+    placed = replace(
+        robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance, stations=stations
+    )
     if home is not None:
         if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
             raise LabError(f"{cell.path}: [home]: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
@@ -122,6 +137,25 @@ def _place_tracker(robot: RobotModel, spec: mujoco.MjSpec, T_world_tracker: Arra
     if int(own.bodyid[0]) == 0:
         site.pos, site.quat = T_world_tracker[:3, 3], se3.quaternion_from_rotation(T_world_tracker[:3, :3])
         return
-    T_body_site = se3.inverse(body_pose(at_zero(robot.model), int(own.bodyid[0]))) @ robot.T_world_tracker
-    T = T_world_tracker @ se3.inverse(T_body_site)
+    T = _stand_pose(robot, T_world_tracker)
     stand.pos, stand.quat = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
+
+
+def _add_station(robot: RobotModel, spec: mujoco.MjSpec, name: str, T_world_station: Array) -> None:
+    """A copy of the body that carries the tracker's head, at a further station; of the head alone without a body."""
+    if int(robot.model.site(TRACKER).bodyid[0]) == 0:
+        quat = se3.quaternion_from_rotation(T_world_station[:3, :3])
+        spec.worldbody.add_site(name=station_suffixed(TRACKER, name), pos=T_world_station[:3, 3], quat=quat)
+        return
+    T, spec.copy_during_attach = _stand_pose(robot, T_world_station), True
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MuJoCo's is about names without a prefix: these have a suffix
+        stand = spec.worldbody.add_frame().attach_body(spec.site(TRACKER).parent, "", station_suffixed("", name))
+    stand.pos, stand.quat = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
+
+
+def _stand_pose(robot: RobotModel, T_world_head: Array) -> Array:
+    """World pose ``(4, 4)`` of the body that carries the tracker, where its head is to be at this one."""
+    body = int(robot.model.site(TRACKER).bodyid[0])
+    T_body_site = se3.inverse(body_pose(at_zero(robot.model), body)) @ robot.T_world_tracker
+    return T_world_head @ se3.inverse(T_body_site)

@@ -1,5 +1,6 @@
 """What a robot looks like: its shells as triangles, and where its bodies stand at each pose."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -11,7 +12,7 @@ from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
-__all__ = ["VISUAL_GROUP", "Shell", "body_poses", "instrument_body", "shells"]
+__all__ = ["VISUAL_GROUP", "Shell", "body_poses", "instrument_body", "shells", "station_stands"]
 
 VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
@@ -74,6 +75,21 @@ def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -
     if name := instrument_body(robot):
         poses[name] = np.broadcast_to(_tracker_stand(robot, arm, values), (len(joints), 4, 4))
     return poses
+
+
+def station_stands(robot: RobotModel, Ts_world_station: Mapping[str, Array]) -> dict[str, Array]:
+    """World poses ``(4, 4)`` (m) of the bodies that carry the instrument at its further stations, by their names.
+
+    Args:
+        Ts_world_station: where its head stands, by the names of stations; those that the robot's cell has not are
+            left out.
+    """
+    model, nominal, found = robot.model, at_zero(robot.model), {}
+    for name, site in zip(robot.stations[1:], robot.station_sites[1:], strict=True):
+        if (body := int(model.site(site).bodyid[0])) and name in Ts_world_station:
+            T_head_body = se3.inverse(site_pose(model, nominal, site)) @ body_pose(nominal, body)
+            found[_name(model, body)] = Ts_world_station[name] @ T_head_body
+    return found
 
 
 def _tracker_stand(robot: RobotModel, arm: RigidArm, values: Array) -> Array:

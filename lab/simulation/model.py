@@ -34,6 +34,7 @@ __all__ = [
     "let_weigh_nothing",
     "one_line",
     "site_pose",
+    "station_suffixed",
 ]
 
 FLANGE, TRACKER = "flange", "tracker"
@@ -57,6 +58,8 @@ class RobotModel(ABC):
             instrument's.
         overlapping: pairs of bodies that touch by construction: their contacts are not looked at.
         held: joints of a gripper, which are held at zero.
+        stations: names of the places from which the instrument measures, the first of which is the site ``tracker``;
+            none where there is one alone without a name.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
     """
 
@@ -73,6 +76,7 @@ class RobotModel(ABC):
     overlapping: tuple[tuple[str, str], ...] = ()
     held: tuple[str, ...] = ()
     acceptance_rad: float | None = None
+    stations: tuple[str, ...] = ()
 
     @property
     def assumed(self) -> str:
@@ -107,12 +111,24 @@ class RobotModel(ABC):
         """Nominal pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model."""
         return site_pose(self.model, at_zero(self.model), TRACKER)
 
-    def place_tracker(self, model: mujoco.MjModel, T_world_tracker: Array) -> None:
-        """Move the body of a copy of the model that carries the tracker's site, so that the site gets there."""
-        body = int(model.site(TRACKER).bodyid[0])
+    @property
+    def station_sites(self) -> tuple[str, ...]:
+        """The sites at the instrument's head, one for each place from which it measures."""
+        return (TRACKER, *(station_suffixed(TRACKER, name) for name in self.stations[1:]))
+
+    @property
+    def Ts_world_station(self) -> Array:
+        """Nominal poses ``(s, 4, 4)`` (m) of the instrument's frame at each of its stations, in the model's world."""
+        data = at_zero(self.model)
+        return np.stack([site_pose(self.model, data, site) for site in self.station_sites])
+
+    def place_tracker(self, model: mujoco.MjModel, T_world_tracker: Array, station: int = 0) -> None:
+        """Move the body of a copy of the model that carries the site of a station, so that the site gets there."""
+        site = self.station_sites[station]
+        body, nominal = int(model.site(site).bodyid[0]), at_zero(self.model)
         if not body:
             return
-        T_body_site = se3.inverse(body_pose(at_zero(self.model), body)) @ self.T_world_tracker
+        T_body_site = se3.inverse(body_pose(nominal, body)) @ site_pose(self.model, nominal, site)
         stand = T_world_tracker @ se3.inverse(T_body_site)
         model.body_pos[body], model.body_quat[body] = stand[:3, 3], se3.quaternion_from_rotation(stand[:3, :3])
 
@@ -130,6 +146,11 @@ def flange_body(model: mujoco.MjModel, bodies: Sequence[str]) -> str:
         if model.site(site).name == FLANGE:
             return str(model.body(int(model.site_bodyid[site])).name)
     return bodies[-1]
+
+
+def station_suffixed(name: str, station: str) -> str:
+    """What a body or site of the instrument's stand is called at a station that is not the first."""
+    return f"{name} {station}"
 
 
 def add_targets(body: mujoco.MjsBody, T_body_last: Array, tool: Mapping[str, Array]) -> None:

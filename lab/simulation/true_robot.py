@@ -4,7 +4,7 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Self, TypeVar
 
 import mujoco
 import numpy as np
@@ -16,6 +16,7 @@ from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import JointSprings
 from lab.kinematics.effects.conditions import PAYLOAD, PoseConditions
 from lab.kinematics.effects.hardening import HardeningSprings
+from lab.kinematics.effects.stations import StationPoses
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.simulation.effects import NOTHING_SET, Effects
@@ -28,6 +29,7 @@ __all__ = [
     "Perturbation",
     "TrueRobot",
     "TrueSerialRobot",
+    "before_stations",
     "perturbed_bodies",
     "random_perturbation",
     "random_table",
@@ -36,6 +38,9 @@ __all__ = [
     "true_robot",
     "true_robot_from_table",
 ]
+
+
+Real = TypeVar("Real", bound="TrueRobot")
 
 
 @dataclass(frozen=True)
@@ -245,13 +250,25 @@ def true_robot_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_w
     return _before_tracker(robot, model, T_world_tracker, np.zeros(robot.chain.size))
 
 
-def random_tracker(robot: RobotModel, rng: np.random.Generator) -> Array:
-    """A tracker's pose ``(4, 4)``: set up near its nominal place, turned anyhow about z, a little tilted."""
-    place = robot.T_world_tracker.copy()
+def random_tracker(robot: RobotModel, rng: np.random.Generator, station: int = 0) -> Array:
+    """A tracker's pose ``(4, 4)``: set up near a nominal station, turned anyhow about z, a little tilted."""
+    place: Array = robot.Ts_world_station[station].copy()
     place[:3, 3] += rng.uniform(-0.15, 0.15, 3)
     tilt = np.append(np.deg2rad(2.0) * rng.standard_normal(2), 0.0)
     place[:3, :3] = se3.exp(tilt) @ se3.exp(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))
     return place
+
+
+def before_stations(real: Real, Ts_world_station: Array) -> Real:
+    """The robot before an instrument with further stations, at these poses ``(s - 1, 4, 4)`` (m) in the world."""
+    if not len(Ts_world_station):
+        return real
+    model, T_tracker_world = copy.deepcopy(real.model), se3.inverse(real.T_world_tracker)
+    for station, T in enumerate(Ts_world_station, start=1):
+        real.robot.place_tracker(model, T, station)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    poses = StationPoses(dict(zip(real.robot.stations[1:], T_tracker_world @ Ts_world_station, strict=True)))
+    return replace(real, model=model, effects=real.effects.having(poses))
 
 
 def stand_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:

@@ -119,7 +119,7 @@ class SharedErrors:
 def row_times(data: Measurements) -> Array:
     """When each row was measured, ``(n,)`` in the spacing of poses: by ``time_s``, else by the row's place in the file.
 
-    Rows of another session are far away, so that nothing wanders from one to the next.
+    Rows of another session or station are far away, so that nothing wanders from one to the next.
     """
     seconds = data.conditions.get("time_s", np.full(len(data), np.nan))
     if np.isfinite(seconds).all() and (gaps := np.diff(np.sort(seconds))).size and np.median(gaps) > 0:
@@ -130,8 +130,8 @@ def row_times(data: Measurements) -> Array:
         times = np.array([float(name) for name in data.ids])
     else:
         times = np.arange(len(data), dtype=np.float64)
-    session = {name: i for i, name in enumerate(dict.fromkeys(data.sessions))}
-    return np.asarray(times + _APART * np.array([session[name] for name in data.sessions]))
+    place = {setup: i for i, setup in enumerate(dict.fromkeys(data.setups))}
+    return np.asarray(times + _APART * np.array([place[setup] for setup in data.setups]))
 
 
 def error_shapes(

@@ -16,7 +16,7 @@ from lab.calibration.identify import Identification, IdentifyOptions, Solve, ide
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observations.kind import ObservationKind, ObservationWords
 from lab.calibration.observations.options import FitInputs, PoseOptions
-from lab.calibration.observations.protocol import no_extra_residuals
+from lab.calibration.observations.protocol import no_extra_residuals, placed_in_instrument_frame
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -61,13 +61,17 @@ class Poses:
     ratio: float = START_RATIO
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
-    placed: tuple[str, ...] = ("base", "tool")
 
     def __post_init__(self) -> None:
         assert self.ratio > 0 and self.oriented in self.arm.targets
         parameters = (*self.arm.parameters, *ROTATION_PARAMETERS)
         object.__setattr__(self, "parameters", parameters)
         object.__setattr__(self, "names", names_of(parameters))
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Groups of parameters without a nominal value."""
+        return placed_in_instrument_frame(self.arm)
 
     @property
     def model(self) -> Self:

@@ -14,9 +14,17 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.initial_guess import initial_guess
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.kinematics.effects.stations import GROUP, further_stations
 from lab.kinematics.model import Model
 
-__all__ = ["Observation", "Points", "no_extra_residuals", "observation_of", "only_positions"]
+__all__ = [
+    "Observation",
+    "Points",
+    "no_extra_residuals",
+    "observation_of",
+    "only_positions",
+    "placed_in_instrument_frame",
+]
 
 
 @runtime_checkable
@@ -69,10 +77,14 @@ class Observation(Protocol):
 
 @dataclass(frozen=True)
 class Points:
-    """Positions of targets in an instrument's frame; base and tool are placed."""
+    """Positions of targets in an instrument's frame; base and tool are placed, and its stations if it had several."""
 
     model: Model
-    placed: tuple[str, ...] = ("base", "tool")
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Groups of parameters without a nominal value."""
+        return placed_in_instrument_frame(self.model)
 
     @property
     def units(self) -> Array:
@@ -107,6 +119,11 @@ class Points:
 
     def cv_groups(self, data: Measurements) -> None:
         """None: repeats of a configuration are held out together."""
+
+
+def placed_in_instrument_frame(model: Model) -> tuple[str, ...]:
+    """What has no nominal value where positions in the instrument's frame are observed."""
+    return ("base", "tool", *((GROUP,) if further_stations(model.parameters) else ()))
 
 
 def no_extra_residuals(model: Model) -> tuple[Array, Array]:

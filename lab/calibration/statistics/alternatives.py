@@ -15,6 +15,7 @@ from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.effects.conditions import absent
+from lab.kinematics.effects.stations import at_first_station
 
 __all__ = ["LOADED_GROUPS", "Alternative", "alternatives"]
 
@@ -77,7 +78,8 @@ def _misfit(found: Identification) -> float:
 
 def _compared(chosen: str, other: str, rise: float, found: Identification, swapped: Identification) -> Alternative:
     """Where the two arms differ most."""
-    inputs = found.model.structure_joints(_POSES, rng_for(0, "structure"))
+    model = found.model
+    inputs = at_first_station(model.conditions, model.structure_joints(_POSES, rng_for(0, "structure")))
     size = inputs.shape[1] - len(found.model.conditions)
     column = {name: inputs[:, size + i] for i, name in enumerate(found.model.conditions)}
     others = [column.get(name, absent(name, _POSES)) for name in swapped.model.conditions]

@@ -42,15 +42,15 @@ class Lag:
 
 
 def moves_before(data: Measurements, ids: Sequence[str]) -> Array:
-    """``(n, joints)`` how far the joints moved from the pose measured before, in its session; zeros of the first.
+    """``(n, joints)`` how far the joints moved from the pose before in its session and from its station; zeros first.
 
     Args:
         data: all that was measured, in its order.
         ids: n of its rows.
     """
     moves = np.zeros_like(data.joints)
-    for session in dict.fromkeys(data.sessions):
-        here = np.flatnonzero([name == session for name in data.sessions])
+    for setup in dict.fromkeys(data.setups):
+        here = np.flatnonzero([each == setup for each in data.setups])
         moves[here[1:]] = np.diff(data.joints[here], axis=0)
     if tuple(ids) == data.ids:
         return moves

@@ -8,6 +8,7 @@ from lab.calibration.identifiability import condition_of
 from lab.calibration.observations.full_pose import Poses
 from lab.campaign.robot import Robot
 from lab.core.se3 import Array
+from lab.kinematics.effects.effect import NO_SESSIONS, SessionInfo
 
 __all__ = ["SetupSuggestion", "changes"]
 
@@ -23,21 +24,27 @@ class SetupSuggestion:
 
 
 def changes(
-    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], values: Array, inputs: Array
+    robot: Robot,
+    targets: tuple[str, ...],
+    groups: tuple[str, ...],
+    values: Array,
+    inputs: Array,
+    course: SessionInfo = NO_SESSIONS,
 ) -> tuple[SetupSuggestion, ...]:
     """The changes that anyone can make, the best first.
 
     Args:
         values: ``(p,)`` of the arm with these targets and groups, measured by points.
         inputs: where it is measured, ``(n, joints + conditions)``.
+        course: how.
     """
-    arm = robot.arm_with(targets, groups)
+    arm = robot.arm_with(targets, groups, course)
     known = dict(zip(arm.names, values, strict=True))
     moved = known | {
         name: value + _OFFSET_M for name, value in known.items() if name.endswith(".x") and "tool." in name
     }
     away = np.array([moved[name] for name in arm.names])
-    more = robot.arm_with((*targets, "another"), groups)
+    more = robot.arm_with((*targets, "another"), groups, course)
     first = [known[f"tool.{targets[0]}.{axis}"] for axis in "xyz"]
     second = dict(zip("xyz", np.array(first) + np.array([_OFFSET_M, _OFFSET_M, 0.0]), strict=True))
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}

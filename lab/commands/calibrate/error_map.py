@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.stations import in_first_frame
 from lab.calibration.validation import Errors, JudgedBy, errors_of
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import world_of
@@ -125,6 +126,7 @@ def arm_poses(result: CalibrationResult) -> ArmPoses:
     if not positions:
         return ArmPoses(*shape, _predicted(result, fitted).reshape(-1, 3), measured=False, head=None)
     T_world_instrument = world_of(result)
-    points = fitted.points[:, :positions].reshape(-1, 3)
+    model, inputs = identification.model, fitted.inputs(identification.model.conditions)
+    points = in_first_frame(model, identification.values, inputs, fitted.points[:, :positions]).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     return ArmPoses(*shape, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])

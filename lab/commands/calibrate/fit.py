@@ -17,6 +17,7 @@ from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
+from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.goodness_of_fit import NOT_TESTED
 from lab.calibration.statistics.joint_lag import moves_before
@@ -107,7 +108,9 @@ class Fitter:
         time_s = rows.conditions.get("time_s", np.zeros(1))
         given = time_s[np.isfinite(time_s)]
         started = float(given[0]) if len(given) else 0.0
-        return SessionInfo(tuple(dict.fromkeys(rows.sessions)), started, timed="time_s" in rows.conditions)
+        stations = named_stations(rows, self.robot.model.stations) if self.kind.in_instrument_frame else ()
+        sessions = tuple(dict.fromkeys(rows.sessions))
+        return SessionInfo(sessions, started, timed="time_s" in rows.conditions, stations=stations)
 
     def observed(self) -> Measurements:
         """What is observed of the measurements."""
@@ -227,7 +230,7 @@ class Fitter:
         warnings += of_nominal(found, self.nominal(found.model))
         warnings += of_size(found)
         if only_positions(observation):
-            warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs)
+            warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs, self.course)
         warnings += of_joints(found, observations, clean, moves_before(self.data, clean.ids), self.robot.chain.encoders)
         warnings += of_twist(self.robot, found)
         measured = measured_range(found, observations, self.robot.chain.prismatic)

@@ -106,7 +106,7 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
 def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     """The layout of a campaign's recording."""
     unit = "in σ" if outcome.identification.sigma_known else "in mm"
-    controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.T_world_instrument[:3, 3])
+    controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(
         main_view("Arm, measured points, errors", controls),
         _errors(),
@@ -159,11 +159,12 @@ def _poses(rows: NDArray[np.int_]) -> Times:
 def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
     """Its frame; of a virtual tracker also the beam to each target that it sees."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
-    draw_instrument(recording, name, shown.T_world_instrument)
+    for i, (station, T_world_station) in enumerate(shown.Ts_world_station.items()):
+        draw_instrument(recording, station or name, T_world_station, station if i else "")
     if outcome.real is not None:
         if instrument_body(outcome.robot.model) not in shown.bodies:  # the robot's model draws none
-            draw_tracker(recording, shown.T_world_instrument[:3, 3])
-        draw_beams(recording, _poses(shown.at), shown.T_world_instrument[:3, 3], shown.measured)
+            draw_tracker(recording, next(iter(shown.Ts_world_station.values()))[:3, 3])
+        draw_beams(recording, _poses(shown.at), shown.heads, shown.measured)
 
 
 def _points(recording: rr.RecordingStream, shown: Scene) -> None:

@@ -1,7 +1,7 @@
 """One campaign: plan, measure, identify, assess; on a virtual arm, or on measurements of a real one."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -37,7 +37,7 @@ from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.plausibility import refuse_noise_in_another_unit, without_copies
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
-from lab.commands.calibrate.warnings import of_validation_beyond
+from lab.commands.calibrate.warnings import of_limits, of_several_sessions, of_validation_beyond
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.core.errors import LabError, error_context
@@ -45,6 +45,7 @@ from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.render.progress import Stage, status
 from lab.simulation.effects import true_parameters
@@ -225,14 +226,18 @@ def _judged_by_rows(
     Outliers among them are errors like the others: who leaves them out of the fit does not leave them out here.
     """
     if held is not None:
-        judged = held
-        strange = set(judged.sessions) - set(fitter.course.sessions) if "sessions" in fit.groups else set()
-        known = judged.take([i for i, session in enumerate(judged.sessions) if session not in strange])
-        validation = validate_rows(fit.identification, known)
-        said = [
-            f"session {name} was not fitted, so the place of its frame is unknown: not used for validation"
-            for name in strange
-        ]
+        judged, said = held, list[str]()
+        placed = {"station": (held.stations, fitter.course.stations)}
+        if "sessions" in fit.groups:
+            placed["session"] = held.sessions, fitter.course.sessions
+        for what, (names, known) in placed.items():
+            strange = set(names) - set(known)
+            judged = judged.take([i for i, name in enumerate(getattr(judged, what + "s")) if name not in strange])
+            said += [
+                f"{what} {name} was not fitted, so the place of its frame is unknown: not used for validation"
+                for name in strange
+            ]
+        validation = validate_rows(fit.identification, judged)
         validation = replace(validation, warnings=(*validation.warnings, *sorted(said)))
         return validation.naming([pose.id for pose in fit.outliers if pose.held_out])
     with error_context(options.file):
@@ -242,7 +247,10 @@ def _judged_by_rows(
 
 
 def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options: MeasuredCampaign) -> Validation:
-    model = fitter.robot.arm_with(other.targets, [group for group in fit.groups if group not in CAMPAIGN_SPECIFIC])
+    with error_context(options.validate):
+        course = _stations_of(other, fitter, options.refit)
+    lasting = [group for group in fit.groups if group not in CAMPAIGN_SPECIFIC]
+    model = fitter.robot.arm_with(other.targets, lasting, course)
     model = model if fit.process is None else fit.process.added_to(model)
     with error_context(options.validate):
         validation = validate_file(fit.identification, model, other, options.refit)
@@ -258,6 +266,22 @@ def _judged_by_file(fitter: Fitter, fit: FitReport, other: Measurements, options
         said = f"{options.validate}: no column payload_kg: the flange is assumed to carry nothing in any pose"
         return replace(validation, warnings=(*validation.warnings, said))
     return validation
+
+
+def _stations_of(other: Measurements, fitter: Fitter, refit: Sequence[str]) -> SessionInfo:
+    """The stations whose places a fit found, where the rows of another file are validated from these.
+
+    Raises:
+        LabError: a station of the file was not fitted, and no base is placed anew for it.
+    """
+    known, named = fitter.course.stations, set(other.stations)
+    if "base" in refit or (len(known) < 2 and len(named) < 2):
+        return SessionInfo()
+    if strange := sorted(named - set(known)):
+        raise LabError(
+            f"station '{strange[0]}' was not fitted, so its place is unknown; --refit base places every station anew"
+        )
+    return SessionInfo(stations=known)
 
 
 def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitter:
@@ -336,11 +360,11 @@ def _outcome(
     warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
-    warnings += _outside_limits(robot, data)
+    warnings += of_limits(robot, data)
     if fit.process is None:
         warnings += of_validation_beyond(identification, fit.measured, validation.rows)
     if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:
-        warnings += _several_sessions(fit.rows)
+        warnings += of_several_sessions(fit.rows)
     if validation.errors is not None:
         before, after = (float(np.nanmean(e)) for e in (validation.errors.before, validation.errors.after))
         if after >= before:
@@ -361,22 +385,3 @@ def _outcome(
         comparison,
         bad,
     )
-
-
-def _several_sessions(rows: Measurements) -> list[str]:
-    sessions = list(dict.fromkeys(rows.sessions))
-    if len(sessions) < 2:
-        return []
-    return [
-        f"sessions {', '.join(sessions)} are fitted with one base and one tool: --model sessions if the tracker or the "
-        "arm was bumped between them; fit each alone if one was set up anew"
-    ]
-
-
-def _outside_limits(robot: Robot, data: Measurements) -> list[str]:
-    outside = robot.chain.beyond_limits(data.joints, 1e-3)
-    return [
-        f"joint {name}: {int(count)} of {len(data)} poses are beyond its limits; check units, signs and offsets"
-        for name, count in zip(robot.chain.joint_names, outside.sum(axis=0), strict=True)
-        if count
-    ]

@@ -1,5 +1,6 @@
 """What a recording shows of a campaign, as arrays in the model's world: magnified so that a person can see it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,11 +8,13 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.stations import in_first_frame, station_poses
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.commands.calibrate.result import CalibrationResult
 from lab.core import se3
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
+from lab.kinematics.effects.stations import at_first_station
 from lab.kinematics.model import RigidArm
 from lab.render.scene import (
     LARGEST_FACTOR,
@@ -24,7 +27,7 @@ from lab.render.scene import (
     world_legs,
 )
 from lab.render.skeleton import Legs, skeleton
-from lab.simulation.meshes import Shell, body_poses, instrument_body, shells
+from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_stands
 
 __all__ = ["OutlierPose", "Scene", "scene", "world_of"]
 
@@ -50,8 +53,9 @@ class Scene:
         rows: ``(m,)`` which of the fitted poses are drawn.
         numbers: ``(n,)`` each fitted pose's row among all that were measured.
         outliers: the farthest first.
+        Ts_world_station: ``(4, 4)``, identified, by the names of the stations from which was measured, the first first.
+        heads: ``(m, 3)``, the instrument's in each drawn pose.
         reach_m: the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it.
-        T_world_instrument: ``(4, 4)``, identified.
         measured, before, after: ``(m, k, 3)`` points as measured (NaN where not), and as predicted.
         all_measured: ``(q, 3)`` of every fitted pose.
         error_before, error_after: ``(n,)`` m, mean over the targets measured at each fitted pose, NaN where none was.
@@ -67,7 +71,8 @@ class Scene:
     numbers: NDArray[np.int_]
     outliers: tuple[OutlierPose, ...]
     reach_m: float
-    T_world_instrument: Array
+    Ts_world_station: Mapping[str, Array]
+    heads: Array
     measured: Array
     before: Array
     after: Array
@@ -97,23 +102,30 @@ def scene(outcome: CalibrationResult) -> Scene:
     rows, inputs = drawn_rows(len(fitted)), fitted.inputs(model.conditions)
     joints = fitted.joints[rows]
     T_world_instrument = world_of(outcome)
+    poses = station_poses(model, identification.values, fitted)
+    stations = {name: T_world_instrument @ T for name, T in poses.items()}
     both = (identification.nominal_aligned, identification.values)
     before, after = (model.points(inputs, v)[:, : observed.shape[1]] for v in both)
     errors = [_mean_length(observed - predicted) for predicted in (before, after)]
-    measured, before, after = (moved(T_world_instrument, points) for points in (observed, before, after))
+    measured, before, after = (
+        moved(T_world_instrument, in_first_frame(model, identification.values, inputs, points))
+        for points in (observed, before, after)
+    )
+    inputs = at_first_station(model.conditions, inputs)  # in whose frame ellipsoids are
     there = seen_mask(observed)
     arm, values = outcome.rigid(identification.values)
     places = moved(_world_frame0(outcome), skeleton(arm, values, joints).origins)
     between = world_legs(_world_frame0(outcome), arm, values, joints)
     reach = reach_of(_world_frame0(outcome), measured[there], between)
-    visible, bodies = _bodies(outcome, arm, values, joints)
+    visible, bodies = _bodies(outcome, arm, values, joints, stations)
     everything = {name: i for i, name in enumerate(outcome.measurements.ids)}
     return Scene(
         rows,
         np.array([everything[name] for name in fitted.ids]),
         _outliers(outcome, T_world_instrument),
         reach,
-        T_world_instrument,
+        stations,
+        np.array([stations.get(fitted.stations[row], T_world_instrument)[:3, 3] for row in rows]),
         measured[rows],
         before[rows],
         after[rows],
@@ -141,7 +153,9 @@ def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[Ou
     part = data.take([data.ids.index(pose.id) for pose in named])
     expected = model.points(part.inputs(model.conditions), outcome.identification.values)
     worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
-    ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in (part.points, expected))
+    inputs, values = part.inputs(model.conditions), outcome.identification.values
+    both = (in_first_frame(model, values, inputs, points) for points in (part.points, expected))
+    ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in both)
     return tuple(
         OutlierPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm residual", measured, should)
         for pose, measured, should in zip(named, *ends, strict=True)
@@ -171,13 +185,15 @@ def _world_frame0(outcome: CalibrationResult) -> Array:
 
 
 def _bodies(
-    outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array
+    outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array, stations: Mapping[str, Array]
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
     """The bodies that are drawn; the instrument's only where it is known: a virtual one."""
     robot = outcome.robot.model
-    hidden = instrument_body(robot) if outcome.real is None else ""
-    visible = tuple(shell for shell in shells(robot) if shell.body != hidden)
+    stands = station_stands(robot, stations)
+    hidden = set() if outcome.real is not None else {instrument_body(robot), *stands}
+    visible = tuple(shell for shell in shells(robot) if shell.body not in hidden)
     poses = body_poses(robot, arm, values, joints)
+    poses |= {body: np.broadcast_to(T, (len(joints), 4, 4)) for body, T in stands.items()}
     return visible, {shell.body: poses[shell.body] for shell in visible}
 
 

@@ -23,6 +23,8 @@ from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
 from lab.kinematics.dynamics.link_loads import link_ends
+from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.stations import at_first_station
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
@@ -31,10 +33,12 @@ __all__ = [
     "of_export",
     "of_groups",
     "of_joints",
+    "of_limits",
     "of_nominal",
     "of_outliers",
     "of_prior",
     "of_residual",
+    "of_several_sessions",
     "of_size",
     "of_stuck_search",
     "of_twist",
@@ -114,12 +118,17 @@ def of_stuck_search(outliers: Outliers) -> list[str]:
 
 
 def of_weakness(
-    robot: Robot, targets: tuple[str, ...], groups: tuple[str, ...], found: Identification, inputs: Array
+    robot: Robot,
+    targets: tuple[str, ...],
+    groups: tuple[str, ...],
+    found: Identification,
+    inputs: Array,
+    course: SessionInfo,
 ) -> list[str]:
     """That parameters are weakly observable, and what would change that."""
     if found.fit.condition <= WEAK_CONDITION or found.unobservable or "sessions" in groups:
         return []
-    wanted = changes(robot, targets, groups, found.values, inputs)[0]
+    wanted = changes(robot, targets, groups, found.values, inputs, course)[0]
     if wanted.condition > _WORTH * found.fit.condition:
         return []
     return [
@@ -262,9 +271,31 @@ def of_export(robot: Robot, found: Identification, groups: tuple[str, ...], inpu
         return []
     targets = targets_of(found.model.parameters)
     rigid = robot.arm(targets)
+    inputs = at_first_station(found.model.conditions, inputs)
     whole = found.model.points(inputs, found.values)[:, :positions]
     alone = rigid.points(inputs[:, : robot.chain.size], found.values[: len(rigid.names)])
     off = np.sqrt(((whole - alone) ** 2).sum(axis=2).mean())
     file = robot.kept_file
     lacking = ", ".join(listed(groups))
     return [f"{file} holds geometry alone: without {lacking} it is off by {1e3 * off:.2g} mm at these poses"]
+
+
+def of_several_sessions(rows: Measurements) -> list[str]:
+    """That sessions are taken for one setup."""
+    sessions = list(dict.fromkeys(rows.sessions))
+    if len(sessions) < 2:
+        return []
+    return [
+        f"sessions {', '.join(sessions)} are fitted with one base and one tool: --model sessions if the tracker or the "
+        "arm was bumped between them; fit each alone if one was set up anew"
+    ]
+
+
+def of_limits(robot: Robot, data: Measurements) -> list[str]:
+    """That poses are beyond the joints' limits."""
+    outside = robot.chain.beyond_limits(data.joints, 1e-3)
+    return [
+        f"joint {name}: {int(count)} of {len(data)} poses are beyond its limits; check units, signs and offsets"
+        for name, count in zip(robot.chain.joint_names, outside.sum(axis=0), strict=True)
+        if count
+    ]

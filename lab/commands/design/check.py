@@ -9,6 +9,7 @@ import numpy as np
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
+from lab.campaign.stations import stations_in
 from lab.commands.design.day import MeasuringDayLength
 from lab.commands.result import Result
 from lab.core.errors import LabError
@@ -127,9 +128,13 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     for name, words in zip(stops.ids, collisions_in_words(robot.model, stops.joints), strict=True):
         if words:
             faults.setdefault(name, words)
-    sees = field_of_view(robot.model, options.targets, device)(stops.joints)
-    for i in np.flatnonzero(measured & ~sees):
-        faults.setdefault(stops.ids[i], f"the instrument does not see {', '.join(options.targets)} there")
+    at = stations_in(options.check, stops, robot.model)
+    for station, name in enumerate(robot.model.stations or ("",)):
+        here = np.flatnonzero(measured & (at == station))
+        sees = field_of_view(robot.model, options.targets, device, station)(stops.joints[here])
+        who = f"the instrument at station '{name}'" if name else "the instrument"
+        for i in here[~sees]:
+            faults.setdefault(stops.ids[i], f"{who} does not see {', '.join(options.targets)} there")
     free = path_check(robot.model)
     for end in range(1, len(stops)):
         ends = {stops.ids[end - 1], stops.ids[end]}

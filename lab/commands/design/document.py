@@ -74,6 +74,7 @@ def design_document(result: DesignResult) -> Document:
                     Paragraph(MeasuringDayLength.of(result.tour).words),
                     Paragraph(_candidates(values)),
                     *_reflector(values),
+                    *_stations(values),
                     *_files(result),
                 ),
             ),
@@ -162,12 +163,29 @@ def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
     )
 
 
+def _stations(values: dict[str, Any]) -> tuple[Block, ...]:
+    """Which of several stations measures how many poses."""
+    stations = values["stations"]
+    if not stations:
+        return ()
+    listed = ", then ".join(f"{each['poses']} from {each['name']}" for each in stations if each["poses"])
+    rows = ((each["name"], str(each["poses"]), ", ".join(f"{x:.0f}" for x in each["head_mm"])) for each in stations)
+    return (
+        Paragraph(
+            f"Each pose is measured from the station that sees it best: {listed}. Between two stations the arm waits "
+            "at home until the instrument has been moved. Every point stays in the frame of its own station: where the "
+            "stations are is identified with the robot."
+        ),
+        Table(("station", "poses", "head, mm, in the robot's frame"), tuple(rows)),
+    )
+
+
 def _files(result: DesignResult) -> tuple[Block, ...]:
     """The files to measure with, and why there is none for a controller."""
     chain = result.problem.robot.chain
     why = refusal(chain, result.options.controller)
-    files = plan_or_refusal(chain, result.options.controller).values()
-    programs = "".join(f", {file} for the controller" for file in files if file.startswith(f"{PLAN}."))
+    files = plan_or_refusal(chain, result.options.controller, result.problem.robot.model.stations).values()
+    programs = "".join(f", {file} for the controller" for file in files if file.startswith((f"{PLAN}.", f"{PLAN}_")))
     return (
         Paragraph(f"Files: plan.csv with every stop, to measure or via{programs}.", shown_in=PAGE | TERMINAL),
         *((Paragraph(sentence(why), shown_in=PAGE | TERMINAL),) if why else ()),

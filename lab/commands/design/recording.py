@@ -56,8 +56,9 @@ def record_plan(path: Path, plan: DesignResult) -> None:
         draw_moving(recording, [_seconds(shown.times)], shown.moving)
         draw_legs(recording, at, shown.legs, shown.reach_m)
         draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
-        draw_instrument(recording, "tracker", shown.T_world_tracker)
-        draw_beams(recording, at, shown.head, np.where(shown.measured[:, None, None], shown.points, np.nan))
+        for i, (name, T_world_station) in enumerate(zip(shown.stations, shown.Ts_world_station, strict=True)):
+            draw_instrument(recording, name, T_world_station, name if i else "")
+        draw_beams(recording, at, shown.heads, np.where(shown.measured[:, None, None], shown.points, np.nan))
         gone = rr.LineStrips3D.columns(strips=[]).partition([0] * len(shown.departures))
         recording.send_columns("world/instrument/beam", [_seconds(shown.departures)], gone)
         _targets(recording, at, shown)

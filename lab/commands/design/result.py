@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.campaign.design_problem import PoseProblem
 from lab.campaign.instruments import named_instrument
@@ -68,6 +70,7 @@ class DesignResult(Result):
         options: what was asked.
         problem: the robot, its feasible candidates, and what the poses are to identify.
         joints: ``(n, joints)``, rad or m.
+        stations: ``(n,)`` the station of the instrument that measures each, from 0.
         design: the chosen poses before ordering.
         certificate: the best continuous D-optimal design over the candidates and the poses that the ascent moved.
         d_efficiency: certified, of the chosen poses with those measured already.
@@ -81,6 +84,7 @@ class DesignResult(Result):
     options: DesignOptions
     problem: PoseProblem
     joints: Array
+    stations: NDArray[np.int_]
     design: Design
     certificate: Certificate
     d_efficiency: float
@@ -119,7 +123,7 @@ class DesignResult(Result):
         acceptance = view_of(robot, named_instrument(self.options.instrument)).acceptance_rad
         if acceptance >= np.pi:
             return None
-        angles = np.rad2deg(incidence(robot, targets, self.joints)).max(axis=1)
+        angles = np.rad2deg(incidence(robot, targets, self.joints, self.stations)).max(axis=1)
         return {
             "acceptance_deg": float(np.rad2deg(acceptance)),
             "largest_deg": float(angles.max()),
@@ -131,7 +135,23 @@ class DesignResult(Result):
     def stops(self) -> Stops:
         """Every stop of the tour: home, poses to measure, what is only passed, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
-        return Stops(self.tour.stops, which, visit_ids(self.tour, self.pose_ids), "measure")
+        ids = visit_ids(self.tour, self.pose_ids)
+        return Stops(self.tour.stops, which, ids, "measure", stations=self.stations_of_stops)
+
+    @property
+    def parts(self) -> tuple[tuple[str, slice], ...]:
+        """Each station's part of the tour's stops, from home to home, by its name; of one alone all, without a name."""
+        names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.stops) - 1]
+        measuring = [names[i] for i in dict.fromkeys(self.stations.tolist())]
+        return tuple((name, slice(a, b + 1)) for name, (a, b) in zip(measuring, pairwise(ends), strict=True))
+
+    @property
+    def stations_of_stops(self) -> tuple[str, ...]:
+        """The station in whose part each stop is; none where there is one alone."""
+        if not self.problem.robot.model.stations:
+            return ()
+        counts = [(name, part.stop - part.start - (part.start > 0)) for name, part in self.parts]
+        return tuple(name for name, count in counts for _ in range(count))
 
     @property
     def table(self) -> Measurements:
@@ -140,7 +160,8 @@ class DesignResult(Result):
         points = np.full((n, len(self.options.targets), 3), np.nan)
         data = measured(names, stops.joints, self.options.targets, points)
         use = tuple("skip" if purpose == VIA else "calibrate" for purpose in stops.purposes)
-        marks = {"stop": stops.purposes} | ({"checked": ("no",) * n} if self.options.no_check else {})
+        marks = {"stop": stops.purposes} | ({"station": stops.stations} if stops.stations else {})
+        marks |= {"checked": ("no",) * n} if self.options.no_check else {}
         return replace(data, ids=stops.names, use=use, other=marks)
 
     @property
@@ -160,7 +181,7 @@ class DesignResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
-        options, candidates, tour = self.options, self.problem.candidates, self.tour
+        options, candidates, tour, model = self.options, self.problem.candidates, self.tour, self.problem.robot.model
         return {
             "robot": self.problem.robot.name,
             "poses": len(self.joints),
@@ -184,11 +205,15 @@ class DesignResult(Result):
             "moves": len(tour.stops) - 1,
             "via": self.tour.via,
             "reflector": self.reflector,
+            "stations": [
+                {"name": name, "poses": int((self.stations == i).sum()), "head_mm": (1e3 * T[:3, 3]).round(6).tolist()}
+                for i, (name, T) in enumerate(zip(model.stations, model.Ts_world_station, strict=False))
+            ],
             "checked": not self.options.no_check,
             "stops": self.stops.to_list(self.problem.robot.chain),
             "curve_of": "designs" if self.options.curve else "continuous design",
             "curve": [step.to_dict() for step in self.curve],
-            **plan_or_refusal(self.problem.robot.chain, self.options.controller),
+            **plan_or_refusal(self.problem.robot.chain, self.options.controller, model.stations),
             "seconds": round(self.seconds, 4),
             "warnings": list(self.warnings),
         }
@@ -224,13 +249,22 @@ class DesignResult(Result):
         write_json(folder / "config.json", config("design", self.options, robot.sha256))
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
         arm = robot.arm(tuple(robot.tool))
-        stops, nominal = self.tour.stops, arm.nominal(robot.tool)
-        checked, postures = not self.options.no_check, postures_of(arm, nominal, stops)
-        tour = MeasuringTour(
-            robot.name, stops, self.tour.measured, visit_ids(self.tour, self.pose_ids), checked, postures
-        )
-        for name, content in plan_files(robot.chain, self.options.controller, tour).items():
-            (folder / name).write_bytes(content)
+        nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0
+        for station, part in self.parts:
+            stops, measured = self.tour.stops[part], self.tour.measured[part]
+            count = int((measured >= 0).sum())
+            tour = MeasuringTour(
+                robot.name,
+                stops,
+                measured,
+                ids[done : done + count],
+                not self.options.no_check,
+                postures_of(arm, nominal, stops),
+                station,
+            )
+            done += count
+            for name, content in plan_files(robot.chain, self.options.controller, tour).items():
+                (folder / name).write_bytes(content)
         write_json(folder / "result.json", self.to_dict())
         write_figures(folder, self)
         self.report(folder / "report.html")

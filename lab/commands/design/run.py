@@ -18,11 +18,12 @@ from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.joints import JointSpec
 from lab.pose_selection.certificate import Certificate, certify
 from lab.pose_selection.criteria import indices
 from lab.pose_selection.exchange import Design, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
-from lab.pose_selection.tour import plan_tour, rated, with_reference
+from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.render.progress import Stage, status
 
 __all__ = ["design", "planned_day"]
@@ -104,16 +105,12 @@ def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignRes
     sizes = np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)).tolist()
     progress("4 of 5, tour")
     chain, warnings = rated(problem.robot.chain)
-    home, safe = problem.access.hubs[0], problem.access.hubs[1:]
-    tour = plan_tour(
-        design.joints, chain.speed, chain.acceleration, problem.access.free, rng_for(options.seed, "tour"), home, safe
-    )
-    if options.reference_every is not None:
-        tour = with_reference(tour, options.reference_every, problem.access.hubs, chain, problem.access.free)
+    tour = _tour(options, problem, design.joints, chain)
     return DesignResult(
         options=options,
         problem=problem,
-        joints=design.joints[list(tour.order)],
+        joints=design.joints[list(tour.order), : chain.size],
+        stations=problem.station(design.joints)[list(tour.order)],
         design=design,
         certificate=certificate,
         d_efficiency=certificate.efficiency(everything),
@@ -130,8 +127,21 @@ def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignRes
     )
 
 
-def _prediction(problem: PoseProblem, joints: Array, seed: int) -> PredictedAccuracy:
-    everything = problem.whitened(np.concatenate([joints, problem.already]))
+def _tour(options: DesignOptions, problem: PoseProblem, inputs: Array, chain: JointSpec) -> Tour:
+    """The order of the poses, station by station: between two of them the arm waits at home for the instrument."""
+    home, safe, rng = problem.access.hubs[0], problem.access.hubs[1:], rng_for(options.seed, "tour")
+    joints, at, parts = inputs[:, : chain.size], problem.station(inputs), []
+    for station in np.unique(at):
+        rows = np.flatnonzero(at == station)
+        part = plan_tour(joints[rows], chain.speed, chain.acceleration, problem.access.free, rng, home, safe)
+        if options.reference_every is not None:
+            part = with_reference(part, options.reference_every, problem.access.hubs, chain, problem.access.free)
+        parts.append(part.among(rows))
+    return one_after_another(parts)
+
+
+def _prediction(problem: PoseProblem, inputs: Array, seed: int) -> PredictedAccuracy:
+    everything = problem.whitened(np.concatenate([inputs, problem.already]))
     return predict(information(everything), problem.test, rng_for(seed, "promise"))
 
 
@@ -210,9 +220,9 @@ def _continuous_steps(
     """
     support = np.flatnonzero(certificate.weights > _NO_WEIGHT)
     weights = certificate.weights[support] / certificate.weights[support].sum()
-    joints = np.concatenate([problem.candidates.joints, design.joints[design.rows < 0]])[support]
+    inputs = np.concatenate([problem.inputs, design.joints[design.rows < 0]])[support]
     weighted = np.sqrt(weights)[:, None, None]
-    per_pose, before = information(weighted * problem.whitened(joints)), information(problem.whitened(problem.already))
+    per_pose, before = information(weighted * problem.whitened(inputs)), information(problem.whitened(problem.already))
     for size in sizes:
         rows = np.concatenate([np.sqrt(size) * weighted * pool[support], problem.before])
         o1 = indices(rows * np.sqrt(len(rows) / (size + len(problem.before)))).o1

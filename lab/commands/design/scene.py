@@ -31,6 +31,8 @@ class PlanScene:
         ids: ``(n,)`` of the measured ones, as in ``plan.csv``.
         points: ``(s, k, 3)`` targets.
         path: ``(p, 3)``, the first target's way through all stops.
+        Ts_world_station: ``(q, 4, 4)``, where the instrument measures from, with its names in ``stations``.
+        station: ``(s,)`` from where it measures at each stop.
         reach_m: the largest distance of a target, or a leg's end, from frame 0.
         shells: of the bodies in ``bodies``.
         bodies: world poses ``(s, 4, 4)`` by name.
@@ -48,7 +50,9 @@ class PlanScene:
     ids: tuple[str, ...]
     points: Array
     path: Array
-    T_world_tracker: Array
+    Ts_world_station: Array
+    stations: tuple[str, ...]
+    station: NDArray[np.int_]
     reach_m: float
     shells: tuple[Shell, ...]
     bodies: dict[str, Array]
@@ -66,16 +70,22 @@ class PlanScene:
 
     @property
     def head(self) -> Array:
-        """The tracker's ``(3,)``."""
-        head: Array = self.T_world_tracker[:3, 3]
+        """The tracker's at its first station ``(3,)``."""
+        head: Array = self.Ts_world_station[0, :3, 3]
         return head
+
+    @property
+    def heads(self) -> Array:
+        """The tracker's at each stop ``(s, 3)``."""
+        heads: Array = self.Ts_world_station[self.station, :3, 3]
+        return heads
 
 
 def plan_scene(plan: DesignResult) -> PlanScene:
     """The scene of a plan, of the nominal arm and the tracker where the model has it."""
     problem, stops = plan.problem, plan.tour.stops
     model, arm, values = problem.robot.model, problem.arm, problem.values
-    tracker, frame0 = model.T_world_tracker, model.T_world_frame0
+    tracker, frame0, names = model.T_world_tracker, model.T_world_frame0, model.stations or ("",)
     points = moved(tracker, arm.points(stops, values))
     share = np.linspace(0, 1, _LOOKS, endpoint=False)[None, :, None]
     between = stops[:-1, None] + share * (stops[1:] - stops[:-1])[:, None]  # (s - 1, looks, joints)
@@ -95,7 +105,9 @@ def plan_scene(plan: DesignResult) -> PlanScene:
         visit_ids(plan.tour, plan.pose_ids),
         points,
         moved(tracker, arm.points(way, values))[:, 0],
-        tracker,
+        model.Ts_world_station,
+        model.stations or ("tracker",),
+        np.array([names.index(name) for name in plan.stations_of_stops or names[:1] * len(stops)]),
         reach,
         visible,
         body_poses(model, arm, values, stops),
@@ -121,8 +133,10 @@ def _shapes(plan: DesignResult) -> tuple[Array, Array]:
     """
     problem = plan.problem
     _, jacobian = problem.arm.observe(plan.tour.stops, problem.values)
-    here = jacobian[:, 0][..., list(problem.structure.kept)]
-    total = information(problem.whitened(np.concatenate([plan.joints, problem.already])))
+    seen = [i for i in problem.structure.kept if i < len(problem.arm.names)]  # the places of stations move no point
+    here = np.zeros((*jacobian.shape[:1], 3, len(problem.structure.kept)))
+    here[..., : len(seen)] = jacobian[:, 0][..., seen]
+    total = information(problem.whitened(np.concatenate([plan.design.joints, problem.already])))
     size = np.sqrt(np.diag(total))
     root = np.linalg.cholesky(total / np.outer(size, size))
     factor = np.linalg.inv(root).T / size[:, None]  # C = factor factor'

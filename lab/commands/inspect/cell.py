@@ -38,6 +38,10 @@ def cell_values(robot: Robot, cell: Cell) -> dict[str, Any]:
         "plates": [{"name": each.name, "shape": each.shape} for each in cell.plate],
         "tool": {each.name: {"position_mm": list(each.position_mm), "axis": list(each.axis)} for each in cell.tool},
         "instrument_mm": (1e3 * model.T_world_tracker[:3, 3]).round(9).tolist(),
+        "stations": [
+            {"name": name, "position_mm": (1e3 * T[:3, 3]).round(9).tolist()}
+            for name, T in zip(model.stations, model.Ts_world_station, strict=False)
+        ],
         "acceptance_deg": None if cell.reflector is None else cell.reflector.degrees,
         "home": (scale * chain.home).round(9).tolist(),
         "at_home": collisions_in_words(model, chain.home[None])[0],
@@ -55,9 +59,12 @@ def cell_section(values: Mapping[str, Any]) -> Section:
         for each in cell["obstacles"]
     ]
     rows += [(each["name"], each["shape"], "on the flange", "") for each in cell["plates"]]
+    places = [(each["name"], ", ".join(short(x) for x in each["position_mm"])) for each in cell["stations"]]
+    stations = (Table(("station of the instrument", "head, mm, in the robot's frame"), tuple(places)),)
     at_home = f"At home, {cell['at_home']}." if cell["at_home"] else "At home the arm touches nothing."
     blocks: tuple[Block, ...] = (
         Table(("obstacle", "shape", "position, mm", "clearance, mm"), tuple(rows)),
+        *(stations if places else ()),
         Paragraph(
             f"{at_home} Of {cell['poses']} random poses within the limits, {cell['colliding']} touch something or come "
             "too near to it."

@@ -99,6 +99,11 @@ def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurement
     calibrated.robot.refuse_impossible(options.file, rows)
     if not len(rows):
         raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")
+    if len(stations := dict.fromkeys(rows.stations)) > 1:
+        raise LabError(
+            f"{options.file}: measured from stations {', '.join(stations)}; verify the rows of each alone, with "
+            "--refit base"
+        )
     with _naming(options):
         refuse_noise_beyond(options.noise_mm, rows, (calibrated.result.residual_mm or 0.0) / 1e3, "the run's residuals")
         observations, prediction = _against(calibrated, rows, options)

@@ -30,6 +30,7 @@ class MeasuringTour:
         checked: whether stops and the ways between them were checked for collisions.
         postures: the nominal arm's at the stops, for languages that name stops by their places; None where it has no
             table.
+        station: of the instrument that measures on this tour; "" where it has one alone.
     """
 
     robot: str
@@ -38,6 +39,7 @@ class MeasuringTour:
     ids: Sequence[str]
     checked: bool = True
     postures: Postures | None = None
+    station: str = ""
 
 
 @dataclass(frozen=True)

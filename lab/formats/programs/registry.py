@@ -1,6 +1,7 @@
 """The languages in which programs are written: a line adds one. Which of them is written is chosen, or the maker's."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +22,7 @@ __all__ = [
     "PLAN",
     "PROGRAM",
     "Controller",
+    "is_program_file",
     "language_of",
     "plan_files",
     "plan_or_refusal",
@@ -59,18 +61,26 @@ def refusal(joints: JointSpec, controller: str | None) -> str | None:
     return language.refusal(joints)
 
 
-def plan_or_refusal(joints: JointSpec, controller: str | None) -> dict[str, str]:
-    """For each language, by its name in lower case: the file that holds the tour, or why there is none."""
+def plan_or_refusal(joints: JointSpec, controller: str | None, stations: Sequence[str] = ()) -> dict[str, str]:
+    """For each language, by its name in lower case: the file that holds the tour, or why there is none.
+
+    With several ``stations`` there is a file for each of them, and their names are joined by a comma.
+    """
     written = _language(joints, controller)
     why = refusal(joints, controller)
     other = "" if written is None else f"no program in it: {written.name} is the controller's language"
-    return {each.name.lower(): PLAN + each.suffix if each is written else why or other for each in LANGUAGES}
+    return {
+        each.name.lower(): ", ".join(_plan_file(each, name) for name in stations or ("",))
+        if each is written
+        else why or other
+        for each in LANGUAGES
+    }
 
 
 def plan_files(joints: JointSpec, controller: str | None, tour: MeasuringTour) -> dict[str, bytes]:
     """The tour in the controller's language, by the file's name; empty where it cannot move these joints."""
     language = _language(joints, controller)
-    return {} if language is None else {PLAN + language.suffix: language.measuring_tour(tour)}
+    return {} if language is None else {_plan_file(language, tour.station): language.measuring_tour(tour)}
 
 
 def target_files(joints: JointSpec, controller: str | None, moves: TargetMoves) -> dict[str, bytes]:
@@ -79,8 +89,19 @@ def target_files(joints: JointSpec, controller: str | None, moves: TargetMoves) 
     return {} if language is None else {PROGRAM + language.suffix: language.target_moves(moves)}
 
 
+def _plan_file(language: Language, station: str) -> str:
+    return PLAN + (f"_{station}" if station else "") + language.suffix
+
+
+def is_program_file(name: str) -> bool:
+    """Whether a program's file can have this name in a run's folder."""
+    return name in program_file_names() or (
+        name.startswith(f"{PLAN}_") and any(name.endswith(language.suffix) for language in LANGUAGES)
+    )
+
+
 def program_file_names() -> tuple[str, ...]:
-    """The names that a program's file can have in a run's folder."""
+    """The names that a program's file can have in a run's folder, but for those of a plan's stations."""
     return tuple(stem + language.suffix for stem in (PLAN, PROGRAM) for language in LANGUAGES)
 
 
@@ -115,7 +136,7 @@ def read_program(
         for each in read.targets:
             with error_context(f"line {each.line}: {each.name}"):
                 values_of(each.numbers)
-        refuse_unknown_frames(read.targets, read.frames, language.spelling)
+        refuse_unknown_frames(read, language.spelling)
     return language, read
 
 

@@ -68,8 +68,9 @@ class SixAxisLanguage:
 
 def tour_notes(tour: MeasuringTour) -> list[str]:
     """What a measuring tour is, and whether it was checked, for comments."""
+    station = f", from station {ascii_words(tour.station)}" if tour.station else ""
     return [
-        f"{len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}.",
+        f"{len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}{station}.",
         checked_words(tour.checked),
     ]
 

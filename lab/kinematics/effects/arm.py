@@ -4,6 +4,7 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final, Literal
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.effects.conditions import structure_values
-from lab.kinematics.effects.effect import Effect
+from lab.kinematics.effects.effect import Effect, Moves
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter, names_of
 from lab.kinematics.serial.arm import BentArm, SerialArm
@@ -20,6 +21,7 @@ from lab.kinematics.serial.walk import Torsors
 __all__ = ["Arm", "ArmWithEffects", "affected"]
 
 _PLACE = 3  # parameters of every arm that come first: where its base is, about which it grows
+_FRAMES: Final = ("frame", "station")
 
 
 @dataclass(frozen=True)
@@ -75,12 +77,14 @@ class ArmWithEffects:
         points = self._bent(moved).points(moved["joints"][0], self._geometric(values))
         if self._size_changes:
             points = points + moved["size"][0][:, None] * (points - values[:_PLACE])
-        return _seen_from(points, moved["frame"][0]) if self._frame_moves else points
+        for what in self._moving_frames:
+            points = _seen_from(points, moved[what][0])
+        return points
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(n, k, 3, parameters)``."""
         moved = self._moved(inputs, values)
-        (stands, by_joint), (frame, by_frame) = moved["joints"], moved["frame"]
+        stands, by_joint = moved["joints"]
         points, rigid = self._bent(moved).observe(stands, self._geometric(values))
         first = len(self.arm.names)
         jacobian = np.empty((*points.shape, len(self.names)), dtype=np.result_type(rigid, stands))
@@ -94,7 +98,7 @@ class ArmWithEffects:
             jacobian[..., range(_PLACE), range(_PLACE)] -= growth[:, None]
             jacobian[..., first:] += (points - values[:_PLACE])[..., None] @ by_growth[:, None]
             points = points + growth[:, None] * (points - values[:_PLACE])
-        if self._frame_moves:
+        for frame, by_frame in (moved[what] for what in self._moving_frames):
             jacobian = _seen_from(jacobian.swapaxes(2, 3), frame, shifted=False).swapaxes(2, 3)
             jacobian[..., first:] += _by_frame(points, frame) @ by_frame[:, None]
             points = _seen_from(points, frame)
@@ -106,12 +110,11 @@ class ArmWithEffects:
         The derivative is the rigid arm's where its joints stand: it lacks how effects change with the readings.
         """
         moved = self._moved(inputs, values)
-        frame = moved["frame"][0]
         Ts, jacobian = self._bent(moved).tool(moved["joints"][0], self._geometric(values), target)
         if self._size_changes:
             Ts = Ts.copy()
             Ts[:, :3, 3] += moved["size"][0] * (Ts[:, :3, 3] - values[:_PLACE])
-        if self._frame_moves:
+        for frame in (moved[what][0] for what in self._moving_frames):
             Ts = se3.pose(se3.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
         return Ts, jacobian
 
@@ -139,8 +142,10 @@ class ArmWithEffects:
         return np.concatenate([joints, *columns], axis=1)
 
     @property
-    def _frame_moves(self) -> bool:
-        return any(effect.moves == "frame" for effect in self.effects)
+    def _moving_frames(self) -> tuple[Literal["frame", "station"], ...]:
+        """What moves the frame of the points, in this order."""
+        moving = {effect.moves for effect in self.effects}
+        return tuple(what for what in _FRAMES if what in moving)
 
     @property
     def _size_changes(self) -> bool:
@@ -159,7 +164,7 @@ class ArmWithEffects:
         return {link: torsors[:, 6 * i : 6 * i + 6] for i, link in enumerate(self.links)}
 
     def _moved(self, inputs: Array, values: Array) -> "_Moved":
-        """Where the joints stand ``(n, joints)``, frame ``(n, 7)``, links' torsors ``(n, 6 links)``, size ``(n, 1)``.
+        """Joints ``(n, joints)``, frame, station ``(n, 7)``, links' torsors ``(n, 6 links)``, size ``(n, 1)``.
 
         Each comes with its derivatives by the effects' parameters.
         """
@@ -167,7 +172,7 @@ class ArmWithEffects:
         joints, conditions = inputs[:, :size], inputs[:, size:]
         kind = np.result_type(inputs, values)
         total = len(self.names) - first
-        sizes = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1}
+        sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1, "station": 7}
         found: _Moved = {
             what: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
             for what, count in sizes.items()
@@ -186,14 +191,14 @@ class ArmWithEffects:
         return found
 
 
-_Moved = dict[str, tuple[Array, Array]]
+_Moved = dict[Moves, tuple[Array, Array]]
 
 
 def _seen_from(vectors: Array, frame: Array, *, shifted: bool = True) -> Array:
     """Points (or, not shifted, differences of points) ``(n, k, ..., 3)`` in a frame that moved by ``(n, 7)``."""
     axes = [1] * (vectors.ndim - 2)
     turn = se3.exp(frame[:, 3:6]).reshape(len(frame), *axes, 3, 3)
-    stretch, shift = (part.reshape(len(frame), *axes, -1) for part in (1 + frame[:, 6:], frame[:, :3]))
+    stretch, shift = (part.reshape(len(frame), *axes, part.shape[1]) for part in (1 + frame[:, 6:], frame[:, :3]))
     before = vectors + shift if shifted else vectors
     seen: Array = stretch * (turn @ before[..., None])[..., 0]
     return seen

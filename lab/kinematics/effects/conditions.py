@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.measurements import LAST_MOVE, PLACE, SESSION
+from lab.core.measurements import LAST_MOVE, PLACE, SESSION, STATION
 from lab.core.se3 import Array
 
 __all__ = [
@@ -78,7 +78,7 @@ def structure_values(name: str, count: int, rng: np.random.Generator) -> Array:
         return rng.uniform(0.0, 1.0, count)
     if name == TEMPERATURE:
         return rng.uniform(REFERENCE_C, REFERENCE_C + LARGEST_WARMING_C, count)
-    if name.startswith(SESSION):
+    if name.startswith((SESSION, STATION)):
         return rng.choice([0.0, 1.0], count)
     if name.startswith((_SPEED, _ACCELERATION)):
         return rng.normal(size=count)

@@ -29,6 +29,7 @@ __all__ = [
     "DisplacesReadings",
     "Effect",
     "FittedGroup",
+    "Moves",
     "MovesArm",
     "MovesJoints",
     "MovesTracker",
@@ -46,17 +47,26 @@ __all__ = [
 ]
 
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
+Moves = Literal["joints", "frame", "links", "size", "station"]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad times this, Nm/rad over its square
 
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """How a campaign went: its sessions in their order, when its clock was started (s), and whether it had one."""
+    """How a campaign went.
+
+    Attributes:
+        sessions: in their order.
+        start_s: when its clock was started.
+        timed: whether it had one.
+        stations: of its instrument, the one first in whose frame the arm's base is; one alone needs no name.
+    """
 
     sessions: tuple[str, ...] = ()
     start_s: float = 0.0
     timed: bool = True
+    stations: tuple[str, ...] = ()
 
 
 NO_SESSIONS = SessionInfo()
@@ -91,11 +101,13 @@ class Effect:
         offsets: joint positions ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
             joints are from their measured positions ``(n, joints)`` (rad, m of a slide), and the derivatives
             ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
-            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v). One that moves
+            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v). So does one that
+            says where the instrument stands (``station``), on the points as the frame has moved. One that moves
             links gives six for each of ``links``: the torsor of its far end (``serial.walk.Torsors``). One that
             changes the arm's size gives one: the share by which all its lengths grow.
         conditions: columns of ``Measurements.conditions`` that it asks for.
-        moves: the joints, the frame in which points are measured, the far ends of links, or the size of the arm.
+        moves: the joints, the frame in which points are measured, the far ends of links, the size of the arm, or the
+            whole instrument.
         typical: values at which the rank is decided, where zeros would hide a parameter.
         links: those whose far ends it moves, from 0; none unless it moves links.
     """
@@ -104,7 +116,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     offsets: Offsets
     conditions: tuple[str, ...] = ()
-    moves: Literal["joints", "frame", "links", "size"] = "joints"
+    moves: Moves = "joints"
     typical: tuple[float, ...] = ()
     links: tuple[int, ...] = ()
 

@@ -16,27 +16,41 @@ from lab.kinematics.effects.effect import (
     ArmFacts,
     Effect,
     FittedGroup,
+    Offsets,
     SimulatedEffect,
     TrackerMotion,
     VirtualEffect,
 )
 from lab.kinematics.parameter import placed_parameters
 
-__all__ = ["Bump", "TrackerBump", "sessions"]
+__all__ = ["Bump", "TrackerBump", "frame_each", "sessions"]
 
 
 def sessions(names: Sequence[str]) -> Effect:
     """The fitted group: how the frame of every session but the first is moved and turned."""
     moved = [placed_parameters(f"session.{name}", "sessions", AXES, scaled=True) for name in names[1:]]
     parameters = tuple(itertools.chain.from_iterable(moved))
+    return Effect("sessions", parameters, frame_each(1.0), tuple(SESSION + name for name in names[1:]), "frame")
+
+
+def frame_each(sign: float) -> Offsets:
+    """What moves the frame of each setup but the first, by six parameters of its own.
+
+    Args:
+        sign: 1 where they are how the points move, -1 where they are how the frame moves.
+
+    Returns:
+        The ``offsets`` of an effect whose conditions are one for each of these setups: 1 of its rows, else 0.
+    """
 
     def offsets(_: Array, within: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((len(within), 7, len(parameters)))
-        for k in range(len(names) - 1):
-            derivative[:, :6, 6 * k : 6 * k + 6] = within[:, k, None, None] * np.eye(6)
+        count = within.shape[1]
+        derivative = np.zeros((len(within), 7, 6 * count))
+        for k in range(count):
+            derivative[:, :6, 6 * k : 6 * k + 6] = sign * within[:, k, None, None] * np.eye(6)
         return derivative @ values, derivative
 
-    return Effect("sessions", parameters, offsets, tuple(SESSION + name for name in names[1:]), "frame")
+    return offsets
 
 
 def _fitted(arm: ArmFacts) -> Effect:

@@ -41,7 +41,7 @@ def observe_poses(
     rotations = instrument.sample_rotations(exact, turning, readings)
     visible = np.ones((len(joints), len(targets)), dtype=np.bool_)
     if setup.occlusion:
-        visible = seen_by(real, joints, targets, instrument)
+        visible = seen_by(real, joints, targets, instrument, conditions)
     oriented = visible[:, 0] & _share(len(joints), setup.orientation_share, turning)
     points = np.where(visible[..., None], data.points, np.nan)
     columns = orientation_texts(targets[0], rotations, oriented, setup.orientation)

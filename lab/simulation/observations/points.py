@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
-from lab.core.measurements import Measurements, measured
+from lab.core.measurements import STATION, Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.effects.conditions import BUMPED
 from lab.simulation.candidate_poses import field_of_view
@@ -32,19 +32,28 @@ def observe_points(
     """Points of the targets, of all or of those that the instrument sees."""
     data, bad = measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)
     if setup.occlusion:
-        visible = seen_by(real, joints, targets, instrument)
+        visible = seen_by(real, joints, targets, instrument, conditions)
         data = replace(data, points=np.where(visible[..., None], data.points, np.nan))
     return SimulatedDay(data, bad)
 
 
-def seen_by(real: TrueRobot, joints: Array, targets: tuple[str, ...], instrument: Instrument) -> NDArray[np.bool_]:
+def seen_by(
+    real: TrueRobot, joints: Array, targets: tuple[str, ...], instrument: Instrument, conditions: Mapping[str, Array]
+) -> NDArray[np.bool_]:
     """``(n, k)``: whether each target is in the instrument's sight, and nothing of the arm in between.
+
+    Args:
+        conditions: what is set at each pose, ``(n,)`` each; of them only the station that measures it matters.
 
     Raises:
         LabError: it sees none of them in any pose.
     """
     stands = replace(real.robot, model=real.model)
-    visible = np.stack([field_of_view(stands, (target,), instrument)(joints) for target in targets], axis=1)
+    station, visible = _stations(real, conditions, len(joints)), np.zeros((len(joints), len(targets)), dtype=np.bool_)
+    for which in np.unique(station):
+        here = station == which
+        views = [field_of_view(stands, (target,), instrument, int(which))(joints[here]) for target in targets]
+        visible[here] = np.stack(views, axis=1)
     if not visible.any():
         raise LabError(
             f"--occlusion: {instrument.name} sees none of {', '.join(targets)} in any pose; place it by a --cell, turn "
@@ -118,10 +127,24 @@ def scattered_points(
 def recorded(
     real: TrueRobot, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
 ) -> Measurements:
-    """Measurements of points ``(m, k, 3)`` m under these conditions; those after a bump are a session of their own."""
+    """Measurements of points ``(m, k, 3)`` m under these conditions; those after a bump are a session of their own.
+
+    Where the instrument has several stations, each row names the one that measured it.
+    """
     data = measured(real.robot.chain.joint_names, joints, targets, points)
-    rest = {name: column for name, column in conditions.items() if name != BUMPED}
+    rest = {name: column for name, column in conditions.items() if name != BUMPED and not name.startswith(STATION)}
+    if len(rest) + (BUMPED in conditions) < len(conditions):
+        names = np.array(real.robot.stations)[_stations(real, conditions, len(joints))]
+        data = replace(data, other={"station": tuple(names.tolist())})
     if BUMPED not in conditions:
         return replace(data, conditions=rest)
     sessions = tuple("2" if after else "1" for after in conditions[BUMPED])
     return replace(data, conditions=rest, sessions=sessions)
+
+
+def _stations(real: TrueRobot, conditions: Mapping[str, Array], poses: int) -> NDArray[np.int_]:
+    """``(poses,)`` the station, from 0, that measures each pose."""
+    station = np.zeros(poses, dtype=np.int_)
+    for i, name in enumerate(real.robot.stations[1:], start=1):
+        station[conditions.get(STATION + name, np.zeros(poses)) > 0] = i
+    return station

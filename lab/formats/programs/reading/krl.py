@@ -74,6 +74,7 @@ class _Reader(ProgramReader):
     frames: dict[str, Array] = field(default_factory=dict)
     positions: dict[str, _Position] = field(default_factory=dict)
     assigned: set[str] = field(default_factory=set)
+    computed: dict[str, int] = field(default_factory=dict)
 
     def read(self) -> ProgramText:
         root = {name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "$ROBROOT")}
@@ -96,15 +97,22 @@ class _Reader(ProgramReader):
         name = _named(self.outside.alias(re.sub(r"\s", "", source).upper()))
         if name.startswith("{"):
             parts = self._parts(source, at)
-            name = f"${what.upper()}@{line_of(self.text, at)}"
+            name = self._in_line(what, at)
             if set(_PLACE) <= set(parts):
                 self.frames[name] = MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE]))
         elif name not in self.frames and re.search(r"[^\w$\[\].]", name):
-            name = f"${what.upper()}@{line_of(self.text, at)}"
+            name = self._in_line(what, at)
         if what.upper() == "TOOL":
             self.tool = name
         else:
             self.base = name
+
+    def _in_line(self, what: str, at: int) -> str:
+        """What a tool or base is called that gets its value in a line."""
+        line = line_of(self.text, at)
+        name = f"${what.upper()}@{line}"
+        self.computed[name] = line
+        return name
 
     def _parts(self, source: str, at: int) -> dict[str, Number]:
         """The named numbers of a structure that begins at a character."""
@@ -202,7 +210,7 @@ class _Reader(ProgramReader):
             moves += [Move(line, len(targets), how) for line, how in each.moves]
             targets.append(TargetText(each.name, each.line, numbers, MOVING_ZYX, tool, base, allowed=_allowed(each)))
         moves.sort(key=lambda move: move.line)
-        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected))
+        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected), self.computed)
 
 
 def read_krl(text: str, outside: Outside) -> ProgramText:

@@ -98,12 +98,14 @@ class ProgramText:
         moves: in the order of the text, whatever the program's loops and branches do.
         frames: poses ``(4, 4)`` (m) by name, of tools in the flange and of bases in the controller's base frame.
         uncorrected: lines that move the arm, or say where it is to be, and stay as they are.
+        computed: the lines of frames, by name, that get their values only while the program runs.
     """
 
     targets: tuple[TargetText, ...]
     moves: tuple[Move, ...]
     frames: Mapping[str, Array]
     uncorrected: tuple[Uncorrected, ...]
+    computed: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -163,17 +165,27 @@ class ProgramReader:
         self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
 
-def refuse_unknown_frames(targets: Sequence[TargetText], known: Mapping[str, Array], spelling: PoseSpelling) -> None:
-    """Refuse targets whose frames are neither in the text nor given.
+def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
+    """Refuse a program with targets whose frames are neither in the text nor given.
 
     Raises:
         LabError: with the names of all of them, and how to give them.
     """
-    asked = (name for each in targets for name in (each.tool, each.base) if name and name not in known)
+    asked = (name for each in read.targets for name in (each.tool, each.base) if name and name not in read.frames)
     names = dict.fromkeys(" ".join(name.split()) for name in asked)
-    if names:
-        example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
-        raise LabError(
-            f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not in the text; give "
-            f"--frames '{'; '.join(f'{name}={example}' for name in names)}' ({spelling.words})"
-        )
+    if not names:
+        return
+    missing, made = [name for name in names if name not in read.computed], [n for n in names if n in read.computed]
+    said = [f"{', '.join(missing)} {_is(missing)} not in the text"] if missing else []
+    if made:
+        listed = ", ".join(f"{name} (line {read.computed[name]})" for name in made)
+        said.append(f"{listed} {_is(made)} given a value only while the program runs")
+    example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
+    raise LabError(
+        f"{', and '.join(said)}; give --frames '{'; '.join(f'{name}={example}' for name in names)}' ({spelling.words}"
+        f"{', as the controller shows it when that line has run' if made else ''})"
+    )
+
+
+def _is(names: Sequence[str]) -> str:
+    return "is" if len(names) == 1 else "are"

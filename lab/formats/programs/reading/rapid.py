@@ -68,6 +68,7 @@ class _Reader(ProgramReader):
     code: str
     declared: dict[str, _Declared] = field(default_factory=dict)
     frames: dict[str, Array] = field(default_factory=dict)
+    computed: dict[str, int] = field(default_factory=dict)
 
     def read(self) -> ProgramText:
         self.frames = {"tool0": np.eye(4), "wobj0": np.eye(4), **_lower(self.outside.posed(QUATERNION))}
@@ -86,11 +87,13 @@ class _Reader(ProgramReader):
 
     def _declare(self, found: "re.Match[str]", assigned: bool) -> None:
         kind, name = found[1].lower(), found[2]
+        read = read_value(self.data, found.end()) if found[4] else None
+        if kind in ("tooldata", "wobjdata") and (assigned or read is None):
+            self.computed[name.lower()] = self._line(found.start(2))
         if not found[4]:
             if kind in ("robtarget", "jointtarget"):
                 self._leave(found.start(2), f"{name} has no value here: it is computed")
             return
-        read = read_value(self.data, found.end())
         if assigned or read is None:
             self._leave(found.start(2), f"{name} is computed{'' if read is None else ' by an assignment'}")
             return
@@ -176,7 +179,7 @@ class _Reader(ProgramReader):
                     moves += [Move(line, len(targets), how) for line, how in each.moves]
                 targets.append(found)
         moves.sort(key=lambda move: move.line)
-        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected))
+        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected), self.computed)
 
     def _target(self, each: _Declared, name: str, entry: Value) -> TargetText | None:
         if not isinstance(entry, list):

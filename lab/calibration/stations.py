@@ -1,0 +1,78 @@
+"""Stations of an instrument in measurements: how many points each needs, so that its place can be found."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.measurements import STATION, Measurements
+from lab.core.se3 import Array
+from lab.kinematics.effects.stations import further_stations
+from lab.kinematics.model import Model
+
+__all__ = ["STATION_POINTS", "few_points_of_a_station", "in_first_frame", "named_stations", "station_poses"]
+
+STATION_POINTS: Final = 3  # the fewest that place a station
+
+
+def station_poses(model: Model, values: Array, data: Measurements) -> dict[str, Array]:
+    """Poses ``(4, 4)`` (m) of all stations that measured some rows, by name, in the frame of the first, which is first.
+
+    Args:
+        model: with parameters ``(p,)`` that say where the others stand.
+    """
+    further = {
+        condition.removeprefix(STATION): values[list(indices)]
+        for condition, indices in further_stations(model.parameters).items()
+    }
+    first = next((name for name in data.stations if name not in further), "")
+    return {first: np.eye(4), **{name: se3.pose(se3.exp(each[3:]), each[:3]) for name, each in further.items()}}
+
+
+def in_first_frame(model: Model, values: Array, inputs: Array, points: Array) -> Array:
+    """Points ``(n, k, 3)`` m, each row in the frame of the station that measured it, in the first one's frame.
+
+    Args:
+        model: with parameters ``(p,)`` that say where the others stand.
+        inputs: ``(n, joints + conditions)``, which say what station it is.
+    """
+    first = inputs.shape[1] - len(model.conditions)
+    for condition, indices in further_stations(model.parameters).items():
+        here = inputs[:, first + model.conditions.index(condition)] > 0
+        position, turn = values[list(indices[:3])], values[list(indices[3:])]
+        points = np.where(here[:, None, None], se3.transform(se3.pose(se3.exp(turn), position), points), points)
+    return points
+
+
+def few_points_of_a_station(model: Model, data: Measurements) -> str:
+    """Which station of several measured fewer points than its place needs, in words; "" where none did."""
+    further = [name.removeprefix(STATION) for name in further_stations(model.parameters)]
+    if not further:
+        return ""
+    labels, points = np.array(data.stations), data.seen.sum(axis=1)
+    counts = {name: int(points[labels == name].sum()) for name in dict.fromkeys([*data.stations, *further])}
+    least, name = min((count, name) for name, count in counts.items())
+    if least >= STATION_POINTS:
+        return ""
+    return (
+        f"station '{name}' measured {least} points, too few to place it: measure {STATION_POINTS} or more from there, "
+        "or leave its rows out (use = skip)"
+    )
+
+
+def named_stations(rows: Measurements, of_cell: Sequence[str]) -> tuple[str, ...]:
+    """The stations of some rows: in the cell's order, else in that of the rows.
+
+    Args:
+        of_cell: the stations that the cell names.
+
+    Raises:
+        LabError: some rows name a station, and one does not.
+    """
+    named = dict.fromkeys(rows.stations)
+    names = (*(name for name in of_cell if name in named), *(name for name in named if name not in of_cell))
+    if len(names) > 1 and "" in names:
+        raise LabError(f"{rows.where(rows.stations.index(''))}, column station: empty; say from which station it is")
+    return names
