@@ -5,15 +5,13 @@ The long run (``-m slow``) tries as many as ``LAB_FUZZ`` says.
 
 import os
 import resource
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.file_kinds import KINDS, STUDY
 from helpers.fuzzing import RandomChance, changed, mutated
+from helpers.time_limit import within
 from hypothesis import HealthCheck, given, settings
 
 from lab.campaign.option_groups import ArmEffects
@@ -21,22 +19,6 @@ from lab.core.errors import LabError
 from lab.studies.grid import read_study
 
 LONGEST_S, MOST_KIB = 30, 1 << 20
-
-
-@contextmanager
-def within(seconds: int) -> Iterator[None]:
-    """An error for what takes longer."""
-
-    def late(*_: object) -> None:
-        raise TimeoutError(f"not done in {seconds} s")
-
-    usual = signal.signal(signal.SIGALRM, late)
-    signal.alarm(seconds)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, usual)
 
 
 def read_or_refused(kind: str, content: bytes, folder: Path) -> None:

@@ -43,6 +43,9 @@ COMMANDS = {
     "certify": "certify day",
     "dynamics": "dynamics --robot scara",
     "kinematics": "kinematics irb120 --joints 10,20,30,40,50,60",
+    "trend": "trend history",
+    "inspect": "inspect irb120",
+    "reproduce": "reproduce elastic --exercise",
 }
 
 
@@ -50,6 +53,9 @@ def inputs_of_commands(folder: Path) -> Path:
     """Write the runs and files that the commands are given into the working folder."""
     assert run("calibrate --robot irb120 --poses 30 --seed 7 --out day") == 0
     assert run("calibrate --robot irb120 --poses 30 --seed 8 --out day2") == 0
+    for i, day in enumerate(("day", "day2")):
+        dated = f"--instrument uniform-8um --date 2026-0{i + 1}-12 --out history/{day}"
+        assert run(f"identify {day}/measurements.csv {dated}") == 0
     lines = (folder / "day" / "measurements.csv").read_text().splitlines()
     (folder / "goals.csv").write_text("\n".join(line.rsplit(",", 3)[0] for line in lines[:4]) + "\n")
     (folder / "few.csv").write_text("\n".join(lines[:4]) + "\n")

@@ -210,6 +210,8 @@ def read_calibrated(
     rows = {row.name: row for row in _rows(folder / "parameters.json")}
     covariance = _covariance(folder / "covariance.csv")
     found = _calibrated(folder, robot, rows, covariance, result, config.options, payload, None)
+    with _again(folder / "result.json"):  # what is wrong is told before work begins
+        _ = found.shared, found.measured, found.component_errors
     return replace(found, edits=said_of_edits(folder, _READ, accept=accept_edited))
 
 

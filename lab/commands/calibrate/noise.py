@@ -13,7 +13,9 @@ from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
+from lab.core.errors import LabError
 from lab.core.measurements import Measurements, seen_mask
+from lab.formats.structured import structured
 from lab.kinematics.encoders import Encoders
 
 __all__ = ["Fits", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict", "noise_of"]
@@ -113,16 +115,59 @@ def noise_model_to_dict(shared: SharedErrors | None, errors: ComponentErrors | N
     }
 
 
+@dataclass(frozen=True)
+class _ComponentErrors:
+    """Of these the uncertainty."""
+
+    names: tuple[str, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    slopes: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        """Refuse tables of other sizes than the names', and what is no covariance, with a LabError."""
+        count, widths = len(self.names), {len(row) for row in self.slopes}
+        if [len(row) for row in self.covariance] != [count] * count or len(self.slopes) != count or len(widths) > 1:
+            raise LabError("component_errors: covariance and slopes have a row for each name")
+        table = np.array(self.covariance).reshape(count, count)
+        if not np.allclose(table, table.T) or (np.diag(table) < 0).any():
+            raise LabError("component_errors.covariance: is no covariance")
+
+
+@dataclass(frozen=True)
+class _NoiseModel:
+    """What ``noise_model_to_dict`` makes."""
+
+    independent_mm: float
+    independent_share: float
+    joint_scatter_mrad: float
+    wandering_mm: float
+    wandering_correlation: float
+    drift_mm: float
+    encoder_counts_rad: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no size, share or correlation, with a LabError."""
+        sizes = (self.independent_mm, self.joint_scatter_mrad, self.wandering_mm, self.drift_mm)
+        if min(*sizes, *(self.encoder_counts_rad or ())) < 0:
+            raise LabError("noise_model: a standard deviation is not below zero")
+        if not (0 < self.independent_share <= 1 and 0 <= self.wandering_correlation < 1):
+            raise LabError("noise_model: the share is above 0 and at most 1, the correlation at least 0 and below 1")
+
+
 def component_errors_from_dict(content: Mapping[str, Any] | None) -> ComponentErrors | None:
     """How well the variances of a noise model are known, that ``noise_model_to_dict`` made; None where it is not said.
 
     Args:
         content: the noise model; None where there is none.
+
+    Raises:
+        LabError: it is not what such a table is.
     """
     errors = None if content is None else content.get("component_errors")
     if errors is None:
         return None
-    return ComponentErrors(tuple(errors["names"]), np.array(errors["covariance"]), np.array(errors["slopes"]))
+    found = structured("component_errors", _ComponentErrors, errors)
+    return ComponentErrors(found.names, np.array(found.covariance), np.array(found.slopes))
 
 
 def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str, float]) -> SharedErrors | None:
@@ -131,20 +176,23 @@ def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str
     Args:
         content: what ``noise_model_to_dict`` made.
         values: the run's parameters by name.
+
+    Raises:
+        LabError: it lacks a number, or one is not possible.
     """
     if content is None:
         return None
-    share = content["independent_share"]
+    found = structured("noise_model", _NoiseModel, content, extra=True)
     return SharedErrors(
-        sigma_m=content["independent_mm"] / 1e3 / np.sqrt(share),
-        independent_share=share,
-        scatter_rad=content["joint_scatter_mrad"] / 1e3,
-        wandering_m=content["wandering_mm"] / 1e3,
-        carry=content["wandering_correlation"],
-        drift_m=content["drift_mm"] / 1e3,
+        sigma_m=found.independent_mm / 1e3 / np.sqrt(found.independent_share),
+        independent_share=found.independent_share,
+        scatter_rad=found.joint_scatter_mrad / 1e3,
+        wandering_m=found.wandering_mm / 1e3,
+        carry=found.wandering_correlation,
+        drift_m=found.drift_mm / 1e3,
         clock=None,
         values=values,
-        counts_rad=None if content.get("encoder_counts_rad") is None else np.array(content["encoder_counts_rad"]),
+        counts_rad=None if found.encoder_counts_rad is None else np.array(found.encoder_counts_rad),
     )
 
 

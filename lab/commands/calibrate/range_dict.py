@@ -1,11 +1,12 @@
 """The measured range of the joint positions, as ``result.json`` holds it."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
+from lab.core.errors import LabError
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["measured_range_from_dict", "measured_range_to_dict"]
@@ -28,15 +29,32 @@ def measured_range_to_dict(measured: MeasuredRange | None, chain: JointSpec) -> 
 
 
 def measured_range_from_dict(content: Mapping[str, Any] | None, chain: JointSpec) -> MeasuredRange | None:
-    """The range that ``measured_range_to_dict`` wrote; None where it wrote none."""
+    """The range that ``measured_range_to_dict`` wrote; None where it wrote none.
+
+    Raises:
+        LabError: it lacks a joint or a number, or limits are the wrong way round.
+    """
     if content is None:
         return None
-    rows = []
-    for name, slides in zip(chain.joint_names, chain.prismatic, strict=True):
-        unit, factor = _unit(slides)
-        rows.append([*(factor * content[name][f"{key}_{unit}"] for key in _KEYS), content[name]["slope_beyond"]])
+    rows = [
+        _row(name, content.get(name), *_unit(slides))
+        for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
+    ]
     lower, upper, edge, slope = np.array(rows).T
     return MeasuredRange(lower, upper, ~np.array(chain.prismatic, dtype=np.bool_), edge, slope)
+
+
+def _row(joint: str, content: object, unit: str, factor: float) -> list[float]:
+    """Lower and upper limit, width of the edges (rad or m) and slope of one joint."""
+    names = [*(f"{key}_{unit}" for key in _KEYS), "slope_beyond"]
+    found = [content.get(name) if isinstance(content, Mapping) else None for name in names]
+    for name, value in zip(names, found, strict=True):
+        if isinstance(value, bool) or not isinstance(value, float | int):
+            raise LabError(f"measured_range.{joint}.{name}: {value!r} is to be a number")
+    lower, upper, edge, slope = (float(cast(float, value)) for value in found)
+    if not (lower <= upper and edge >= 0 and slope >= 0):
+        raise LabError(f"measured_range.{joint}: is no range with edges and a slope of zero or more")
+    return [factor * lower, factor * upper, factor * edge, slope]
 
 
 def _unit(slides: bool) -> tuple[str, float]:

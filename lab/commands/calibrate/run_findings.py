@@ -68,3 +68,7 @@ class Findings:
         for name in ("noise_mm", "residual_mm"):
             if (size := getattr(self, name)) is not None and not size >= 0:
                 raise LabError(f"{name} is {size:g}; a standard deviation is not below zero")
+        if self.freedom < 0:
+            raise LabError(f"freedom is {self.freedom}; degrees of freedom are not below zero")
+        if self.noise_tail_freedom is not None and not self.noise_tail_freedom > 2:
+            raise LabError(f"noise_tail_freedom is {self.noise_tail_freedom:g}; Student's t has a variance above 2")
