@@ -201,5 +201,23 @@ def _library_versions() -> dict[str, str]:
 
 def write_json(path: Path, content: Any) -> None:
     """Write plain values, indented."""
-    text = json.dumps(content, indent=1, default=str, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(_indented(content, 0) + "\n", encoding="utf-8")
+
+
+def _indented(value: Any, level: int) -> str:
+    """What ``json.dumps`` with an indent of one writes: that goes item by item in Python, in five times as long.
+
+    A mapping or a list of single values is written at once, with line ends between its items.
+    """
+    if not isinstance(value, dict | list | tuple) or not value:
+        return json.dumps(value, default=str, allow_nan=False)
+    inner, outer = "\n" + (level + 1) * " ", "\n" + level * " "
+    items = value.values() if isinstance(value, dict) else value
+    if not any(isinstance(each, dict | list | tuple) for each in items):
+        text = json.dumps(value, separators=("," + inner, ": "), default=str, allow_nan=False)
+        return text[0] + inner + text[1:-1] + outer + text[-1]
+    parts = [_indented(each, level + 1) for each in items]
+    if not isinstance(value, dict):
+        return "[" + inner + ("," + inner).join(parts) + outer + "]"
+    named = [f"{json.dumps(str(name))}: {part}" for name, part in zip(value, parts, strict=True)]
+    return "{" + inner + ("," + inner).join(named) + outer + "}"

@@ -43,6 +43,12 @@ Moved = Callable[
 ]  # rows, their joint positions, what is missing: to new joint positions
 Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why the arm may not be there; "" if it may
 
+Progress = Callable[[int, int], None]
+
+
+def _no_progress(done: int, of: int) -> None:
+    """Tell nobody."""
+
 
 @dataclass(frozen=True)
 class Compensation:
@@ -95,6 +101,7 @@ class Compensator:
         arm, values: as identified, with its effects.
         refusals: why the arm may not stand somewhere; None where nothing is known of what it could touch.
         bound: why no other solution is tried where reference joint positions are given, for people.
+        progress: takes how many targets are corrected of how many, as the work goes on.
 
     Raises:
         LabError: the arm cannot bring its tool to places all around it.
@@ -105,6 +112,7 @@ class Compensator:
     values: Array
     refusals: Refusals | None = None
     bound: str = _ASKED_FOR
+    progress: Progress = _no_progress
 
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
@@ -129,6 +137,7 @@ class Compensator:
             part = np.arange(first, min(first + _BLOCK, count))
             some, before = self._corrected(wanted.take(part), conditions[part], reference[part], before)
             found.append(some)
+            self.progress(part.size + first, count)
         return _joined(found)
 
     def _corrected(

@@ -45,8 +45,15 @@ def write_columns(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow([text_cell(value) if isinstance(value, str) else repr(float(value)) for value in row])
+        count = len(next(iter(columns.values()), ()))
+        assert all(len(values) == count for values in columns.values())
+        for first in range(0, count, _BLOCK):
+            cells = [_cells(values[first : first + _BLOCK]) for values in columns.values()]
+            writer.writerows(zip(*cells, strict=True))
+
+
+def _cells(values: Sequence[Any]) -> list[str]:
+    return [text_cell(value) if isinstance(value, str) else repr(float(value)) for value in values]
 
 
 class CsvTable:

@@ -9,7 +9,7 @@ import pytest
 from helpers.robots import ROOT
 
 from lab.cli import main
-from lab.commands.run_folder import SCHEMA
+from lab.commands.run_folder import SCHEMA, write_json
 
 FILES = ("config", "parameters", "result")
 
@@ -57,3 +57,12 @@ def test_programs_read_errors_as_json(capsys: pytest.CaptureFixture[str]) -> Non
     assert error["exit_code"] == 2 and "nowhere.csv" in error["message"] and error["message"] in told.err
     assert main(["identify", "nowhere.csv"]) == 2
     assert capsys.readouterr().out == ""
+
+
+def test_json_is_written_as_the_library_writes_it(tmp_path: Path) -> None:
+    content = {
+        "a": [1, 2.5, "x, y: [z]", None, True], "b": [], "c": {}, "d": [{"e": 1, "f": "é"}, {"g": [1, [2, (3, 4)]]}],
+        "h": Path("p"), "i": {"j": {"k": 1e-300}, "l": (1, 2)},
+    }  # fmt: skip
+    write_json(tmp_path / "file.json", content)
+    assert (tmp_path / "file.json").read_text() == json.dumps(content, indent=1, default=str) + "\n"

@@ -22,7 +22,8 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
     """
     run, target, rows = result.run, result.target, result.reached
     stops = drawn_rows(len(result.stops.joints))
-    joints, names = result.stops.joints[stops], [result.stops.names[i] for i in stops]
+    every = result.stops.names
+    joints, names = result.stops.joints[stops], [every[i] for i in stops]
     which = result.stops.which[stops]
     at_target = np.flatnonzero(which >= 0)
     aimed = rows[which[at_target]]

@@ -1,6 +1,7 @@
 """Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.inverse.branches import nearest_whole_turns
 from lab.kinematics.inverse.newton import PLACES, PoseTarget
 from lab.pose_selection.tour import rated
+from lab.render.progress import status
 from lab.simulation.collisions import collides, random_poses
 
 __all__ = ["compensate"]
@@ -215,13 +217,15 @@ def _in_their_order(
     compensator: Compensator, wanted: PoseTarget, conditions: Array, targets: Targets
 ) -> tuple[Compensation, Array]:
     """The corrected targets, and what the arm's effects ask for there, with where the joints come from."""
-    found = compensator(wanted, conditions, targets.joints)
+    with status("correcting") as stage:
+        found = replace(compensator, progress=partial(stage, "targets"))(wanted, conditions, targets.joints)
     told = [i for i, name in enumerate(compensator.arm.conditions) if name.startswith(LAST_MOVE)]
     if not told:
         return found, conditions
     moved = conditions.copy()
     moved[:, told] = last_moves(found.uncorrected)
-    return compensator(wanted, moved, targets.joints), moved
+    with status("correcting once more, with the joints' last moves") as stage:
+        return replace(compensator, progress=partial(stage, "targets"))(wanted, moved, targets.joints), moved
 
 
 def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:

@@ -29,6 +29,7 @@ from lab.core.errors import LabError
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
 from lab.formats.measurement_csv import read_measurements
+from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.test import Verified
@@ -89,7 +90,16 @@ def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurement
     if not options.force:
         calibrated.refuse_unfit("a verification")
     _refuse_unseen_base(calibrated, options)
+    with status("verifying") as stage:
+        return _tested(options, calibrated, given, stage)
+
+
+def _tested(
+    options: VerifyOptions, calibrated: Calibrated, given: Measurements | None, stage: Stage
+) -> VerificationResult:
+    """The test, of a file unless measurements are given."""
     chain = calibrated.robot.chain
+    stage("1 of 2, reading the measurements")
     read = read_measurements(options.file, chain.joint_names, chain.prismatic) if given is None else given
     if calibrated.load is not None and "payload_kg" in calibrated.arm.conditions:
         read = calibrated.load.weighed(read)
@@ -104,6 +114,7 @@ def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurement
             f"{options.file}: measured from stations {', '.join(stations)}; verify the rows of each alone, with "
             "--refit base"
         )
+    stage(f"2 of 2, testing {len(rows):,} rows against the prediction")
     with _naming(options):
         refuse_noise_beyond(options.noise_mm, rows, (calibrated.result.residual_mm or 0.0) / 1e3, "the run's residuals")
         observations, prediction = _against(calibrated, rows, options)

@@ -2,7 +2,7 @@
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -67,7 +67,7 @@ class Rapid:
                 f"    WaitTime {PAUSE_S};",
             ]
             pose += 1
-        targets = [_joint_target(name, joints) for name, joints in zip(names, tour.stops, strict=False)]
+        targets = [_joint_target(name, row) for name, row in zip(names, _degrees(tour.stops), strict=False)]
         moves += [_move("home", "tool0"), '    TPWrite "All poses measured";']
         head = [
             f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
@@ -96,11 +96,11 @@ class Rapid:
         ]
         names = _target_names(ids)
         targets, lines, via = [], ["    TPErase;"], 0
-        for i, joints in zip(moves.which.tolist(), moves.stops, strict=True):
+        for i, degrees in zip(moves.which.tolist(), _degrees(moves.stops), strict=True):
             via += i < 0
             name = names[i] if i >= 0 else f"via{via:03d}"
             targets += [f"  ! id {_shortened(ids[i])!a}"] if i >= 0 and name != _PREFIX + ids[i] else []
-            targets.append(_joint_target(name, joints))
+            targets.append(_joint_target(name, degrees))
             lines.append(_move(name, _TOOL))
             lines += [f'    TPWrite "{name}: {i + 1} of {len(ids)}";'] if i >= 0 else []
         return _module(_name(f"program_{moves.robot}"), [*head, *data, *targets], "move_to_targets", lines)
@@ -144,17 +144,18 @@ def _module(name: str, declarations: Sequence[str], routine: str, moves: Sequenc
     return ("\r\n".join([f"MODULE {name}", *body, "ENDMODULE"]) + "\r\n").encode("ascii")
 
 
-def _joint_target(name: str, joints: Array) -> str:
-    return f"  LOCAL CONST jointtarget {name}:=[{_degrees(joints)},{_NO_AXES}];"
+def _joint_target(name: str, degrees: str) -> str:
+    return f"  LOCAL CONST jointtarget {name}:=[{degrees},{_NO_AXES}];"
 
 
 def _move(target: str, tool: str) -> str:
     return f"    MoveAbsJ {target},{_SPEED},fine,{tool};"
 
 
-def _degrees(joints: Array) -> str:
-    """Six angles; a millionth of a degree moves a point 1 m away by 17 nm."""
-    return _list(np.rad2deg(joints), 6)
+def _degrees(stops: Array) -> Iterator[str]:
+    """Six angles of each stop ``(s, 6)``; a millionth of a degree moves a point 1 m away by 17 nm."""
+    degrees = np.rad2deg(stops).round(6) + 0.0
+    return (f"[{','.join(f'{value:.6f}' for value in row)}]" for row in degrees.tolist())
 
 
 def _pose(matrix: Array) -> str:

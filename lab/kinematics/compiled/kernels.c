@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define VERSION 2 /* which kernels.py takes alone */
+#define VERSION 3 /* which kernels.py takes alone */
 
 #define BLOCK 32      /* poses at a time: what fits the processor's first cache */
 #define PER_LINK 6    /* axes that a link makes: x y of the joint, y z of alpha, z x of beta */
@@ -473,6 +473,206 @@ static PyObject *tool(PyObject *self, PyObject *const *args, Py_ssize_t given)
     Py_RETURN_NONE;
 }
 
+/* ------------------------------------------------------------------------------------------------ Newton's method */
+
+#define MAX_STEPS 40       /* newton.MAX_STEPS and those that follow there; differential.ROTATION_M */
+#define ARRIVED 1e-10
+#define LONGEST_STEP 0.3
+#define LEAST_DAMPING 1e-6
+#define LARGEST_DAMPING 1e3
+#define ROTATION_M 0.3
+
+static void missing_rotation(const double *wanted, const Walk *w, int t, double out[3]) /* se3.log(wanted R') */
+{
+    double r[3][3], q[4];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            r[i][j] = 0.0;
+            for (int k = 0; k < 3; k++) r[i][j] += wanted[3 * i + k] * w->frame[k][j][t];
+        }
+    double square[4] = {1 + r[0][0] + r[1][1] + r[2][2], 1 + r[0][0] - r[1][1] - r[2][2],
+                        1 - r[0][0] + r[1][1] - r[2][2], 1 - r[0][0] - r[1][1] + r[2][2]};
+    double skew[3] = {r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]};
+    int pivot = 0;
+    for (int i = 1; i < 4; i++)
+        if (square[i] > square[pivot]) pivot = i;
+    q[0] = pivot ? skew[pivot - 1] : square[0];
+    for (int i = 0; i < 3; i++)
+        q[1 + i] = pivot == 0 ? skew[i] : pivot == 1 + i ? square[pivot] : r[i][pivot - 1] + r[pivot - 1][i];
+    double size = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) * (q[0] < 0 ? -1 : 1);
+    for (int i = 0; i < 4; i++) q[i] /= size;
+    double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), angle = 2 * atan2(sine, q[0]);
+    for (int i = 0; i < 3; i++) out[i] = (sine < 1e-12 ? 2.0 : angle / sine) * q[1 + i];
+}
+
+static void eliminate(double a[6][7]) /* a x = b with the right side in the last column, where x is left */
+{
+    for (int k = 0; k < 6; k++) {
+        int pivot = k;
+        for (int i = k + 1; i < 6; i++)
+            if (fabs(a[i][k]) > fabs(a[pivot][k])) pivot = i;
+        for (int j = k; j < 7 && pivot != k; j++) {
+            double held = a[k][j];
+            a[k][j] = a[pivot][j];
+            a[pivot][j] = held;
+        }
+        for (int i = k + 1; i < 6; i++) {
+            double factor = a[i][k] / a[k][k];
+            for (int j = k + 1; j < 7; j++) a[i][j] -= factor * a[k][j];
+        }
+    }
+    for (int i = 5; i >= 0; i--) {
+        for (int j = i + 1; j < 6; j++) a[i][6] -= a[i][j] * a[j][6];
+        a[i][6] /= a[i][i];
+    }
+}
+
+/* newton.shortest_step of one pose: jacobian (6, links), to the joints it leads to. */
+static void step_from(const double *joints, const double *jacobian, const double *errors, int turned, double damping,
+                      int links, double *moved)
+{
+    double weight[6] = {1, 1, 1, ROTATION_M, ROTATION_M, ROTATION_M}, a[6][7], longest = 1e-300;
+    for (int i = 0; i < 6; i++) {
+        if (i > 2 && !turned) weight[i] = 0.0;
+        for (int j = 0; j <= i; j++) {
+            double sum = 0.0;
+            for (int k = 0; k < links; k++) sum += jacobian[i * links + k] * jacobian[j * links + k];
+            a[i][j] = a[j][i] = weight[i] * weight[j] * sum;
+        }
+        a[i][i] += damping * damping + (weight[i] > 0 ? 1e-15 : 1.0);
+        a[i][6] = weight[i] * errors[i];
+    }
+    eliminate(a);
+    for (int k = 0; k < links; k++) {
+        moved[k] = 0.0;
+        for (int i = 0; i < 6; i++) moved[k] += weight[i] * jacobian[i * links + k] * a[i][6];
+        if (fabs(moved[k]) > longest) longest = fabs(moved[k]);
+    }
+    for (int k = 0; k < links; k++) moved[k] = joints[k] + moved[k] * fmin(1.0, LONGEST_STEP / longest);
+}
+
+static double size_of(const double *errors, double rotation)
+{
+    double sum = 0.0;
+    for (int i = 0; i < 3; i++)
+        sum += errors[i] * errors[i] + rotation * rotation * errors[3 + i] * errors[3 + i];
+    return sqrt(sum);
+}
+
+static int arrived(const double *e)
+{
+    return sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]) < ARRIVED
+           && sqrt(e[3] * e[3] + e[4] * e[4] + e[5] * e[5]) < ARRIVED;
+}
+
+typedef struct {
+    const double *values, *tool, *start, *positions, *rotations;
+    double *joints, *errors;
+    int64_t *steps;
+    Py_ssize_t n;
+} Wanted;
+
+/* Some poses at a time, each in a lane of the walk; the next pose takes the lane of one that has ended. */
+static void reach_all(const Arm *arm, const Wanted *of, Walk *w, double *held, double *moved, double *ahead)
+{
+    Py_ssize_t row[BLOCK], next = 0;
+    int links = arm->links, lanes = 0, fresh[BLOCK], turned[BLOCK], before = arm->parameters - 3 * arm->targets;
+    double damping[BLOCK], there[6];
+    Vector point;
+    for (;;) {
+        for (; lanes < BLOCK && next < of->n; lanes++, next++) {
+            row[lanes] = next;
+            fresh[lanes] = turned[lanes] = 1;
+            for (int i = 0; i < 9; i++) turned[lanes] &= isfinite(of->rotations[9 * next + i]) != 0;
+            damping[lanes] = 0.0;
+            of->steps[next] = 0;
+            memcpy(moved + lanes * links, of->start + next * links, links * sizeof(double));
+        }
+        if (!lanes) return;
+        walk(arm, of->values, moved, lanes, w);
+        target_at(w, of->tool, lanes, point);
+        for (int m = 6; m < before; m++) {
+            const Motion *motion = w->motions + m;
+            if (motion->joint < 0) continue;
+            double sign = arm->sign[motion->joint], *to = ahead + motion->joint * BLOCK;
+            column(motion, (const double (*)[BLOCK])point, sign, lanes, to, links * BLOCK);
+            for (int i = 0; i < 3; i++)
+                for (int t = 0; t < lanes; t++)
+                    to[(3 + i) * links * BLOCK + t] = motion->origin == NULL ? 0.0 : sign * motion->axis[i][t];
+        }
+        for (int t = lanes - 1; t >= 0; t--) {
+            Py_ssize_t r = row[t];
+            double *joints = of->joints + r * links, *errors = of->errors + 6 * r, *jacobian = held + t * 6 * links;
+            for (int i = 0; i < 3; i++) there[i] = of->positions[3 * r + i] - point[i][t];
+            there[3] = there[4] = there[5] = 0.0;
+            if (turned[t]) missing_rotation(of->rotations + 9 * r, w, t, there + 3);
+            int better = fresh[t] || size_of(there, ROTATION_M) < size_of(errors, ROTATION_M);
+            if (better) {
+                memcpy(joints, moved + t * links, links * sizeof(double));
+                memcpy(errors, there, sizeof there);
+                for (int i = 0; i < 6 * links; i++) jacobian[i] = ahead[i * BLOCK + t];
+            }
+            if (!fresh[t]) {
+                damping[t] = better ? (damping[t] > LEAST_DAMPING ? damping[t] / 10 : 0.0)
+                                    : fmax(10 * damping[t], LEAST_DAMPING);
+                of->steps[r]++;
+            }
+            fresh[t] = 0;
+            if (!arrived(errors) && damping[t] <= LARGEST_DAMPING && of->steps[r] < MAX_STEPS) {
+                step_from(joints, jacobian, errors, turned[t], damping[t], links, moved + t * links);
+                continue;
+            }
+            int last = --lanes; /* whose step is taken already */
+            if (last == t) continue;
+            row[t] = row[last];
+            fresh[t] = fresh[last];
+            turned[t] = turned[last];
+            damping[t] = damping[last];
+            memcpy(moved + t * links, moved + last * links, links * sizeof(double));
+            memcpy(jacobian, held + last * 6 * links, 6 * links * sizeof(double));
+        }
+    }
+}
+
+/* reach(shape, sign, values, start, positions, rotations, target, joints, errors, steps): newton.reach of 6 joints and
+ * more. */
+static PyObject *reach(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Arm arm;
+    Walk w;
+    Wanted of;
+    Py_ssize_t p, read, places, turns, out, missing, counts;
+    if (given != 10 || !read_arm(&held, args[0], args[1], &arm)) return wrong(&held);
+    long target = PyLong_AsLong(args[6]);
+    if (PyErr_Occurred() || !(of.values = numbers(&held, args[2], 0, 8, &p))
+        || !(of.start = numbers(&held, args[3], 0, 8, &read)) || !(of.positions = numbers(&held, args[4], 0, 8, &places))
+        || !(of.rotations = numbers(&held, args[5], 0, 8, &turns)) || !(of.joints = numbers(&held, args[7], 1, 8, &out))
+        || !(of.errors = numbers(&held, args[8], 1, 8, &missing))
+        || !(of.steps = numbers(&held, args[9], 1, 8, &counts)))
+        return wrong(&held);
+    Py_ssize_t n = of.n = counts;
+    if (p != arm.parameters || arm.links < 6 || read != n * arm.links || out != read || places != 3 * n || turns != 9 * n
+        || missing != 6 * n || target < 0 || target >= arm.targets)
+        return wrong(&held);
+    of.tool = of.values + arm.parameters - 3 * arm.targets + 3 * target;
+    size_t own = (size_t)arm.links * BLOCK;
+    double *space = malloc(13 * own * sizeof(double));
+    if (space == NULL || !room(&arm, &w)) {
+        free(space);
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
+    reach_all(&arm, &of, &w, space, space + 6 * own, space + 7 * own);
+    if (state) PyEval_RestoreThread(state);
+    free(w.axes);
+    free(space);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
 /* ------------------------------------------------------------------------------------------------ linear algebra */
 
 /* independent(columns, order, tolerance, kept): gauge.independent_columns, Gram-Schmidt done twice.
@@ -733,6 +933,7 @@ static PyMethodDef methods[] = {
     {"independent", (PyCFunction)(void (*)(void))independent, METH_FASTCALL, NULL},
     {"inverse", (PyCFunction)(void (*)(void))inverse, METH_FASTCALL, NULL},
     {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},
+    {"reach", (PyCFunction)(void (*)(void))reach, METH_FASTCALL, NULL},
     {"stacked", (PyCFunction)(void (*)(void))stacked, METH_FASTCALL, NULL},
     {"tool", (PyCFunction)(void (*)(void))tool, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},

@@ -17,7 +17,7 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["CompiledChain", "machine_code", "solve_positive"]
 
-_VERSION = 2  # of kernels.c: what an earlier build left behind is not taken
+_VERSION = 3  # of kernels.c: what an earlier build left behind is not taken
 Columns = NDArray[np.int64]
 
 
@@ -99,6 +99,24 @@ class CompiledChain:
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
         self.code.tool(self._shape, self._sign, *given, target, Ts, jacobian)
         return Ts, jacobian.transpose(2, 0, 1)
+
+    def reach(
+        self, start: Array, values: Array, positions: Array, rotations: Array, target: int
+    ) -> tuple[Array, Array, Columns]:
+        """Joint positions ``(n, joints)``, what is missing there ``(n, 6)``, and steps ``(n,)``: ``newton.reach``.
+
+        Of six joints and more.
+
+        Args:
+            start: ``(n, joints)``.
+            positions: ``(n, 3)`` m.
+            rotations: ``(n, 3, 3)``; NaN where any will do.
+        """
+        n = len(start)
+        joints, errors, steps = np.empty(start.shape), np.empty((n, 6)), np.empty(n, dtype=np.int64)
+        given = (np.ascontiguousarray(each) for each in (values, start, positions, rotations))
+        self.code.reach(self._shape, self._sign, *given, target, joints, errors, steps)
+        return joints, errors, steps
 
     def stacked(self, joints: Array, values: Array, slot: Columns, rows: int) -> tuple[Array, Array]:
         """Positions ``(b, k, 3, n)`` m and derivatives ``(b, rows, k, 3, n)`` of many arms.

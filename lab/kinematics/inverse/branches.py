@@ -197,16 +197,20 @@ def ordered(
         ``(n, k, joints)`` joint positions, and ``(n, k)`` the branches that they are of.
     """
     joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
-    last = chain.home if before is None else before
-    for i, ways in enumerate(solutions.joints):
-        near = reference[i] if np.isfinite(reference[i]).all() else last
-        turned = nearest_whole_turns(chain, ways, near)
-        beyond = chain.excess(turned).sum(axis=1)
-        cost = np.abs(turned - near).max(axis=1) + DISLIKE_COST * disliked[i]
-        cost += EXCESS_COST * beyond + GAP_COST * solutions.gap_m[i] + TILT_COST * solutions.tilt_rad[i]
-        order[i] = np.argsort(cost, kind="stable")
-        joints[i] = turned[order[i]]
-        last = joints[i, 0]
+    given = np.isfinite(reference).all(axis=1)
+    near = np.where(given[:, None], reference, chain.home if before is None else before)
+    fixed = DISLIKE_COST * disliked + GAP_COST * solutions.gap_m + TILT_COST * solutions.tilt_rad
+    rows = np.arange(len(joints))
+    while rows.size:  # all at once from a guess of the row before, then again those that it has changed for
+        turned = nearest_whole_turns(chain, solutions.joints[rows], near[rows, None])
+        cost = np.abs(turned - near[rows, None]).max(axis=2) + fixed[rows]
+        cost += EXCESS_COST * chain.excess(turned).sum(axis=2)
+        order[rows] = np.argsort(cost, axis=1, kind="stable")
+        joints[rows] = np.take_along_axis(turned, order[rows, :, None], axis=1)
+        after = rows[rows + 1 < len(joints)] + 1
+        after = after[~given[after]]
+        rows = after[(near[after] != joints[after - 1, 0]).any(axis=1)]
+        near[rows] = joints[rows - 1, 0]
     return joints, order
 
 

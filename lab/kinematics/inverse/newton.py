@@ -15,6 +15,7 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M, WEIGHTS, pseudo_inverse
 from lab.kinematics.effects.arm import Arm
+from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["FREEDOMS", "PLACES", "PoseTarget", "reach", "shortest_step", "tool_at", "within_reach"]
 
@@ -100,14 +101,17 @@ def reach(arm: Arm, values: Array, wanted: PoseTarget, start: Array, conditions:
     Args:
         conditions: ``(n, c)``, what the arm's effects ask for.
     """
-    few = start.shape[1] < FREEDOMS
+    few, start = start.shape[1] < FREEDOMS, start.astype(np.float64)
+    if not few and isinstance(arm, SerialArm) and (code := arm.compiled(start, values)) is not None:
+        found, missing, taken = code.reach(start, values, wanted.positions, wanted.rotations, target)
+        return IKResult(found, missing, missing, taken)
 
     def at(rows: NDArray[np.int_], joints: Array) -> tuple[Array, Array]:
         """What is missing ``(m, 6)``, and the Jacobian ``(m, 6, joints)``."""
         Ts, jacobian = tool_at(arm, np.concatenate([joints, conditions[rows]], axis=1), values, target)
         return wanted.take(rows).errors(Ts), jacobian
 
-    joints, steps = start.astype(np.float64), np.zeros(len(wanted), dtype=np.int_)
+    joints, steps = start, np.zeros(len(wanted), dtype=np.int_)
     errors, jacobian = at(np.arange(len(wanted)), joints)
     left = within_reach(jacobian, errors, wanted.turned)
     damping = np.zeros(len(wanted))

@@ -12,6 +12,7 @@ from lab.campaign.robot import load_robot
 from lab.kinematics.compiled import kernels
 from lab.kinematics.gauge import independent_columns
 from lab.kinematics.inverse.analytic.spherical_wrist import SphericalWrist
+from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
 
@@ -52,6 +53,24 @@ def test_every_walk_is_that_of_numpy(name: str, poses: int, monkeypatch: pytest.
     for here, there in zip(found, expected, strict=True):
         assert here.shape == there.shape
         assert np.abs(here - there).max(initial=0.0) < ROUNDING
+
+
+@compiled
+@pytest.mark.parametrize(("name", "poses"), [("irb120", 90), ("irb120", 0), ("rx130", 40)])
+def test_newtons_method_is_that_of_numpy(name: str, poses: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of targets with and without a rotation, from near and from so far that steps are damped."""
+    fast, slow = both(name, ("p1", "p2"), monkeypatch)
+    rng = np.random.default_rng(3)
+    joints, values = some(fast, poses, rng)
+    Ts = fast.tool(joints, values, 1)[0]
+    rotations = np.where(rng.random((poses, 1, 1)) < 0.5, Ts[:, :3, :3], np.nan)
+    wanted, far = PoseTarget(Ts[:, :3, 3], rotations), rng.choice([0.02, 1.0], (poses, 1))
+    start = joints + far * rng.uniform(-1, 1, joints.shape)
+    found, expected = (reach(arm, values, wanted, start, np.empty((poses, 0)), 1) for arm in (fast, slow))
+    same = (found.steps == expected.steps) & (np.abs(found.joints - expected.joints).max(axis=1, initial=0.0) < 1e-7)
+    assert same.all() if not poses else same.mean() > 0.9 and same[far[:, 0] < 1].all()
+    assert (found.arrived == expected.arrived)[same].all() and found.errors.shape == (poses, 6)
+    assert expected.steps.max(initial=0) > 8 or not poses
 
 
 @compiled

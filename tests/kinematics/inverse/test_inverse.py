@@ -9,6 +9,7 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.registry import effect
+from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import PoseTarget, reach, shortest_step, within_reach
 from lab.kinematics.serial.arm import SerialArm
@@ -228,3 +229,19 @@ def test_a_scara_s_drawing_meets_the_place_of_a_tilted_pose_at_the_tool() -> Non
         errors = wanted.errors(Ts_found)
         assert np.abs(errors[:, :3]).max() < 1e-12
         assert np.abs(within_reach(jacobian, errors, wanted.turned)).max() < 1e-12  # nothing better to be had
+
+
+def test_rows_in_order_are_those_found_one_after_the_other() -> None:
+    """Each row's best way says where the next one looks; all at once they come to the same."""
+    chain, rng = RX130, np.random.default_rng(5)
+    ways = Solutions(
+        rng.uniform(-3, 3, (60, 8, 6)), np.zeros((60, 8)), np.zeros((60, 8)), np.zeros((60, 8, 6), dtype=bool)
+    )
+    reference = np.where(rng.random((60, 1)) < 0.1, rng.uniform(-1, 1, (60, 6)), np.nan)
+    disliked, before = rng.random((60, 8)) < 0.3, rng.uniform(-1, 1, 6)
+    joints, order = ordered(chain, ways, reference, disliked, before)
+    for i in range(60):
+        one = Solutions(*(part[i : i + 1] for part in (ways.joints, ways.gap_m, ways.tilt_rad, ways.free)))
+        alone = ordered(chain, one, reference[i : i + 1], disliked[i : i + 1], before)
+        assert (joints[i] == alone[0][0]).all() and (order[i] == alone[1][0]).all()
+        before = joints[i, 0]
