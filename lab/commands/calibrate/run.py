@@ -227,7 +227,9 @@ def _judged_by_rows(
     """
     if held is not None:
         judged, said = held, list[str]()
-        placed = {"station": (held.stations, fitter.course.stations)}
+        placed = {}
+        if fitter.course.stations:
+            placed["station"] = held.stations, fitter.course.stations
         if "sessions" in fit.groups:
             placed["session"] = held.sessions, fitter.course.sessions
         for what, (names, known) in placed.items():
