@@ -202,3 +202,24 @@ def test_a_folder_holds_a_table_of_the_solutions(tmp_path, capsys) -> None:
     assert files == {"SHA256SUMS", "config.json", "result.json", "joints.csv", "report.html", "recording.rrd"}
     code, again, _ = run(capsys, "irb120", "--file", tmp_path / "run" / "joints.csv", "--joints=1,2,3,4,5,6")
     assert code == 0 and len(again["poses"]) == 8  # it has poses too, so that its rows are targets
+
+
+def test_a_freedom_that_an_arm_does_not_have_is_told_in_one_line() -> None:
+    """Of five axes the third turn; of a planar arm a place off its plane, and nothing of poses that they can take."""
+    stands = lab.solve_kinematics("scorbot", joints=(20, 40, -50, 10, 30)).placements[0]
+    angles = np.rad2deg(se3.roll_pitch_yaw(stands.T_base_tool[:3, :3]))
+    taken = lab.solve_kinematics("scorbot", pose=(*(1e3 * stands.T_base_tool[:3, 3]), *angles))
+    assert len(taken.placements) == 4 and not taken.warnings and taken.reached[0].how == "closed form"
+    asked = lab.solve_kinematics("scorbot", pose=(300, 100, 400, 10, 20, 30))
+    (line,) = asked.warnings
+    assert "asks for a turn that an arm of 5 joints does not have" in line and "missed by 5.89° about" in line
+    assert asked.reached[0].how == "search"
+    for each in asked.placements:
+        np.testing.assert_allclose(each.T_base_tool[:3, 3], [0.3, 0.1, 0.4], atol=1e-9)
+        assert np.rad2deg(each.tilt_rad) == pytest.approx(5.89, abs=0.01)
+    off = lab.solve_kinematics("planar3r", pose=(500, 200, 20, 0, 0, 60))
+    assert not off.placements
+    assert off.warnings == (
+        "the pose has no solution: it is 20 mm off the plane across (0, 0, 1) in which the arm moves",
+    )
+    assert len(lab.solve_kinematics("planar3r", pose=(500, 200, 0, 0, 0, 60)).placements) == 2
