@@ -107,20 +107,24 @@ def _run(arguments: list[str]) -> int:
 
 def _help() -> str:
     """What there is; written here, so that no parser has to be loaded for it."""
+    import shutil
+    import textwrap
+
     import lab
     from lab.commands.registry import COMMANDS
 
     width = max(len(each.name) for each in COMMANDS) + 2
+    room, rest = max(40, shutil.get_terminal_size().columns), " " * (width + 2)
     return "\n".join(
         [
             "usage: lab COMMAND [OPTIONS]",
             "",
-            (lab.__doc__ or "").partition("\n")[0],
+            textwrap.fill((lab.__doc__ or "").partition("\n")[0], room),
             "",
             "commands:",
-            *(f"  {each.name:{width}}{each.help}" for each in COMMANDS),
+            *(textwrap.fill(f"  {each.name:{width}}{each.help}", room, subsequent_indent=rest) for each in COMMANDS),
             "",
-            "lab COMMAND --help lists the options of a command; lab --version prints the version.",
+            textwrap.fill("lab COMMAND --help lists the options of a command; lab --version prints the version.", room),
         ]
     )
 

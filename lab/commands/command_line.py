@@ -1,9 +1,12 @@
 """The command line of one command: its options, by tyro, and what every command takes beside them."""
 
+import shutil
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import tyro
 
@@ -45,7 +48,8 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     """
     kind = command.load_options()
     rest, default = _configured(command, kind, arguments)
-    given = tyro.conf.OmitArgPrefixes[kind]  # type: ignore[valid-type]
+    titled = Annotated[kind, tyro.conf.arg(name=command.name)]  # type: ignore[valid-type]
+    given = tyro.conf.OmitArgPrefixes[titled]  # type: ignore[valid-type]
     options = ("options", given) if default is None else ("options", given, field(default=default))
     common: list[Any] = [("json", _JSON, field(default=False))]
     if "out" not in _names(kind):  # of a command that looks after its folder itself
@@ -63,7 +67,8 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
 
 def _described(command: Command) -> str:
     again = " With --config FILE an earlier run's config.json gives the defaults." if command.folder else ""
-    return command.help + again
+    width = max(40, shutil.get_terminal_size().columns)  # as tyro has it, which does not break this text
+    return textwrap.fill(command.help + again, width, subsequent_indent="  ")
 
 
 def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> tuple[list[str], Any]:
@@ -91,9 +96,11 @@ def _names(kind: Any) -> Iterator[str]:
 
 
 def _numbers() -> tyro.constructors.ConstructorRegistry:
-    """Numbers whose refusal is a plain sentence."""
+    """Numbers whose refusal is a plain sentence, and what need not be given, whose help says so in words."""
     registry = tyro.constructors.ConstructorRegistry()
-    words = {int: (whole_number, "INT"), float: (number, "FLOAT")}
+    words: dict[type, tuple[Any, str]] = {
+        int: (whole_number, "INT"), float: (number, "FLOAT"), Path: (Path, "PATH"), str: (str, "STR"),
+    }  # fmt: skip
 
     @registry.primitive_rule
     def rule(info: tyro.constructors.PrimitiveTypeInfo) -> tyro.constructors.PrimitiveConstructorSpec[Any] | None:
@@ -101,10 +108,26 @@ def _numbers() -> tyro.constructors.ConstructorRegistry:
             if info.type is kind:
                 return _spec(kind, read, metavar, optional=False)
             if info.type == kind | None:
-                return _spec(kind, read, f"{{None}}|{metavar}", optional=True)
-        return None
+                return _spec(kind, read, metavar, optional=True)
+        return _one_of(get_args(info.type))
 
     return registry
+
+
+def _one_of(kinds: Sequence[Any]) -> "tyro.constructors.PrimitiveConstructorSpec[Any] | None":
+    """Of words that may be left out; None where the parts of a type are others."""
+    words = [each for each in kinds if get_origin(each) is Literal]
+    if len(words) != 1 or len(kinds) != 2 or NoneType not in kinds:
+        return None
+    choices = tuple(str(each) for each in get_args(words[0]))
+    return tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="{" + ",".join(choices) + "}",
+        instance_from_str=lambda texts: texts[0],
+        is_instance=lambda value: value is None or value in choices,
+        str_from_instance=lambda value: ["none" if value is None else str(value)],
+        choices=choices,
+    )
 
 
 def _spec(kind: type, read: Any, metavar: str, *, optional: bool) -> "tyro.constructors.PrimitiveConstructorSpec[Any]":
@@ -113,5 +136,5 @@ def _spec(kind: type, read: Any, metavar: str, *, optional: bool) -> "tyro.const
         metavar=metavar,
         instance_from_str=lambda texts: None if optional and texts[0] == "None" else read(texts[0]),
         is_instance=lambda value: isinstance(value, kind) or (optional and value is None),
-        str_from_instance=lambda value: [str(value)],
+        str_from_instance=lambda value: ["none" if value is None else str(value)],
     )

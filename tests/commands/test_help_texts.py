@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from helpers.robots import ROOT
 
+from lab.cli import main
+from lab.commands.registry import COMMANDS
 from lab.core.instruments import INSTRUMENTS, observers
 from lab.pose_selection.criteria import CRITERIA
 
@@ -31,3 +33,22 @@ def test_help_names_the_instruments_that_there_are(path: str) -> None:
 def test_help_names_the_criteria_that_there_are() -> None:
     source = Path(ROOT / "lab/campaign/options.py").read_text(encoding="utf-8")
     assert f"{', '.join(CRITERIA[:-1])} or {CRITERIA[-1]}." in source
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("columns", [80, 140])
+def test_help_of_every_command_fits_the_terminal(columns: int, monkeypatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """No line is longer, none is cut, and what need not be given is said in words."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert main(["--help"]) == 0
+    told = {"lab": capsys.readouterr().out}
+    for command in COMMANDS:
+        with pytest.raises(SystemExit):
+            main([command.name, "--help"])
+        told[command.name] = capsys.readouterr().out
+    for name, text in told.items():
+        assert max(map(len, text.splitlines())) <= columns, name
+        assert not re.search(r"None|…$|\.\.\. *│|options options", text, re.MULTILINE), name
+    assert {name for name in told if told[name]} == {"lab", *(each.name for each in COMMANDS)}
+    again = " ".join(told["certify"].split())
+    assert "earlier run's config.json gives the defaults." in again and "certify options" in again

@@ -152,7 +152,7 @@ def arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
             f"The arm at its poses, {'from above' if which == 'above' else 'from the side'}",
             (4.5, 4.85),
             lambda axes, plane=plane: draw(axes, plane),  # type: ignore[misc]
-            (0.7, 0.85, 0.15, 0.3),
+            (0.85, 0.85, 0.15, 0.3),  # places may have four digits and a sign
         )
         for which, plane in VIEWS.items()
     )

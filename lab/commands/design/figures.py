@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.commands.design.result import DesignResult, DesignStep
 from lab.core.se3 import Array
@@ -21,6 +22,7 @@ from lab.render.style import (
     FIGURE_STYLE,
     GRID,
     INDEX,
+    INK,
     INSTRUMENT,
     ORDER_MAP,
     REFERENCE,
@@ -144,6 +146,14 @@ def _draw_poses(figure: "Figure", plan: DesignResult) -> None:
     )
 
 
+def _first_visits(points: Array) -> tuple[NDArray[np.int_], list[int]]:
+    """Rows of points ``(n, 3)`` mm at which a place is visited first, and how often each is: a reference pose again."""
+    places: dict[tuple[float, ...], list[int]] = {}
+    for row, point in enumerate(np.round(points, 3)):
+        places.setdefault(tuple(point + 0.0), []).append(row)
+    return np.array([rows[0] for rows in places.values()], int), [len(rows) for rows in places.values()]
+
+
 def _view(axes: "Axes", shown: "PlanScene", plane: tuple[int, int], name: str) -> None:
     """Target positions in mm on a plane of the world, with the way between them, the arm at home and the tracker."""
     from matplotlib import colormaps
@@ -156,23 +166,32 @@ def _view(axes: "Axes", shown: "PlanScene", plane: tuple[int, int], name: str) -
     for k, line in enumerate(mm * each for each in shown.home):
         label = "" if k else "robot at home"
         axes.plot(line[:, i], line[:, j], "o-", color=ARM, linewidth=5, alpha=0.45, markersize=6, label=label)
-    points = mm * shown.points[shown.measured, 0]
-    colour = np.arange(len(points))
+    every = mm * shown.points[shown.measured, 0]
+    colour, visits = _first_visits(every)
+    points = every[colour]
     axes.scatter(
         points[:, i],
         points[:, j],
         c=colour,
         cmap=ORDER_MAP,
+        vmin=0,
+        vmax=len(every) - 1,
         s=120,
         edgecolors="white",
         zorder=3,
         label="target at a pose",
     )
-    shades = colormaps[ORDER_MAP](colour / max(len(points) - 1, 1))[:, :3]
+    shades = colormaps[ORDER_MAP](colour / max(len(every) - 1, 1))[:, :3]
     for k, (x, y) in enumerate(points[:, plane]):
         ink = "white" if luminance(shades[k]) < EQUAL_CONTRAST else "black"
         own = {"boxstyle": "circle,pad=0.05", "facecolor": shades[k], "edgecolor": "none"}  # also where points overlap
-        axes.annotate(shown.ids[k], (x, y), ha="center", va="center", fontsize=6.5, color=ink, bbox=own, zorder=4)
+        own_id = shown.ids[colour[k]]
+        axes.annotate(own_id, (x, y), ha="center", va="center", fontsize=6.5, color=ink, bbox=own, zorder=4)
+        if visits[k] > 1:
+            axes.annotate(
+                f"{visits[k]} visits", (x, y), xytext=(8, 5), textcoords="offset points", fontsize=7, color=INK,
+                bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}, zorder=5,
+            )  # fmt: skip
     via = ~shown.measured
     via[[0, -1]] = False
     if via.any():

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -46,7 +46,9 @@ class KinematicsOptions:
     """The frame whose axes the Jacobian and the twist have."""
     matrices: Flag = False
     """Print the link matrices T_i-1,i and their products T_0,i at the first joint positions."""
-    between: tuple[int, int] | None = None
+    between: Annotated[
+        tuple[int, int] | None, tyro.conf.arg(metavar="FIRST LAST", help_behavior_hint="(default: none)")
+    ] = None
     """Print the pose of the second of these frames in the first (0 is the base's)."""
     symbolic: Flag = False
     """Print the matrices also in letters (needs sympy)."""

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
@@ -23,7 +24,7 @@ class StudyOptions:
     """Go on with the study in --out that was killed or stopped."""
     workers: int | None = None
     """How many processes of this machine: one for each core by default."""
-    scheduler: str | None = None
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="PROTOCOL://HOST:PORT")] = None
     """Address of a dask.distributed scheduler whose workers do it instead, e.g. tls://host:8786."""
 
     def check(self) -> None:
