@@ -11,10 +11,12 @@ as d^1.5, as a random walk's does; and what joints do is bounded, so that no mor
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
@@ -26,11 +28,15 @@ from lab.core.measurements import evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import EXTRAPOLATION
+from lab.kinematics.effects.effect import LEVER_M
 from lab.kinematics.model import Model
 
 __all__ = ["MeasuredRange", "joint_regions", "measured_range", "position_covariances", "prediction_squares"]
 
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
+_NEAREST = 3  # measured poses that are near a covered one
+_COVERED = 0.95  # of the measured poses are as near to others
+_MOST_NEAR = 4_000  # measured poses among which the near ones are sought
 _MOST = 1.0  # rad or m beyond, that a slope is good for
 _LEAST_EDGE = 1e-3  # rad or m
 _LEAST_POSES = 4  # at an edge: fewer say nothing of a slope
@@ -52,6 +58,7 @@ class MeasuredRange:
         edge: ``(joints,)`` the width (rad, m) of the outer tenths that the slopes come from.
         slope: ``(joints,)`` one standard deviation of what a joint is off, as a share of how far it stands beyond; zero
             where the edges of the range say of none.
+        poses: ``(n, joints)`` measured positions; None where only the range is known.
     """
 
     lower: Array
@@ -59,6 +66,7 @@ class MeasuredRange:
     turning: NDArray[np.bool_]
     edge: Array
     slope: Array
+    poses: Array | None = None
 
     @property
     def is_worse_beyond(self) -> bool:
@@ -72,6 +80,29 @@ class MeasuredRange:
         away = np.where(self.turning, np.remainder(away + np.pi, 2 * np.pi) - np.pi, away)
         beyond = np.abs(away) - (self.upper - self.lower) / 2
         return np.where(beyond > _ROUNDING, beyond, 0.0)
+
+    def uncovered(self, joints: Array) -> NDArray[np.bool_]:
+        """``(n,)`` which positions ``(n, joints)`` no measured one is near: a region that nobody measured.
+
+        The third nearest measured pose is farther away than that of 95 % of the measured ones, in chords of hinges.
+        """
+        if self.poses is None or len(self.poses) <= _NEAREST:
+            return np.zeros(len(joints), dtype=np.bool_)
+        tree, reach = self._measured
+        return np.asarray(tree.query(self._around(joints), k=_NEAREST)[0][:, -1] > reach)
+
+    @cached_property
+    def _measured(self) -> tuple[cKDTree, float]:
+        """The measured poses, and how far 95 % of them are from the third of the others."""
+        assert self.poses is not None
+        around = self._around(self.poses)
+        tree = cKDTree(around)
+        return tree, float(np.quantile(tree.query(around, k=_NEAREST + 1)[0][:, -1], _COVERED))
+
+    def _around(self, joints: Array) -> Array:
+        """Positions ``(n, 2 joints)`` between which distances are chords; a slide's are in units of a lever."""
+        slides = np.where(self.turning, 0.0, joints / LEVER_M)
+        return np.concatenate([np.where(self.turning, np.cos(joints), slides), np.sin(joints) * self.turning], axis=1)
 
     def unknown(self, model: Model, inputs: Array, values: Array) -> Array:
         """``(n, k, d, joints)`` one standard deviation of what each joint's unknown error makes of observations.
@@ -105,7 +136,9 @@ def measured_range(found: Identification, observed: Observations, prismatic: Seq
     low, high = np.quantile(joints, [_EDGE, 1 - _EDGE], axis=0)
     lower, upper = joints.min(axis=0), joints.max(axis=0)
     edge = np.maximum((low - lower + upper - high) / 2, _LEAST_EDGE)
-    return MeasuredRange(lower, upper, ~np.array(prismatic, dtype=bool), edge, slope)
+    some = evenly(len(joints), _MOST_NEAR)
+    poses = joints if some is None else joints[some]
+    return MeasuredRange(lower, upper, ~np.array(prismatic, dtype=bool), edge, slope, poses)
 
 
 def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:

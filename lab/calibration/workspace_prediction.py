@@ -35,6 +35,7 @@ __all__ = [
 
 MEAN_OF_RMS = float(np.sqrt(8 / (3 * np.pi)))  # of the lengths of isotropic normal errors (Maxwell)
 _POSES = 200
+_UNCOVERED = "extrapolated: not covered by measured poses"
 _SHARE = 0.95
 
 
@@ -49,6 +50,8 @@ class WorkspacePrediction:
         tolerance_rms_m: root mean square error of an arm within the tolerances that was never calibrated.
         beyond_share: the share of the poses that are beyond the measured joint positions, where the model is known to
             be worse than its covariance; zero where nothing says so.
+        uncovered_share: the share of the poses that no measured pose is near, where the model is known to lack
+            something; zero where nothing says so.
     """
 
     rms_m: float
@@ -56,6 +59,13 @@ class WorkspacePrediction:
     p95_m: float
     tolerance_rms_m: float
     beyond_share: float = 0.0
+    uncovered_share: float = 0.0
+
+    @property
+    def coverage_words(self) -> str:
+        """How much of the workspace is not where anything was measured, for the end of a sentence."""
+        shares = (self.beyond_share, "beyond the measured joint positions"), (self.uncovered_share, _UNCOVERED)
+        return "".join(f", {100 * share:.0f} % of it {words}" for share, words in shares if share > 0)
 
 
 @dataclass(frozen=True)
@@ -102,9 +112,11 @@ def predict_over_workspace(
     squares = position_covariances(identification, measured, inputs)[:, 0]
     if not np.isfinite(squares).all():
         return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
-    share = 0.0
+    beyond = uncovered = 0.0
     if measured is not None and (measured.is_worse_beyond or identification.process is not None):
-        share = float((measured.beyond(inputs[:, : len(measured.lower)]) > 0).any(axis=1).mean())
+        joints = inputs[:, : len(measured.lower)]
+        beyond = float((measured.beyond(joints) > 0).any(axis=1).mean())
+        uncovered = float(measured.uncovered(joints).mean())
     rms = float(np.sqrt(np.trace(squares, axis1=1, axis2=2).mean()))
     known = identification.sigma_known and not lack_of_fit
     dof = None if known else max(identification.dof, 1)
@@ -112,7 +124,7 @@ def predict_over_workspace(
     if lack_of_fit and identification.sigma_known:
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
-    return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, share)
+    return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, beyond, uncovered)
 
 
 def predicted_errors(

@@ -32,6 +32,13 @@ from lab.render.format import short
 __all__ = ["Options", "Split", "answer", "splits"]
 
 Split = Literal["random", "regions", "beyond"]
+_SHARES = (
+    "beyond_share",
+    "within_bounds",
+    "within_bounds_of_covariance",
+    "uncovered_share",
+    "within_bounds_covered",
+)
 _DRAWS = 20_000  # of squares of Student's t, for their 95 % bound
 
 
@@ -75,7 +82,7 @@ def splits(joints: Array, kind: Split, count: int, share: float) -> list[NDArray
 def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDArray[np.bool_]]) -> dict[str, float]:
     """Errors of the parts held out, each by what the others say, and how many of them their bounds hold."""
     kind = configured_kind("points", ObservationOptions(), FitInputs())
-    lengths, within, plain, far = [], [], [], []
+    lengths, within, plain, far, lone = [], [], [], [], []
     for out in held:
         rows, rest = data.take(np.flatnonzero(~out)), data.take(np.flatnonzero(out))
         report = Fitter(robot, kind.targets(data), rows, kind, Noise(), Fitting(model), 0)(rows)
@@ -88,12 +95,15 @@ def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDA
         lengths.append(np.linalg.norm(rest.points - found.model.points(inputs, found.values), axis=2)[rest.seen])
         assert report.measured is not None
         far.append(report.measured.beyond(rest.joints).any(axis=1))
-    error = np.concatenate(lengths)
+        lone.append(np.broadcast_to(report.measured.uncovered(rest.joints)[:, None], rest.seen.shape)[rest.seen])
+    error, covered, held = np.concatenate(lengths), ~np.concatenate(lone), np.concatenate(within)
     return {
         "mean_mm": float(1e3 * error.mean()),
         "max_mm": float(1e3 * error.max()),
         "beyond_share": float(np.concatenate(far).mean()),
-        "within_bounds": float(np.concatenate(within).mean()),
+        "within_bounds": float(held.mean()),
+        "uncovered_share": float((~covered).mean()),
+        "within_bounds_covered": float(held[covered].mean()) if covered.any() else float("nan"),
         "within_bounds_of_covariance": float(np.concatenate(plain).mean()),
     }
 
@@ -117,13 +127,22 @@ def answer(options: Options) -> Answer:
         for kind in options.kinds
         for model in options.models
     }
-    columns = ("poses held out, model", "mean, mm", "max, mm", "beyond, %", "in 95 % bounds, %", "of the covariance, %")
+    columns = (
+        "poses held out, model",
+        "mean, mm",
+        "max, mm",
+        "beyond, %",
+        "in 95 % bounds, %",
+        "of the covariance, %",
+        "not covered, %",
+        "in 95 % bounds of those covered, %",
+    )
     rows = tuple(
         (
             name,
             short(each["mean_mm"]),
             short(each["max_mm"]),
-            *(f"{100 * each[key]:.1f}" for key in ("beyond_share", "within_bounds", "within_bounds_of_covariance")),
+            *(f"{100 * each[key]:.1f}" for key in _SHARES),
         )
         for name, each in values.items()
     )

@@ -1,5 +1,7 @@
 """What is said of poses beyond the measured joint positions: nothing for rigid arms, enough for arms that bend."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.robots import IRB120
@@ -9,8 +11,11 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import WEAK, Identification, identify
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.useful_parameters import TELLING, largest_useful_std
+from lab.calibration.validation import Errors, Validation
+from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.commands.calibrate.range_dict import measured_range_from_dict, measured_range_to_dict
+from lab.commands.calibrate.warnings import of_validation_beyond
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.harmonics import harmonics
 from lab.kinematics.parameter import BASE_PARAMETERS
@@ -125,3 +130,33 @@ def test_waves_that_are_hardly_measured_do_not_run_off(bend: float) -> None:
     assert (found.std[effects] <= 1.2 * useful).all()
     missed = np.linalg.norm((beyond.points - found.model.points(beyond.joints, found.values))[:, 0], axis=1)
     assert np.median(missed) < 1e-3
+
+
+def test_a_gap_between_measured_regions_is_not_covered_although_it_is_within_the_range() -> None:
+    rng = np.random.default_rng(0)
+    two = np.concatenate([rng.uniform(-1.0, -0.6, (60, 2)), rng.uniform(0.6, 1.0, (60, 2))])
+    low, high, edge = two.min(axis=0), two.max(axis=0), np.full(2, 0.1)
+    said = MeasuredRange(low, high, np.array([True, False]), edge, edge, two)
+    like = np.concatenate([rng.uniform(-1.0, -0.6, (500, 2)), rng.uniform(0.6, 1.0, (500, 2))])
+    gap = rng.uniform(-0.2, 0.2, (100, 2))
+    assert not said.beyond(gap).any() and said.uncovered(gap).all()
+    assert said.uncovered(like).mean() < 0.12  # poses like those measured: 5 % and what few poses scatter
+    turned = like + np.array([2 * np.pi, 0.0])
+    assert (said.uncovered(turned) == said.uncovered(like)).all()  # a whole turn leads back
+    assert not replace(said, poses=None).uncovered(gap).any()
+
+
+def test_poses_that_nothing_covers_are_told_and_never_good() -> None:
+    """The same calibration with its measured poses where they are, and in one corner of the workspace."""
+    rows, far = campaign(0, 3e-3)
+    found, said = ranged(rows)
+    corner = replace(said, poses=rows.joints.mean(axis=0) + 0.05 * np.random.default_rng(0).standard_normal((80, 6)))
+    warned = of_validation_beyond(found, corner, far)
+    assert warned[0].startswith(f"40 of 40 validation poses are extrapolated: not covered ({far.ids[0]} first)")
+    assert said.uncovered(rows.joints).mean() < 0.06
+    rigid = replace(corner, slope=np.zeros(6))
+    assert of_validation_beyond(found, rigid, far) == []  # of a model that lacks nothing, poses far away are known too
+    fits = Validation("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
+    judged = verdict(found, fits, 10.0, measured=corner)
+    assert judged.word == "doubtful" and "100 % of the workspace is extrapolated: not covered" in judged.reason
+    assert verdict(found, fits, 10.0, measured=rigid).word == "good"

@@ -73,20 +73,27 @@ def of_outliers(found: Identification, seen: Observations, outliers: Outliers, m
 
 
 def of_validation_beyond(found: Identification, measured: MeasuredRange | None, rows: Measurements | None) -> list[str]:
-    """That validation poses are beyond the joint positions that were fitted, where the model knows less."""
-    if measured is None or rows is None or not measured.is_worse_beyond:
+    """That validation poses are where nothing was measured, and the model knows less."""
+    if measured is None or rows is None or not (measured.is_worse_beyond or found.process is not None):
         return []
+    said = []
+    if len(lone := np.flatnonzero(measured.uncovered(rows.joints))):
+        said = [
+            f"{len(lone)} of {len(rows)} validation poses are extrapolated: not covered ({rows.ids[lone[0]]} first); "
+            "no measured pose is near and the model lacks something, so the predicted error says too little there"
+        ]
     beyond = measured.beyond(rows.joints)
     outside = np.flatnonzero(beyond.max(axis=1) > _BEYOND)
-    if not len(outside):
-        return []
+    if not (len(outside) and measured.is_worse_beyond):
+        return said
     part = rows.take(outside)
     unknown = measured.unknown(found.model, part.inputs(found.model.conditions), found.values)
     size = float(np.sqrt((unknown**2).sum(axis=(2, 3))).max())
     return [
+        *said,
         f"{len(outside)} of {len(rows)} validation poses are beyond the fitted joint positions ({part.ids[0]} the "
         f"first): there the model may be off by up to {1e3 * size:.2g} mm more (1σ), as the edges of the measured "
-        "range say"
+        "range say",
     ]
 
 

@@ -156,3 +156,13 @@ def test_estimated_variances_widen_the_covariance_and_lower_its_degrees_of_freed
     grown = small.factor @ plain @ small.factor.T
     assert (np.linalg.eigvalsh(grown - plain) > -1e-12).all() and np.trace(grown) > np.trace(plain)
     assert (small.dof < asked.dof).all() and (small.dof > 5).all()
+
+
+def test_standard_deviations_grow_as_the_root_of_all_variances_together() -> None:
+    rng = np.random.default_rng(8)
+    of, parts = shapes(rng, 12), Components(scatter=3.0)
+    asked = problem(rng, of, drawn(rng, of, parts))
+    found = small_sample(asked, best_components(asked, ("scatter",))).components
+    assert set(found.names) == {"scale", "scatter"}
+    np.testing.assert_allclose(found.slopes.sum(axis=0), 0.5, rtol=5e-3)  # each is homogeneous of degree one half
+    assert (found.slopes > 0).all() and (np.linalg.eigvalsh(found.covariance) > 0).all()

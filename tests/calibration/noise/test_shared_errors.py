@@ -89,3 +89,14 @@ def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:
     assert row_times(timed).tolist() == [0.0, 1.0, 2.0, 3.0, 10.0, 11.0]
     two = replace(day, sessions=("a", "a", "a", "b", "b", "b"))
     assert row_times(two)[3] - row_times(two)[2] > 1e5
+
+
+def test_one_variance_is_moved_by_its_logarithm_and_a_correlation_by_its_odds() -> None:
+    of = sample(scatter=30e-6, wandering=4e-6, drift=20e-6)
+    for name, field in (("scatter", "scatter_rad"), ("shift", "wandering_m"), ("trend", "drift_m")):
+        moved = of.moved(name, 0.4)
+        assert (getattr(moved, field) / getattr(of, field)) ** 2 == pytest.approx(np.exp(0.4))
+        assert replace(moved, **{field: getattr(of, field)}) == of
+    assert of.moved("scale", 0.4).independent_m ** 2 == pytest.approx(np.exp(0.4) * of.independent_m**2)
+    carry = of.moved("carry", 0.4).carry
+    assert np.log(carry / (1 - carry)) - np.log(0.8 / 0.2) == pytest.approx(0.4)

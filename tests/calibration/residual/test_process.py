@@ -153,3 +153,11 @@ def test_components_have_names_of_their_own() -> None:
 def test_what_has_no_such_offsets_is_refused_in_one_line(robot: str, observe: str, instead: str) -> None:
     with pytest.raises(LabError, match=f"^--model residual: it takes measured points of a serial arm, not {instead}"):
         lab.calibrate(robot, poses=9, observe=observe, model="residual")
+
+
+def test_offsets_of_one_joint_are_smooth_and_those_of_all_are_not() -> None:
+    """Matern's 3/2 falls by the square of a small distance, 1/2 by the distance itself."""
+    near, here = np.array([[1e-4, 0.0]]), np.zeros((1, 2))
+    for own, kernel in JointKernels(np.ones(2, dtype=bool)).of_offsets(near, here):
+        fall = 1 - (kernel[0, 0, 0] if own else kernel[0, 0])
+        assert (fall < 1e-5) == own and fall > 0
