@@ -117,7 +117,7 @@ def test_a_tracker_that_no_model_draws_stands_on_the_floor(recorded):
     path, outcome = recorded
     strips = statics(path, "/world/instrument/stand", STRIPS)
     column_, *legs = [np.array(strip) for strip in strips]
-    head = scene(outcome).T_world_instrument[:3, 3]
+    head = scene(outcome).heads[0]
     np.testing.assert_allclose(statics(path, "/world/instrument/head", "Ellipsoids3D:centers")[0], head, atol=ROUNDED)
     np.testing.assert_allclose(column_[:, :2], head[:2] * np.ones((2, 1)), atol=ROUNDED)
     assert len(legs) == 3
