@@ -30,11 +30,12 @@ __all__ = [
     "whitening",
 ]
 
-Status = Literal["converged", "not converged"]
+Status = Literal["converged", "in a valley", "not converged"]
 ExtraResiduals = Callable[[Array], tuple[Array, Array]]
 """Parameters ``(p,)`` to more whitened residuals ``(r,)``, and the derivatives ``(r, p)`` of what predicts them."""
 MAX_ITERATIONS = 300
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
+_CRAWLED, _VALLEY = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it: a valley
 _BLOCK = 60_000  # numbers whose derivatives are held at a time
 _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
 _PROBE = 0.1  # of a step, at which its curvature is looked for
@@ -222,7 +223,9 @@ def fit(
 
     Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full
     step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
-    weighed as one metre); that step is still taken, so that what remains is its square.
+    weighed as one metre); that step is still taken, so that what remains is its square. It ends in a valley where 25
+    damped steps in a row lower the cost by less than a thousandth each: along it the measurements say next to nothing,
+    and hundreds of steps more would not change that.
 
     The loop is its own, not that of ``lab.core.newton``: a step is taken only where it lowers the cost, the damping
     goes from step to step, and the last factorization is part of the result.
@@ -238,7 +241,7 @@ def fit(
     metre = observed.typical_weight * np.sqrt(max(len(observed.inputs), 1))
     problem = _Problem(model, observed, index, extra_residuals)
     here, damping = problem.at(_near(problem, start, tolerance_m)), _LEAST_DAMPING
-    trace, damped = [here.cost], False
+    trace, damped, crawled = [here.cost], False, 0
     status: Status = "not converged"
     while True:
         step = pseudo_inverse(here.triangle, RANK_TOLERANCE) @ here.right
@@ -257,8 +260,12 @@ def fit(
             values = here.values
             status = "converged" if moved < 1e3 * tolerance_m else "not converged"
             break
+        crawled = crawled + 1 if damped and here.cost - there.cost < _CRAWLED * here.cost else 0
         here = there
         trace.append(here.cost)
+        if crawled == _VALLEY:
+            values, status = here.values, "in a valley"
+            break
     return Fit(values, tuple(index), status, tuple(trace), here.triangle, here.scale)
 
 
@@ -388,7 +395,5 @@ def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | N
 
 
 def _beside(jacobian: Array, residual: Array) -> Array:
-    """Both side by side: one factorization gives R of the Jacobian and Q'r."""
-    both = np.empty((len(residual), jacobian.shape[1] + 1), order="F")
-    both[:, :-1], both[:, -1] = jacobian, residual
-    return both
+    """Both side by side, columns in a row: one factorization gives R of the Jacobian and Q'r."""
+    return np.vstack([jacobian.T, residual]).T

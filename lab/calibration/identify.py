@@ -372,24 +372,29 @@ def spread(points: Array) -> float:
 
 
 def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
-    warnings = []
-    if found.status != "converged":
+    warnings, steps = [], f"{found.fit.iterations} steps"
+    weak = ", ".join([*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])])
+    if found.status == "in a valley":
         warnings.append(
-            f"Gauss-Newton did not converge in {found.fit.iterations} steps: the result is not to be used; where the "
-            "measurements say too little, --prior weighs the nominal model's tolerances"
+            f"the fit ended after {steps} in a valley, along which the measurements say next to nothing"
+            f"{weak and f', of {weak}'}: the result is not to be used; measure in poses that differ more, or --prior"
+        )
+    elif found.status != "converged":
+        warnings.append(
+            f"Gauss-Newton did not converge in {steps}: the result is not to be used; where the measurements say too "
+            "little, --prior weighs the nominal model's tolerances"
         )
     if unobservable := [found.model.names[i] for i in found.unobservable]:
         warnings.append(
             f"these poses do not tell {', '.join(unobservable)} apart from the others: they stay nominal; "
             "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
         )
-    elif found.fit.condition > ILL_CONDITIONED:
+    elif found.status != "in a valley" and found.fit.condition > ILL_CONDITIONED:
         weigh = "" if weighed_prior else ", or weigh tolerances (--prior)"
-        listed = [*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])]
-        weak = f", and leave {', '.join(listed)} unsure by more than 1 mm or 1 mrad" if found.weak else ""
         warnings.append(
-            f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart{weak}; "
-            "positions near the measured ones are right, single parameters are not: "
-            f"move every joint through more of its range, or set the target elsewhere{weigh}"
+            f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart"
+            f"{weak and f', and leave {weak} unsure by more than 1 mm or 1 mrad'}; positions near the measured ones "
+            "are right, single parameters are not: move every joint through more of its range, or set the target "
+            f"elsewhere{weigh}"
         )
     return warnings

@@ -179,13 +179,11 @@ class _Judging:
         if not found.plausible:
             times = f"{found.spread:.3g} times as far as the robot's do in these poses"
             return [_cannot_be(f"the measured points spread {times}: wrong unit, or another robot")]
+        if found.status == "in a valley":
+            return [_cannot_be("the fit ended in a valley, along which the measurements say next to nothing (--prior)")]
         if found.status != "converged":
-            return [
-                _cannot_be(
-                    "Gauss-Newton did not converge: wrong robot, signs or axes, or too little measured for these "
-                    "(--prior)?"
-                )
-            ]
+            why = "wrong robot, signs or axes, or too little measured for these (--prior)?"
+            return [_cannot_be(f"Gauss-Newton did not converge: {why}")]
         if words := self._strange_rotations() or self._unconstrained_links():
             return [_cannot_be(words)]
         if found.unobservable:

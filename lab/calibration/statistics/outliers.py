@@ -34,6 +34,7 @@ _DRAWS = 999  # (draws + 1) x level is a whole number: the test of Monte Carlo d
 _TUKEY_TAIL = 2 * normal_sf(4.685)  # weight zero where noise is as rare as at Tukey's 4.685 sigma of one number
 _ROUNDS = 30
 _FIRST_POSES = 4_000  # of very many, on which the search begins
+_HALVINGS, _WORSE = 10, 1.5  # of a robust step after which half of the poses are missed by so many times the least
 _SETTLED = 0.01  # sigma: a robust step below ends its iteration
 
 
@@ -267,27 +268,38 @@ def _robust(
     as the fit comes nearer to the majority (Huber & Ronchetti 2009, section 7.8; reweighted least squares).
     Lowering the sum of lengths first was tried: it brought nothing, up to 45 % of the poses off.
 
-    The loop is its own: the weights follow the residuals, and a step that leads to where a model has no answer is
-    undone.
+    The loop is its own: the weights follow the residuals, and a step that leads to where a model has no answer, or most
+    poses are missed by more than before, is halved.
     """
     few = observed.thinned(_FIRST_POSES)
     if few is not observed:  # what so many say comes near enough to what all do
         values, _, _ = _robust(model, few, free, start, extra_residuals, floor)
         return values, *_weights_at(model, observed, values, extra_residuals, floor)
-    values = ahead = start
+    values, linear = start, linearized(model, observed, start, free, extra_residuals)
+    least = _missed(linear)
     for _ in range(_ROUNDS):
-        linear = linearized(model, observed, ahead, free, extra_residuals)
-        if not np.isfinite(linear.residual).all():  # too far: loops that do not close
-            break
-        values = ahead
         basis, triangle = np.linalg.qr(linear.jacobian.reshape(-1, len(free)))
         step, weights, scale = _reweighted(linear, basis, floor)
         change = np.linalg.lstsq(triangle, step, rcond=None)[0] / linear.scale
-        ahead = values.copy()
-        ahead[list(free)] += change
-        if np.linalg.norm(step) < _SETTLED * scale * np.sqrt(len(step)):
-            return ahead, weights, scale
+        settled = np.linalg.norm(step) < _SETTLED * scale * np.sqrt(len(step))
+        for part in 0.5 ** np.arange(_HALVINGS):
+            ahead = values.copy()
+            ahead[list(free)] += part * change
+            if settled:
+                return ahead, weights, scale
+            there = linearized(model, observed, ahead, free, extra_residuals)
+            if (missed := _missed(there)) <= _WORSE * least:
+                break
+        else:
+            break
+        values, linear, least = ahead, there, min(missed, least)
     return values, weights, scale
+
+
+def _missed(linear: LinearizedFit) -> float:
+    """The length of the residual that half of the poses exceed; infinite where a model has no answer."""
+    lengths = np.linalg.norm(linear.residual[: linear.poses], axis=1)
+    return float(np.median(lengths)) if np.isfinite(linear.residual).all() else np.inf
 
 
 def _reweighted(linear: LinearizedFit, basis: Array, floor: float) -> tuple[Array, Array, float]:

@@ -105,10 +105,10 @@ def _title(result: CalibrationResult) -> str:
 def _lead(result: CalibrationResult, words: ObservationWords) -> str:
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if words.names_targets else ""
+    after_or_in = "after" if fit.status == "in a valley" else "in"
     begun = (
         f"From {words.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
-        f"{len(result.parameters)} parameters were identified ({result.identification.status} in {fit.iterations} "
-        "steps)."
+        f"{len(result.parameters)} parameters were identified ({fit.status} {after_or_in} {fit.iterations} steps)."
     )
     if before is None or after is None:
         return f"{begun} The accuracy at other poses was not validated."
