@@ -40,6 +40,9 @@ SIZE = {
     "gear": 2e-4,
     "backlash": 1e-4,
     "drift": 1e-4,
+    "hardening": 1e-8,
+    "expansion": 2e-5,
+    "thermal": 1e-5,
 }  # of others 1e-4
 
 
