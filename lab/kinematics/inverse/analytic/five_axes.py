@@ -190,13 +190,14 @@ class FiveAxes:
         gap, tilt = np.where(meets, 0.0, gap), np.where(meets, 0.0, tilt)
         if many <= self.branches:
             return Solutions(joints, gap, tilt, free)
-        turns = np.where(self.chain.prismatic, 0.0, 2 * np.pi)
-        cost = gap + tilt
+        turns, rows = np.where(self.chain.prismatic, 0.0, 2 * np.pi), np.arange(count)[:, None]
+        order = np.argsort(size, axis=1, kind="stable")  # of two that are the same the better one counts
+        joints, gap, tilt, free = joints[rows, order], gap[rows, order], tilt[rows, order], free[rows, order]
+        again = np.zeros((count, many), dtype=np.bool_)
         for i in range(1, many):
             between = joints[:, :i] - joints[:, i : i + 1]
             between = np.abs(between - turns * np.round(between / (2 * np.pi))).max(axis=2)
-            cost[:, i] = np.where((between < _SAME).any(axis=1), np.inf, cost[:, i])
-        order = np.argsort(cost, axis=1, kind="stable")[:, : self.branches]
-        gap = np.where(np.isinf(cost), np.inf, gap)
-        rows = np.arange(count)[:, None]
-        return Solutions(joints[rows, order], gap[rows, order], tilt[rows, order], free[rows, order])
+            again[:, i] = (between < _SAME).any(axis=1)
+        kept = np.argsort(again, axis=1, kind="stable")[:, : self.branches]
+        gap = np.where(again, np.inf, gap)
+        return Solutions(joints[rows, kept], gap[rows, kept], tilt[rows, kept], free[rows, kept])

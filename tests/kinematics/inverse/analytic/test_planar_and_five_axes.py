@@ -209,6 +209,16 @@ def test_a_wrist_on_the_axis_of_a_hinge_is_turned_by_the_rotation(name: str) -> 
         assert missed(chain, form, found.joints, Ts)[reached].max() < 1e-9
 
 
+def test_of_two_candidates_that_are_the_same_the_better_one_counts() -> None:
+    """With the wrist near the axis of joint 2 one candidate is off by rounding, and its like is not."""
+    chain = FIVE["two parallel, equal links"]
+    joints = np.append(drawn(chain, 100_000, 21)[[31025, 32224, 37580, 84548]], [[1, 0.7, np.pi, 0.3, 0.5]], axis=0)
+    form, Ts = form_of(chain), flanges(chain, joints)  # the last row brings more candidates
+    found = form.solve(Ts)
+    nearest = np.where(met(form, found), apart(chain, found.joints, joints[:, None]), np.inf)
+    assert nearest[:4].min(axis=1).max() < 1e-9
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ALL)
 def test_the_determinant_is_that_of_the_jacobian(name: str) -> None:
