@@ -83,7 +83,7 @@ def test_there_are_fewer_than_200_public_names() -> None:
 
 
 ABOUT_FOLDERS = {"certify", "migrate", "trend"}  # a program has results in memory, and lab.compare
-ABOUT_TEXTS = {"reproduce"}  # a page to read
+ABOUT_TEXTS = {"reproduce", "workspace"}  # a page to read
 
 
 def test_every_command_is_a_call_with_the_command_s_options() -> None:

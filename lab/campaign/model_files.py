@@ -15,13 +15,13 @@ def models_folder() -> Path:
 
 
 def own_models() -> dict[str, Path]:
-    """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else a mechanism's folder describes."""
-    found = {}
+    """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else it describes."""
+    found = dict[str, Path]()
     for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
         files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
-        found[folder.name] = next((path for path in files if path.is_file()), folder)
-        if found[folder.name].name == _DESCRIPTION:
-            found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
+        main = next((path for path in files if path.is_file()), None)
+        found |= {} if main is None else {folder.name: main}
+        found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
     return found
 
 

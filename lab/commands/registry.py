@@ -80,6 +80,12 @@ COMMANDS = (
         "lab.commands.kinematics.run:solve_kinematics",
     ),
     Command(
+        "workspace",
+        "Measure what robots reach: volume, sections, voids, and in how many orientations.",
+        "lab.commands.workspace.options:WorkspaceOptions",
+        "lab.commands.workspace.run:measure_workspaces",
+    ),
+    Command(
         "trajectory",
         "Move a robot through points: by its joints, or along lines and circles, within the limits of its joints.",
         "lab.commands.trajectory.options:TrajectoryOptions",

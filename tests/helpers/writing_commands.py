@@ -46,6 +46,7 @@ COMMANDS = {
     "trend": "trend history",
     "inspect": "inspect irb120",
     "reproduce": "reproduce elastic --exercise",
+    "workspace": "workspace carrier/cartesian --places 200",
 }
 
 

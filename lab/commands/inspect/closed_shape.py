@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -14,6 +14,8 @@ from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.modes import platform_poses
 from lab.kinematics.joints import JointSpec
+from lab.kinematics.workspace.membership import ByLegs
+from lab.kinematics.workspace.reach import extents
 
 __all__ = ["SINGULAR", "ClosedShape", "closed_shape_of"]
 
@@ -22,7 +24,6 @@ GRID = 60_000  # poses, at most, of the count of what is reachable
 WALKERS, STEPS = 32, 150  # of the search for singular poses
 FIRST, SHRINKING = 0.05, 0.9  # its first step, beside the limits' width, and what each makes of the next
 SINGULAR = 1e-3  # a distance below which a pose is at a singularity
-CLIMBERS, CLIMBS, FIRST_CLIMB = 12, 60, 0.15  # of the search for the farthest places
 RANK = 1e-9  # of the largest singular value
 
 
@@ -98,28 +99,15 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
 
 
 def _extents(mechanism: Mechanism, joints: Array, places: Array, others: Sequence[Array]) -> Array:
-    """The least and largest coordinates ``(3, 2)`` m of the platform's origin, within the limits.
+    """The least and largest coordinates ``(3, 2)`` m of the platform's origin, within the limits."""
 
-    By walks from the farthest of some poses, with random steps that shrink, each taken where it leads farther.
-
-    Args:
-        joints, places: of poses ``(n, joints)`` and ``(n, 3)`` m.
-        others: further places ``(3,)`` m that are reached.
-    """
-    rng, outward = rng_for(0, "structure"), np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), CLIMBERS, axis=0)
-    farthest = np.argsort(-places @ outward[::CLIMBERS].T, axis=0)[:CLIMBERS].T.ravel()
-    at, far = joints[farthest], (places[farthest] * outward).sum(axis=1)
-    step = FIRST_CLIMB * (mechanism.upper - mechanism.lower)
-    for _ in range(CLIMBS):
-        tried = np.clip(at + step * rng.standard_normal(at.shape), mechanism.lower, mechanism.upper)
+    def places_of(tried: Array) -> Array:
         closed = mechanism.assembled(tried, mechanism.nominal_values, quickly=True)
-        fits = np.flatnonzero(closed.fits)
-        there = _places(mechanism, tried[fits], closed.configuration.passive.T[fits])
-        farther = fits[(there * outward[fits]).sum(axis=1) > far[fits]]
-        at[farther], step = tried[farther], SHRINKING * step
-        far[fits] = np.maximum(far[fits], (there * outward[fits]).sum(axis=1))
-    ends = np.max([far.reshape(6, CLIMBERS).max(axis=1), *(outward[::CLIMBERS] @ place for place in others)], axis=0)
-    return np.stack([-ends[3:], ends[:3]], axis=1)
+        fits, found = closed.fits, np.full((len(tried), 3), np.nan)
+        found[fits] = _places(mechanism, tried[fits], closed.configuration.passive.T[fits])
+        return found
+
+    return extents(mechanism, places_of, joints, places, others)
 
 
 def _places(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
@@ -157,6 +145,11 @@ class _Search:
     joints: Array
     passive: Array
 
+    @cached_property
+    def legs(self) -> ByLegs:
+        """What its legs reach."""
+        return ByLegs(self.mechanism, self.course)
+
     def reachable(self) -> float:
         """Area or volume, by counting the cells of a grid whose middle is reached, however the platform is turned."""
         low, high = self.passive.min(axis=0), self.passive.max(axis=0)
@@ -165,7 +158,7 @@ class _Search:
         edges = [np.linspace(*ends, count + 1) for ends in zip(low - margin, high + margin, strict=True)]
         grid = np.meshgrid(*[(edge[1:] + edge[:-1]) / 2 for edge in edges], indexing="ij")
         poses = np.stack([each.ravel() for each in grid], axis=1)
-        reached = self._reached(poses).reshape(grid[0].shape)
+        reached = self.legs.reached(poses)[0].reshape(grid[0].shape)
         turns = [self.mechanism.tree.step(*step).is_turn for step in self.mechanism.tree.passive]
         cell = np.prod([edge[1] - edge[0] for edge, turn in zip(edges, turns, strict=True) if not turn])
         return float(cell * reached.any(axis=tuple(np.flatnonzero(turns))).sum())
@@ -187,7 +180,7 @@ class _Search:
             tried = np.clip(joints + step * rng.standard_normal(joints.shape), mechanism.lower, mechanism.upper)
             closing = self._closing(tried, passive)
             found = self._distance(kind, tried, closing)
-            nearer = (found < distance) & (self.course.side(tried, closing) == self._side)
+            nearer = (found < distance) & (self.course.side(tried, closing) == self.legs.side)
             joints[nearer], passive[nearer], distance[nearer] = tried[nearer], closing[nearer], found[nearer]
             step = SHRINKING * step
         best = int(np.argmin(distance))
@@ -202,17 +195,3 @@ class _Search:
 
     def _distance(self, kind: str, joints: Array, passive: Array) -> Array:
         return np.asarray(getattr(self.course.distances(joints, passive), kind))
-
-    def _reached(self, passive: Array) -> NDArray[np.bool_]:
-        """``(n,)`` whether all legs reach a pose, each the way nearest to its limits' middle, in this mode."""
-        ways = self.course.inverse_solutions(passive)
-        away = np.where(np.isfinite(ways), np.abs(ways - self.course.middle), np.inf)
-        readings = np.take_along_axis(ways, away.argmin(axis=1)[:, None], axis=1)[:, 0]
-        reached = np.array(np.isfinite(readings).all(axis=1))
-        reached[reached] = ~self.mechanism.beyond_limits(readings[reached], 0.0).any(axis=1)
-        reached[reached] = self.course.side(readings[reached], passive[reached]) == self._side
-        return reached
-
-    @property
-    def _side(self) -> Array:
-        return self.course.side(self.joints[:1], self.passive[:1])

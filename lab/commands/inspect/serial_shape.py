@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -12,10 +11,10 @@ from lab.kinematics.inverse.analytic.determinant import Factor
 from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.workspace.reach import reach_from_axis
 
 __all__ = ["LEAST", "shape_of"]
 
-STARTS = 12  # of the search for the farthest pose
 TRIES = 200  # poses from which a singular one is sought
 ZERO = 1e-12  # of a factor (m, or a sine)
 LEAST = 1e-6  # of a joint's part in a combination
@@ -58,30 +57,9 @@ def shape_of(chain: Chain) -> SerialShape:
     """The shape of an arm as drawn."""
     form = closed_form_of(chain)
     if form is None:
-        return SerialShape(reach(chain), None, "", ())
+        return SerialShape(reach_from_axis(chain), None, "", ())
     singularities = tuple(_singularity(chain, factor) for factor in form.determinant.factors if factor.terms)
-    return SerialShape(reach(chain), form.branches, form.determinant.text, singularities, form.moved)
-
-
-def reach(chain: Chain) -> float:
-    """The largest distance (m) of the last frame's origin from axis 1, or from frame 0 where joint 1 slides."""
-    arm = SerialArm(chain, ("flange",))
-    values = arm.nominal({"flange": np.zeros(3)})
-    first = next(motion for motion in arm.motions(values) if motion.joint == 0)
-    along, origin = np.zeros(3), np.zeros(3)
-    if first.origin is not None:
-        along, origin = first.axis[:3, 0], first.origin[:3, 0]
-
-    def nearness(joints: Array) -> tuple[float, Array]:
-        point, jacobian = arm.points(joints[None], values)[0, 0], arm.joint_jacobian(joints[None], values)[0, 0]
-        lever = point - origin
-        across = lever - along * (along @ lever)
-        return -float(across @ across), -2 * jacobian.T @ across
-
-    bounds = list(zip(chain.lower, chain.upper, strict=True))
-    starts = chain.random_joints(STARTS, rng_for(0, "structure"))
-    found = [minimize(nearness, start, jac=True, bounds=bounds, method="L-BFGS-B") for start in starts]
-    return float(np.sqrt(-min(each.fun for each in found)))
+    return SerialShape(reach_from_axis(chain), form.branches, form.determinant.text, singularities, form.moved)
 
 
 def _singularity(chain: Chain, factor: Factor) -> Singularity:

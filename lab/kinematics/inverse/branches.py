@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.inverse.analytic.select import ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach, tool_at
+from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, pose_landmarks, reach, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 
@@ -154,10 +153,9 @@ class NominalInverse:
         for turned in (True, False):
             rows = np.flatnonzero(wanted.turned == turned)
             if rows.size:
-                tree = scipy.spatial.cKDTree(_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
-                near[rows] = tree.query(_landmarks(wanted.positions[rows], wanted.rotations[rows], turned), k=SEARCHED)[
-                    1
-                ]
+                tree = scipy.spatial.cKDTree(pose_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
+                landmarks = pose_landmarks(wanted.positions[rows], wanted.rotations[rows], turned)
+                near[rows] = tree.query(landmarks, k=SEARCHED)[1]
         starts = samples[near]
         given = np.isfinite(reference).all(axis=1)
         starts[given, 0] = reference[given]
@@ -170,14 +168,6 @@ class NominalInverse:
         tilt = turned_off if chain.size < FREEDOMS else np.zeros(len(each))
         free = np.zeros(shape, dtype=np.bool_)
         return Solutions(ended.joints.reshape(shape), gap.reshape(shape[:2]), tilt.reshape(shape[:2]), free)
-
-
-def _landmarks(positions: Array, rotations: Array, turned: bool) -> Array:
-    """Points ``(n, 3 or 9)`` whose distances are those of the poses: of the tool, and on two of its axes."""
-    if not turned:
-        return positions
-    axes = [positions + ROTATION_M * rotations[:, :, i] for i in (0, 1)]
-    return np.concatenate([positions, *axes], axis=1)
 
 
 def ordered(

@@ -17,7 +17,7 @@ from lab.kinematics.differential import ROTATION_M, WEIGHTS, pseudo_inverse
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["FREEDOMS", "PLACES", "PoseTarget", "reach", "shortest_step", "tool_at", "within_reach"]
+__all__ = ["FREEDOMS", "PLACES", "PoseTarget", "pose_landmarks", "reach", "shortest_step", "tool_at", "within_reach"]
 
 PLACES = 3  # directions of a place: with fewer joints an arm takes some places only
 FREEDOMS = 6  # of a tool in space: with fewer joints an arm takes some rotations only
@@ -146,6 +146,14 @@ def tool_at(arm: Arm, inputs: Array, values: Array, target: int = 0) -> tuple[Ar
     lost = np.isnan(Ts).any(axis=(1, 2))
     Ts[lost], jacobian[lost] = NOWHERE, 0.0
     return Ts, jacobian
+
+
+def pose_landmarks(positions: Array, rotations: Array, turned: bool) -> Array:
+    """Points ``(n, 3 or 9)`` whose distances are those of the poses: of the tool, and on two of its axes."""
+    if not turned:
+        return positions
+    axes = [positions + ROTATION_M * rotations[:, :, i] for i in (0, 1)]
+    return np.concatenate([positions, *axes], axis=1)
 
 
 def within_reach(jacobian: Array, errors: Array, turned: NDArray[np.bool_]) -> Array:

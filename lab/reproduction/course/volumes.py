@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lab.core.se3 import Array
-from lab.kinematics.sections import reached_volume
+from lab.campaign.robot import load_robot
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.workspace.sections import carrier_volume
 from lab.render.document import Picture
 from lab.render.style import AFTER
 from lab.render.svg import axes_picture
@@ -24,34 +24,19 @@ _CLOSED = {  # L = 1 m: closed formulas
     "RRR, anthropomorphic (6.1.2)": 32 * np.pi / 3,
     "PPP, Cartesian (6.1.3)": 1.0,
     "RRP, spherical (6.1.4)": 4 * np.pi / 3,
-    "PRR, toric (6.1.5)": 4 * np.pi,
+    "RRP, toric (6.1.5)": 4 * np.pi,
 }
-
-
-def _carrier(kinds: str, alpha: tuple[float, ...], a: tuple[float, ...], theta: tuple[float, ...] = (0, 0, 0)) -> Chain:
-    """A carrier of Craig's convention in metres whose slides move from 0 to 1."""
-    prismatic = tuple(kind == "P" for kind in kinds)
-    table = np.zeros((3, 5))
-    table[:, 0], table[:, 2], table[:, 3] = np.deg2rad(theta), a, np.deg2rad(alpha)
-    lower = np.where(prismatic, 0.0, -np.pi)
-    return Chain(
-        name=kinds, convention="craig", joint_names=("q1", "q2", "q3"), prismatic=prismatic, table=table,
-        sign=np.ones(3), lower=lower, upper=np.where(prismatic, 1.0, np.pi), speed=np.full(3, np.inf),
-        acceleration=np.full(3, np.inf), parallel=(False,) * 3,
-    )  # fmt: skip
 
 
 @cache
 def _volumes() -> dict[str, float]:
-    end, origin = np.array([1.0, 0.0, 0.0]), np.zeros(3)
-    arms: tuple[tuple[Chain, Array], ...] = (
-        (_carrier("RPP", (0, 0, -90), (0, 0, 0)), origin),
-        (_carrier("RRR", (0, 90, 0), (0, 0, 1)), end),
-        (_carrier("PPP", (0, -90, -90), (0, 0, 0), (0, 90, 0)), origin),
-        (_carrier("RRP", (0, -90, 90), (0, 0, 0)), origin),
-        (_carrier("PRR", (0, 0, 0), (0, 0, 1)), end),
-    )
-    return {name: reached_volume(chain, point, 2.5) for name, (chain, point) in zip(_CLOSED, arms, strict=True)}
+    names = ("cylindrical", "anthropomorphic", "cartesian", "spherical", "scara")
+    found = {}
+    for title, name in zip(_CLOSED, names, strict=True):
+        chain = load_robot(f"carrier/{name}").chain
+        assert isinstance(chain, Chain)
+        found[title] = carrier_volume(chain, np.zeros(3), 3.5)
+    return found
 
 
 def _answers() -> tuple[Answer, ...]:
@@ -78,8 +63,8 @@ def _picture() -> tuple[Picture, ...]:
 
 
 VOLUME_ITEMS = (
-    Item("Section 6.1", "Volumes of the five carriers", _answers, "",
+    Item("Section 6.1", "Volumes of the five carriers", _answers, "lab workspace carriers",
          "Hinges turn by 360°, slides move from 0 to L, and "
          "a link is as long as L if it bears a hinge, else nothing. By exact sections of what the closed-form inverse "
-         "reaches within the limits (lab.kinematics.sections); no command shows them.", _picture),
+         "reaches within the limits; L = 1 m.", _picture),
 )  # fmt: skip

@@ -1,0 +1,24 @@
+"""What robots reach within their limits, measured and compared."""
+
+from dataclasses import replace
+
+from lab.campaign.robot import load_robot
+from lab.commands.workspace.measured import robot_workspace
+from lab.commands.workspace.options import WorkspaceOptions
+from lab.commands.workspace.result import WorkspaceResult
+
+__all__ = ["measure_workspaces"]
+
+
+def measure_workspaces(options: WorkspaceOptions) -> WorkspaceResult:
+    """Measure what robots reach within their limits, and in how many orientations; write it where asked.
+
+    Raises:
+        LabError: there is no such robot, or its point stays on a line or a surface, which has no volume.
+    """
+    options.check()
+    found = tuple(robot_workspace(load_robot(name, options.cell), options) for name in options.named)
+    result = WorkspaceResult(replace(options, out=None, overwrite=False), found)  # where it goes is no part of it
+    if options.out is not None:
+        result.save(options.out, overwrite=options.overwrite)
+    return result

@@ -1,0 +1,1 @@
+"""Where a robot brings its tool: reach, volume, boundary, voids, and in how many orientations."""

@@ -1,0 +1,140 @@
+"""Whether a robot of any kind brings its tool to a place or a pose within its joints' limits: by a bounded search.
+
+Of many random joint positions those that bring the tool nearest are taken as starts. From each a projected Newton's
+method goes on: joints that stand at a limit and would have to pass it are held there, the others take a damped
+step (Levenberg 1944; Bertsekas 1982 for the held ones), and every step ends within the limits. A place counts as
+reached where one of the starts arrives; one that no start comes to may be missed, never the other way round.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy  # its parts are loaded at their first use
+from numpy.typing import NDArray
+
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.kinematics.differential import WEIGHTS
+from lab.kinematics.inverse.newton import PoseTarget, pose_landmarks, tool_at
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.model import RigidArm
+
+__all__ = ["Search"]
+
+_STARTS, _STARTS_TURNED = 5, 20  # places are sampled more densely than poses
+_STEPS = 20
+_ARRIVED = 1e-7  # m, and a radian as ``ROTATION_M``
+_LEAST_DAMPING, _LARGEST_DAMPING = 1e-7, 1.0  # beside singular values in m
+_AT_LIMIT = 1e-12  # rad or m
+_STUCK = 0.15  # of the error: who makes it smaller by less in a step is at its best within the limits
+
+
+@dataclass(frozen=True)
+class Search:
+    """Of a nominal robot and the point of its tool.
+
+    Attributes:
+        values: parameters ``(p,)`` with one target.
+        count: of random joint positions among which searches start; half of it where loops have to be closed.
+        turn_first: whether joint 1 turns by whole turns about z, so that a start may be turned to where it is wanted.
+    """
+
+    arm: RigidArm
+    values: Array
+    count: int = 20_000
+    turn_first: bool = False
+    exact: bool = field(default=False, init=False)
+
+    @cached_property
+    def samples(self) -> tuple[Array, Array]:
+        """Random joint positions ``(k, n)`` within the limits, and the tool's poses ``(k, 4, 4)`` m there."""
+        joints = JointSpec.random_joints(self.arm.chain, self.count, rng_for(0, "structure"))
+        Ts = self.arm.tool(joints, self.values)[0]
+        stands = np.isfinite(Ts).all(axis=(1, 2))
+        return joints[stands], Ts[stands]
+
+    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
+        """Which targets ``(n,)`` are reached, and joint positions ``(n, joints)`` that do, NaN where there are none."""
+        found = np.full((len(wanted), self.arm.chain.size), np.nan)
+        if not len(wanted):
+            return np.zeros(0, dtype=np.bool_), found
+        starts = self._starts(wanted)
+        for some in (starts[:, :1], starts[:, 1:]):  # most are reached from the first one
+            rows = np.flatnonzero(np.isnan(found[:, 0]))
+            found[rows] = _first(self._from(wanted.take(rows), some[rows]))
+        return ~np.isnan(found[:, 0]), found
+
+    def ways(self, wanted: PoseTarget) -> Array:
+        """Joint positions ``(n, k, joints)`` from every start, NaN where it does not arrive."""
+        found: Array = self._from(wanted, self._starts(wanted))
+        return found
+
+    def _from(self, wanted: PoseTarget, starts: Array) -> Array:
+        """Where the starts ``(n, k, joints)`` arrive, NaN where they do not."""
+        count, each = starts.shape[:2]
+        rows = np.repeat(np.arange(count), each)
+        joints, arrived = self._bounded(wanted.take(rows), starts.reshape(len(rows), -1))
+        return np.where(arrived[:, None], joints, np.nan).reshape(starts.shape)
+
+    def _starts(self, wanted: PoseTarget) -> Array:
+        """Joint positions ``(n, k, joints)`` that bring the tool near, the nearest first."""
+        joints, Ts = self.samples
+        turned = bool(wanted.turned.all())
+        if self.turn_first and not turned:
+            radii = np.hypot(Ts[:, 0, 3], Ts[:, 1, 3])
+            tree = scipy.spatial.cKDTree(np.stack([radii, Ts[:, 2, 3]], axis=1))
+            places = wanted.positions
+            near = tree.query(np.stack([np.hypot(places[:, 0], places[:, 1]), places[:, 2]], axis=1), k=_STARTS)[1]
+            starts: Array = joints[near]
+            towards = np.arctan2(places[:, 1], places[:, 0])[:, None] - np.arctan2(Ts[near, 1, 3], Ts[near, 0, 3])
+            first, chain = starts[:, :, 0], self.arm.chain
+            turn = first + chain.sign[0] * towards
+            low = chain.lower[0]
+            starts[:, :, 0] = np.minimum(low + (turn - low) % (2 * np.pi), chain.upper[0])
+            return starts
+        tree = scipy.spatial.cKDTree(pose_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
+        count = _STARTS_TURNED if turned else _STARTS
+        return np.asarray(joints[tree.query(pose_landmarks(wanted.positions, wanted.rotations, turned), k=count)[1]])
+
+    def _bounded(self, wanted: PoseTarget, start: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Where the projected Newton's method ends, from joint positions ``(n, joints)``, and whether it arrives."""
+        chain, joints = self.arm.chain, start.copy()
+        damping = np.full(len(wanted), _LEAST_DAMPING)
+        error, jacobian = self._at(wanted, joints)
+        size = np.linalg.norm(error, axis=1)
+        for _ in range(_STEPS):
+            going = np.flatnonzero((size > _ARRIVED) & (damping <= _LARGEST_DAMPING))
+            if not going.size:
+                break
+            e, J, at = error[going], jacobian[going], joints[going]
+            slope = np.einsum("nij,ni->nj", J, e)
+            low, high = at <= chain.lower + _AT_LIMIT, at >= chain.upper - _AT_LIMIT
+            free = ~((low & (slope < 0)) | (high & (slope > 0)))
+            J = J * free[:, None, :]
+            square = J @ J.swapaxes(1, 2)
+            square[:, np.arange(6), np.arange(6)] += damping[going, None] ** 2
+            step = np.einsum("nij,ni->nj", J, np.linalg.solve(square, e[:, :, None])[:, :, 0])
+            moved = np.clip(at + step, chain.lower, chain.upper)
+            there, ahead = self._at(wanted.take(going), moved)
+            now = np.linalg.norm(there, axis=1)
+            better = now < size[going]
+            kept, worse = going[better], going[~better]
+            little = now[better] > (1 - _STUCK) * size[kept]
+            joints[kept], error[kept], jacobian[kept] = moved[better], there[better], ahead[better]
+            size[kept] = now[better]
+            damping[kept] = np.where(little, np.inf, np.maximum(damping[kept] / 10, _LEAST_DAMPING))
+            damping[worse] = np.maximum(10 * damping[worse], 1e-3)
+        return joints, size <= _ARRIVED
+
+    def _at(self, wanted: PoseTarget, joints: Array) -> tuple[Array, Array]:
+        """What is missing ``(n, 6)`` and the Jacobian ``(n, 6, joints)``, in metres; rotations where asked."""
+        Ts, jacobian = tool_at(self.arm, joints, self.values)
+        weight = WEIGHTS * np.where(wanted.turned[:, None], 1.0, np.arange(6) < 3)
+        return weight * wanted.errors(Ts), weight[:, :, None] * jacobian
+
+
+def _first(ways: Array) -> Array:
+    """Of ways ``(n, k, joints)`` the first that is one, NaN where there is none."""
+    there = np.isfinite(ways[:, :, 0])
+    return np.asarray(np.take_along_axis(ways, there.argmax(axis=1)[:, None, None], axis=1)[:, 0])

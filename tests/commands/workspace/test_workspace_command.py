@@ -1,0 +1,62 @@
+"""``lab workspace``: sizes, orientations, sections, a cell, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from lab.cli import main
+
+
+def run(capsys, *arguments: object) -> tuple[int, dict, str]:
+    code = main(["workspace", *map(str, arguments), "--json"])
+    said = capsys.readouterr()
+    return code, json.loads(said.out) if said.out else {}, said.err
+
+
+def test_a_scara_chooses_turns_about_its_axis_everywhere(capsys) -> None:
+    """Its hand turns by ±180° whatever the arm does: every turn is reached, and it has no other to choose."""
+    code, seen, _ = run(capsys, "scara", "--places", 300, "--orientations", 8)
+    (one,) = seen["workspaces"]
+    assert code == 0 and one["orientations"]["about"] == [0, 0, 1]
+    assert one["orientations"]["mean_share"] == one["orientations"]["all_reached_share"] == 1.0
+    assert one["reach_mm"] == pytest.approx(650) and one["method"] == "Monte Carlo"
+    np.testing.assert_allclose(one["extents_mm"]["z"], [0, 200], atol=1e-6)
+
+
+@pytest.mark.thorough
+def test_a_planar_robot_reaches_an_area_and_inspect_says_the_same(capsys) -> None:
+    _, seen, _ = run(capsys, "rpr2", "--places", 2000)
+    (one,) = seen["workspaces"]
+    main(["inspect", "rpr2", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert one["volume_m3"] is None and one["area_m2"] == pytest.approx(told["area_m2"], rel=0.03)
+    for axis in "xy":
+        np.testing.assert_allclose(one["extents_mm"][axis], told["extents_mm"][axis], atol=2.0)
+
+
+@pytest.mark.thorough
+@pytest.mark.figures
+def test_the_folder_has_the_boundary_as_a_mesh_and_every_carrier(capsys, tmp_path) -> None:
+    code, seen, _ = run(capsys, "carrier/cylindrical", "carrier/cartesian", "--places", 300, "--out", tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert code == 0 and [each["robot"] for each in seen["workspaces"]] == ["carrier-cylindrical", "carrier-cartesian"]
+    assert names >= {"report.html", "recording.rrd", "workspace.csv", "carrier-cartesian.stl"}
+    mesh = trimesh.load_mesh(tmp_path / "out" / "carrier-cylindrical.stl")
+    assert mesh.volume == pytest.approx(np.pi, rel=0.03)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Sizes of the workspaces" in page and page.count("Section x-z") >= 2
+
+
+def test_what_cannot_be_measured_is_one_line(capsys, tmp_path) -> None:
+    for arguments, words in (
+        (("course2r",), "stays on a surface"),
+        (("irb120", "--places", 5), "--places 5"),
+        (("irb120", "--orientations", 0), "--orientations 0"),
+        (("irb120", "--tool-mm", "1,2"), "--tool-mm"),
+        (("irb120", "tx40", "--cell", tmp_path / "cell.toml"), "--cell"),
+        (("nothing",), "no such model"),
+    ):
+        code, _, err = run(capsys, *arguments)
+        assert code == 2 and words in err and len(err.strip().splitlines()) == 1, arguments
