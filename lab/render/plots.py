@@ -96,6 +96,7 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
     fewest = min(len(each) for each in sizes if len(each))
     edges = np.geomspace(low / 1.25, high * 1.25, int(np.clip(3 * np.sqrt(fewest), 12, 60)) + 1)
     few = fewest < _FEW
+    line = 0.13 if few else 0.08  # of the axes' height, which a line of words takes
 
     def draw(axes: "Axes") -> None:
         log_ticks(axes, "x", edges[0], edges[-1])
@@ -109,7 +110,7 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
             axes.axvline(mark, color=spread.colour, linewidth=1.2, linestyle="--")
             right = mark > np.sqrt(edges[0] * edges[-1])
             axes.annotate(
-                f"{spread.mark[0]} {short(mark)} mm", (mark, 1.02 + 0.08 * k), color=spread.colour,
+                f"{spread.mark[0]} {short(mark)} mm", (mark, 1.02 + line * k), color=spread.colour,
                 xycoords=("data", "axes fraction"), ha="right" if right else "left", fontweight="bold",
             )  # fmt: skip
         if gate_mm is not None:

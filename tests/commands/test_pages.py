@@ -1,21 +1,25 @@
 """Pages as a browser shows and prints them: on a desk, a tablet and a phone, light and dark, and on paper."""
 
+import io
 import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.image as images
 import numpy as np
 import pytest
 from helpers.browser import BROWSERS, Browser, installed, opened
 from helpers.drawing import nothing_drawn
 from helpers.html_page import Page
+from matplotlib.colors import to_rgb
 
 import lab
 from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
+from lab.render.style import AFTER, BEFORE, luminance
 
 pytestmark = [pytest.mark.figures, pytest.mark.thorough]
 
@@ -94,3 +98,24 @@ def test_a_browser_shows_and_prints_every_page(pages: dict[str, Path], browser: 
         assert pdf.startswith(b"%PDF") and 1 <= sheets <= MOST_SHEETS.get(name, 8), (name, sheets)
         assert not browser.complaints
     assert not wrong, "\n".join(f"{where}: {what}" for where, found in wrong.items() for what in found)
+
+
+def test_every_eye_tells_before_from_after(pages: dict[str, Path], browser: Browser) -> None:
+    """The pixels drawn in either colour, as a deuteranope or a grey print shows them: words, bars, dots, lines."""
+    kinds, told = ("none", "deuteranopia", "achromatopsia"), {}
+    try:
+        for name in ("run", "compensate"):
+            browser.open(pages[name])
+            browser.show(1400)
+            shown = []
+            for kind in kinds:
+                browser.call("Emulation.setEmulatedVisionDeficiency", type=kind)
+                shown.append(images.imread(io.BytesIO(browser.picture()), format="png")[..., :3])
+            masks = [np.abs(shown[0] - to_rgb(colour)).max(axis=2) < 0.01 for colour in (BEFORE, AFTER)]
+            assert min(mask.sum() for mask in masks) > 50, name
+            for kind, seen in zip(kinds, shown, strict=True):
+                light, dark = (luminance(seen[mask].mean(axis=0)) + 0.05 for mask in masks)
+                told[name, kind] = light / dark
+    finally:
+        browser.call("Emulation.setEmulatedVisionDeficiency", type="none")
+    assert min(told.values()) > 2.0, told
