@@ -74,7 +74,7 @@ class Search:
         """Where the starts ``(n, k, joints)`` arrive, NaN where they do not."""
         count, each = starts.shape[:2]
         rows = np.repeat(np.arange(count), each)
-        joints, arrived = self._bounded(wanted.take(rows), starts.reshape(len(rows), -1))
+        joints, arrived = self._bounded(wanted.take(rows), starts.reshape(len(rows), starts.shape[2]))
         return np.where(arrived[:, None], joints, np.nan).reshape(starts.shape)
 
     def _starts(self, wanted: PoseTarget) -> Array:

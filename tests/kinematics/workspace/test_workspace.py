@@ -81,6 +81,14 @@ def test_the_search_finds_poses_at_the_joints_limits(name) -> None:
     assert not search.reached(anyhow(places + np.array([0.0, 0.0, 10.0])))[0].any()
 
 
+def test_places_that_are_all_reached_from_the_first_start_need_no_other() -> None:
+    arm = IRB120.arm(("p1",))
+    values = arm.nominal({"p1": np.zeros(3)})
+    search = Search(arm, values)
+    places = search.samples[1][:3, :3, 3]  # those of starts
+    assert search.reached(anyhow(places))[0].all() and search.reached(anyhow(places[:0]))[0].size == 0
+
+
 def test_search_and_closed_form_agree_on_poses() -> None:
     arm = IRB120.arm(("p1",))
     values = arm.nominal({"p1": np.array([0.01, 0.02, 0.1])})
