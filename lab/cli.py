@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from lab.commands.command_line import Arguments
     from lab.commands.registry import Command
 
 __all__ = ["main"]
@@ -141,30 +142,60 @@ def _where(place: "Path") -> list[str]:
 
 def _run_command(command: "Command", arguments: list[str]) -> int:
     """Run, write and print; the exit code is the result's."""
-    import contextlib
-    import json
-    from pathlib import Path
-
-    from lab.render.progress import starting, status
+    from lab.render.progress import starting
 
     with starting(f"lab {command.name}"):
-        from threadpoolctl import threadpool_limits
-
         from lab.commands.command_line import parsed
-        from lab.commands.program import output_may_close, say
-        from lab.commands.run_folder import free_name, input_files, run_folder
 
         command.load_options()
     asked = parsed(command, arguments)
     options = asked.options  # lab design has an option --check, so its own refusals are called otherwise
     if (check := getattr(options, "refuse_nonsense", None) or getattr(options, "check", None)) is not None:
         check()  # before there is a folder
+    own = getattr(options, "out", None)  # some commands write only where they are asked to
+    before: list[tuple[Path, bytes]] = [] if own is None else [(own, _checksums(own))]
+    try:
+        return _done(command, asked, before)
+    except KeyboardInterrupt as stop:
+        for place, checksums in before:
+            if _checksums(place) not in (checksums, b""):  # it came too late
+                raise KeyboardInterrupt(f"{place} was written before") from stop
+        raise
+
+
+def _checksums(place: "Path") -> bytes:
+    """Those of the run that stands there; none where there is no run."""
+    from lab.core.whole_folder import CHECKSUMS
+
+    try:
+        return (place / CHECKSUMS).read_bytes()
+    except OSError:
+        return b""
+
+
+def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, bytes]]") -> int:
+    """What was asked: the exit code.
+
+    Args:
+        before: filled with the run's folder, and the checksums of what stood there.
+    """
+    import contextlib
+    import json
+    from pathlib import Path
+
+    from threadpoolctl import threadpool_limits
+
+    from lab.commands.program import output_may_close, say
+    from lab.commands.run_folder import free_name, input_files, run_folder
+    from lab.render.progress import status
+
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
         place = asked.out
         if place is None and command.folder:
             place = free_name(Path("runs"), command.folder_name(asked.options))
         if place is not None:
+            before.append((place, _checksums(place)))
             folder = stack.enter_context(run_folder(place, input_files(asked.options), overwrite=asked.overwrite))
         result = command(asked.options)
         if place is not None:
