@@ -17,7 +17,7 @@ from lab.calibration.refit import placed_anew
 from lab.calibration.stations import few_points_of_a_station
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, setups
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -280,9 +280,9 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     before: list[Array] = []
     after: list[Array] = []
     held: dict[str, tuple[str, ...]] = {}
-    setups = data.setups if refit else tuple((name, "") for name in data.sessions)  # stations are known, or placed anew
-    for setup in dict.fromkeys(setups):
-        part = data.take([i for i, each in enumerate(setups) if each == setup])
+    together = setups(data) if refit else tuple((name, "") for name in data.sessions)  # stations known, or placed anew
+    for setup in dict.fromkeys(together):
+        part = data.take([i for i, each in enumerate(together) if each == setup])
         reference, test = _reference_and_test(part, refit)
         inputs, points = part.inputs(model.conditions)[test], part.points[test]
         for values, errors in ((identification.nominal_aligned, before), (identification.values, after)):
@@ -353,7 +353,7 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
     else:
         reference = rows[::REFERENCE_EVERY] if refit else []
     test = [i for i in rows if i not in set(reference)]
-    words = _setup_in_words(part.setups[0] if refit else (part.sessions[0], ""))
+    words = _setup_in_words(setups(part)[0] if refit else (part.sessions[0], ""))
     where = f"{words} of the validation file" if words else "the validation file"
     if refit and not reference:
         raise LabError(f"{where} has no row with use = reference to refit {', '.join(refit)}; mark one")

@@ -157,14 +157,9 @@ class Robot(ABC):
         """The content of such a file for the arm with these targets and parameters ``(p,)``, base included."""
 
     @property
-    def exact_file(self) -> str:
-        """The one of ``description_files`` that is exact to the bit."""
-        return self.description_files[-1]
-
-    @property
     def kept_file(self) -> str:
         """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
-        return self.exact_file if self.model.path.suffix == ".toml" else self.description_files[0]
+        return self.description_files[-1] if self.model.path.suffix == ".toml" else self.description_files[0]
 
     def placed_in(self, cell: Path | None) -> Self:
         """The robot in the cell that a file describes; as it is, without a file.

@@ -23,6 +23,7 @@ __all__ = [
     "last_moves",
     "measured",
     "seen_mask",
+    "setups",
 ]
 
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
@@ -124,11 +125,6 @@ class Measurements:
         """From which station of the instrument each row was measured, "" where the file does not say."""
         return self.other.get("station", ("",) * len(self))
 
-    @property
-    def setups(self) -> tuple[tuple[str, str], ...]:
-        """The session and the station of each row: what was set up anew between two rows where they differ."""
-        return tuple(zip(self.sessions, self.stations, strict=True))
-
     def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
         """The measurements of some rows."""
         index = np.asarray(rows, dtype=np.int_)
@@ -210,6 +206,11 @@ def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable
         row = where(int(np.argmax(empty)))
         raise IncompleteColumnError(f"{row}, column {name}: empty, but the model needs it in every row; fill it in")
     return column
+
+
+def setups(data: Measurements) -> tuple[tuple[str, str], ...]:
+    """The session and the station of each row: what was set up anew between two rows where they differ."""
+    return tuple(zip(data.sessions, data.stations, strict=True))
 
 
 def evenly(rows: int, most: int) -> NDArray[np.int_] | None:

@@ -13,7 +13,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.noise.likelihood import ErrorShapes
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements, seen_mask, setups
 from lab.core.se3 import Array
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
@@ -130,8 +130,8 @@ def row_times(data: Measurements) -> Array:
         times = np.array([float(name) for name in data.ids])
     else:
         times = np.arange(len(data), dtype=np.float64)
-    place = {setup: i for i, setup in enumerate(dict.fromkeys(data.setups))}
-    return np.asarray(times + _APART * np.array([place[setup] for setup in data.setups]))
+    place = {setup: i for i, setup in enumerate(dict.fromkeys(setups(data)))}
+    return np.asarray(times + _APART * np.array([place[setup] for setup in setups(data)]))
 
 
 def error_shapes(

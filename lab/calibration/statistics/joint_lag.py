@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Fit, Observations
 from lab.calibration.statistics.linearized import FULL_RANK, LinearizedFit, SubsetFit, linearized
 from lab.core.linear_model import LinearModel, p_value_of_squares
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, setups
 from lab.core.probabilities import t_sf
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
@@ -49,8 +49,9 @@ def moves_before(data: Measurements, ids: Sequence[str]) -> Array:
         ids: n of its rows.
     """
     moves = np.zeros_like(data.joints)
-    for setup in dict.fromkeys(data.setups):
-        here = np.flatnonzero([each == setup for each in data.setups])
+    together = setups(data)
+    for setup in dict.fromkeys(together):
+        here = np.flatnonzero([each == setup for each in together])
         moves[here[1:]] = np.diff(data.joints[here], axis=0)
     if tuple(ids) == data.ids:
         return moves

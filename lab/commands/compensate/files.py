@@ -30,7 +30,8 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
     _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions(result, rows)})
     nominal_inverse = run.nominal_inverse(result.target)  # what the corrected targets are for
-    nominal = run.robot.description(run.robot.exact_file, nominal_inverse.arm.targets, nominal_inverse.values)
+    exact = run.robot.description_files[-1]
+    nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
     (folder / NOMINAL).write_text(nominal, encoding="utf-8")
     arm, values = run.geometry
     for name in run.robot.description_files:

@@ -117,7 +117,7 @@ class DesignResult(Result):
         return tuple(str(first + i) for i in range(len(self.joints)))
 
     @cached_property
-    def reflector(self) -> dict[str, float | int] | None:
+    def _reflector(self) -> dict[str, float | int] | None:
         """How near the stops come to the largest angle that the reflectors take; None where they take any."""
         robot, targets = self.problem.robot.model, self.options.targets
         acceptance = view_of(robot, named_instrument(self.options.instrument)).acceptance_rad
@@ -136,21 +136,21 @@ class DesignResult(Result):
         """Every stop of the tour: home, poses to measure, what is only passed, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
         ids = visit_ids(self.tour, self.pose_ids)
-        return Stops(self.tour.stops, which, ids, "measure", stations=self.stations_of_stops)
+        return Stops(self.tour.stops, which, ids, "measure", stations=self._stations_of_stops)
 
     @property
-    def parts(self) -> tuple[tuple[str, slice], ...]:
+    def _parts(self) -> tuple[tuple[str, slice], ...]:
         """Each station's part of the tour's stops, from home to home, by its name; of one alone all, without a name."""
         names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.stops) - 1]
         measuring = [names[i] for i in dict.fromkeys(self.stations.tolist())]
         return tuple((name, slice(a, b + 1)) for name, (a, b) in zip(measuring, pairwise(ends), strict=True))
 
     @property
-    def stations_of_stops(self) -> tuple[str, ...]:
+    def _stations_of_stops(self) -> tuple[str, ...]:
         """The station in whose part each stop is; none where there is one alone."""
         if not self.problem.robot.model.stations:
             return ()
-        counts = [(name, part.stop - part.start - (part.start > 0)) for name, part in self.parts]
+        counts = [(name, part.stop - part.start - (part.start > 0)) for name, part in self._parts]
         return tuple(name for name, count in counts for _ in range(count))
 
     @property
@@ -204,7 +204,7 @@ class DesignResult(Result):
             **MeasuringDayLength.of(tour).to_dict(),
             "moves": len(tour.stops) - 1,
             "via": self.tour.via,
-            "reflector": self.reflector,
+            "reflector": self._reflector,
             "stations": [
                 {"name": name, "poses": int((self.stations == i).sum()), "head_mm": (1e3 * T[:3, 3]).round(6).tolist()}
                 for i, (name, T) in enumerate(zip(model.stations, model.Ts_world_station, strict=False))
@@ -250,7 +250,7 @@ class DesignResult(Result):
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
         arm = robot.arm(tuple(robot.tool))
         nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0
-        for station, part in self.parts:
+        for station, part in self._parts:
             stops, measured = self.tour.stops[part], self.tour.measured[part]
             count = int((measured >= 0).sum())
             tour = MeasuringTour(

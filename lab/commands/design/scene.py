@@ -107,7 +107,7 @@ def plan_scene(plan: DesignResult) -> PlanScene:
         moved(tracker, arm.points(way, values))[:, 0],
         model.Ts_world_station,
         model.stations or ("tracker",),
-        np.array([names.index(name) for name in plan.stations_of_stops or names[:1] * len(stops)]),
+        np.array([names.index(name) for name in plan.stops.stations or names[:1] * len(stops)]),
         reach,
         visible,
         body_poses(model, arm, values, stops),
