@@ -136,8 +136,8 @@ def measured_range(found: Identification, observed: Observations, prismatic: Seq
     low, high = np.quantile(joints, [_EDGE, 1 - _EDGE], axis=0)
     lower, upper = joints.min(axis=0), joints.max(axis=0)
     edge = np.maximum((low - lower + upper - high) / 2, _LEAST_EDGE)
-    some = evenly(len(joints), _MOST_NEAR)
-    poses = joints if some is None else joints[some]
+    near = evenly(len(joints), _MOST_NEAR)
+    poses = joints if near is None else joints[near]
     return MeasuredRange(lower, upper, ~np.array(prismatic, dtype=bool), edge, slope, poses)
 
 

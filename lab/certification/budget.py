@@ -263,7 +263,7 @@ def _through_kinematics(
     """Errors of drawn calibrations: the same ones with the linear map and with the full kinematics."""
     count = len(positions)
     other: Array = np.zeros((_CALIBRATIONS, count, 3))  # what does not come through the fit
-    mapped, shifts = np.zeros_like(other), np.zeros(1)
+    mapped, shifts = np.zeros_like(other), list[Array]()
     for each in quantities:
         kinds = each.columns.shape[2]
         if each.anew:
@@ -275,8 +275,8 @@ def _through_kinematics(
         if each.shifts is None:
             other += through
         else:
-            mapped, shifts = mapped + through, shifts + values @ each.shifts.T
-    full = mapped if shifts.ndim == 1 else np.stack([moved(shift) for shift in shifts]) - positions
+            mapped, shifts = mapped + through, [*shifts, values @ each.shifts.T]
+    full = np.stack([moved(shift) for shift in sum(shifts[1:], shifts[0])]) - positions if shifts else mapped
     if measurand == "distance":
         there = _partners(count, rng)
         apart = positions - positions[there]
@@ -290,7 +290,8 @@ def _through_kinematics(
     else:
         steps = [np.linalg.norm(errors + other, axis=2) for errors in (mapped, full)]
     met = np.isfinite(steps[1])  # a loop may not close so far off
-    return KinematicDraws(*(_quantile(np.abs(each[met]))[0] for each in steps), _CALIBRATIONS)
+    linear_m, full_m = (_quantile(np.abs(each[met]))[0] for each in steps)
+    return KinematicDraws(linear_m, full_m, _CALIBRATIONS)
 
 
 def _drawn_lengths(quantities: Sequence[InputQuantity], columns: Sequence[Array], rng: np.random.Generator) -> Array:

@@ -96,14 +96,14 @@ def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDA
         assert report.measured is not None
         far.append(report.measured.beyond(rest.joints).any(axis=1))
         lone.append(np.broadcast_to(report.measured.uncovered(rest.joints)[:, None], rest.seen.shape)[rest.seen])
-    error, covered, held = np.concatenate(lengths), ~np.concatenate(lone), np.concatenate(within)
+    error, covered, inside = np.concatenate(lengths), ~np.concatenate(lone), np.concatenate(within)
     return {
         "mean_mm": float(1e3 * error.mean()),
         "max_mm": float(1e3 * error.max()),
         "beyond_share": float(np.concatenate(far).mean()),
-        "within_bounds": float(held.mean()),
+        "within_bounds": float(inside.mean()),
         "uncovered_share": float((~covered).mean()),
-        "within_bounds_covered": float(held[covered].mean()) if covered.any() else float("nan"),
+        "within_bounds_covered": float(inside[covered].mean()) if covered.any() else float("nan"),
         "within_bounds_of_covariance": float(np.concatenate(plain).mean()),
     }
 

@@ -187,7 +187,7 @@ def ordered(
         ``(n, k, joints)`` joint positions, and ``(n, k)`` the branches that they are of.
     """
     joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
-    given = np.isfinite(reference).all(axis=1)
+    given = np.asarray(np.isfinite(reference).all(axis=1), dtype=np.bool_)
     near = np.where(given[:, None], reference, chain.home if before is None else before)
     fixed = DISLIKE_COST * disliked + GAP_COST * solutions.gap_m + TILT_COST * solutions.tilt_rad
     rows = np.arange(len(joints))
@@ -199,7 +199,7 @@ def ordered(
         joints[rows] = np.take_along_axis(turned, order[rows, :, None], axis=1)
         after = rows[rows + 1 < len(joints)] + 1
         after = after[~given[after]]
-        rows = after[(near[after] != joints[after - 1, 0]).any(axis=1)]
+        rows = after[np.any(near[after] != joints[after - 1, 0], axis=1)]
         near[rows] = joints[rows - 1, 0]
     return joints, order
 
