@@ -81,13 +81,17 @@ def reachability(
     return ReachabilityGraph(np.array(found), free, reachable, feasible)
 
 
-def refusals(model: RobotModel, access: ReachabilityGraph) -> Callable[[Array], list[str]]:
-    """A callable: why the arm may not go to joint positions ``(n, joints)``, in words; "" where it may."""
+def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[Array], list[str]]:
+    """A callable: why the arm may not go to joint positions ``(n, joints)``, in words; "" where it may.
+
+    Args:
+        access: to which a free way has to lead; None where the ways are given, and each place is judged by itself.
+    """
 
     def refused(joints: Array) -> list[str]:
         said = [f"collision: {words}" if words else "" for words in collisions_in_words(model, joints)]
         for i, words in enumerate(said):
-            if not words and not access.reachable(joints[i : i + 1])[0]:
+            if access is not None and not words and not access.reachable(joints[i : i + 1])[0]:
                 said[i] = "no way that is free of collisions was found from home to it"
         return said
 

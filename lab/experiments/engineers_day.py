@@ -76,6 +76,8 @@ upper_deg = 20
 INSTRUMENT, SIGMA_M = "uniform-8um", 8e-6 / np.sqrt(3)
 STIFFNESS_NM_PER_RAD = 2e4
 LOOKS = 1000  # along each way
+ROOM_RAD = np.deg2rad(2)  # that a taught way has for each joint: a correction moves the arm by up to about so much
+FROM_SINGULAR_RAD = np.deg2rad(5)  # of a taught target: a stretched arm that is a little shorter does not reach it
 
 
 @dataclass(frozen=True)
@@ -198,11 +200,7 @@ def _imported(cell: Cell, day: MeasuringDay) -> Path:
 
 def _corrected(cell: Cell, run: Path, count: int, seed: int) -> tuple[CompensationResult, tuple[Array, Array]]:
     """A program of targets in free places, corrected in its text; the joint positions corrected and as they were."""
-    model, free = cell.robot.model, path_check(cell.robot.model)
-    joints = [model.chain.home]
-    for pose in random_poses(model, 40 * count, rng_for(seed, "targets")):
-        if len(joints) <= count and free(joints[-1], pose):
-            joints.append(pose)
+    joints = _taught(cell.robot, count, seed)
     lines = ["def pick():", "  set_tcp(p[0.04,0,0.06,0,0,0])  # p1"]
     lines += [f"  movej([{','.join(f'{each:.6f}' for each in q)}], a=1.2, v=0.8)" for q in joints[1:]]
     program = cell.folder / "pick.script"
@@ -210,6 +208,22 @@ def _corrected(cell: Cell, run: Path, count: int, seed: int) -> tuple[Compensati
     found = compensate(program=str(program), run=run, force=True, cell=cell.folder / "cell.toml")
     done = found.found.converged
     return found, (found.found.joints[done], np.array(joints[1:])[done])
+
+
+def _taught(robot: Robot, count: int, seed: int) -> list[Array]:
+    """Home, and joint positions ``(6,)`` rad one after the other, as a person teaches them.
+
+    Each is well off singularities, and the way to it is free also where a joint is off by a little.
+    """
+    model, free, arm = robot.model, path_check(robot.model), robot.arm(("p1",))
+    drawn = random_poses(model, 60 * count, rng_for(seed, "targets"))
+    away = arm.singular_distance(drawn, arm.nominal({"p1": np.zeros(3)}))[0]
+    shifts = ROOM_RAD * np.concatenate([np.zeros((1, 6)), np.eye(6), -np.eye(6)])
+    joints = [model.chain.home]
+    for pose in drawn[away > FROM_SINGULAR_RAD]:
+        if len(joints) <= count and all(free(joints[-1] + each, pose + each) for each in shifts):
+            joints.append(pose)
+    return joints
 
 
 def _off(day: MeasuringDay, joints: Array, wanted: Array) -> Array:

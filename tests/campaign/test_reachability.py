@@ -1,5 +1,6 @@
 """Ways that touch nothing, looked at again more densely and with a reader of contacts of its own."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import mujoco
@@ -51,6 +52,8 @@ def test_a_refusal_names_what_touches_what_and_how_deep() -> None:
     access = reachability(MODEL, joints[0], joints[:0], lambda q: ~collides(MODEL, q))
     said = refusals(MODEL, access)(joints)
     assert said[0] == "" and said[1] == f"collision: {words[1]}"
+    nowhere = replace(access, reachable=lambda q: np.zeros(len(q), dtype=bool))
+    assert "no way" in refusals(MODEL, nowhere)(joints)[0] and refusals(MODEL, None)(joints) == said
     assert collides(MODEL, joints).tolist() == [False, True]
     assert not collides(unchecked(MODEL), joints).any()
     assert collides(MODEL, joints)[1]  # the original is as it was

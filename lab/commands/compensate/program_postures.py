@@ -5,7 +5,6 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from lab.campaign.reachability import ReachabilityGraph
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
@@ -13,6 +12,8 @@ from lab.formats.programs.reading.program_text import Move, TargetText
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
+from lab.pose_selection.tour import FreePath
+from lab.simulation.candidate_poses import path_check
 from lab.simulation.collisions import collides, collisions_in_words
 from lab.simulation.model import RobotModel
 
@@ -87,33 +88,29 @@ def _with_turns(chain: JointSpec, joints: Array) -> Array:
 
 
 def ways_touched(
-    model: RobotModel,
-    access: ReachabilityGraph,
-    nominal: NominalInverse,
-    joints: Array,
-    moves: Sequence[Move],
-    names: Sequence[str],
+    model: RobotModel, nominal: NominalInverse, joints: Array, moves: Sequence[Move], names: Sequence[str]
 ) -> tuple[tuple[int, str], ...]:
     """What the arm touches on the moves from target to target in the order of the text, by line.
 
     Args:
-        joints: ``(t, 6)`` rad at each target of the text, NaN where it was not corrected.
+        joints: ``(t, 6)`` rad at each target of the text, corrected or as it stays; NaN where they are not known.
         names: of the targets.
     """
+    free = path_check(model)
     said = list[tuple[int, str]]()
     for before, move in pairwise(moves):
         start, end = joints[before.target], joints[move.target]
         if not np.isfinite([start, end]).all() or before.target == move.target:
             continue
-        words = _on_line(model, nominal, start, end) if move.motion == "line" else _of_joints(model, access, start, end)
+        words = _on_line(model, nominal, start, end) if move.motion == "line" else _of_joints(model, free, start, end)
         if words:
             said.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {words}"))
     return tuple(said)
 
 
-def _of_joints(model: RobotModel, access: ReachabilityGraph, start: Array, end: Array) -> str:
+def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> str:
     """What is touched on a straight line of all joints; "" if nothing is."""
-    if access.free(start, end):
+    if free(start, end):
         return ""
     looks = start + np.linspace(0, 1, _LOOKED_AGAIN)[:, None] * (end - start)
     return next((words for words in collisions_in_words(model, looks) if words), "something is touched")

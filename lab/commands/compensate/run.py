@@ -96,14 +96,15 @@ def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | N
 
 def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResult:
     """Correct the targets of a program, and its text."""
-    program, access = open_program(options, run), _access(options, run)
-    done = _corrected(options, run, program.targets, access, _AS_ASKED)
-    reached = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
-    reached[program.rows[done.reached]] = done.found.joints[done.reached]
+    program = open_program(options, run)
+    done = _corrected(options, run, program.targets, None, _AS_ASKED)
+    stands = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
+    stands[program.rows] = program.targets.joints  # those that are not corrected stay in the text, and are moved to
+    stands[program.rows[done.reached]] = done.found.joints[done.reached]
     ways: tuple[tuple[int, str], ...] = ()
-    if access is not None:
+    if done.checked:
         names = [each.name for each in program.read.targets]
-        ways = ways_touched(run.robot.model, access, program.nominal, reached, program.read.moves, names)
+        ways = ways_touched(run.robot.model, program.nominal, stands, program.read.moves, names)
     return replace(done, program=program.rewritten(done.found, options.digits, ways))
 
 
@@ -117,8 +118,8 @@ def _corrected(
     """Correct targets for the arm of a run.
 
     Args:
-        access: where the arm may go; None where nothing is checked.
-        bound: of a program, whose moves are its own: why only the solution that it asks for is tried.
+        access: where the arm may go; None where nothing is checked, and of a program, whose ways are its own.
+        bound: of a program: why only the solution that it asks for is tried.
 
     Raises:
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
@@ -138,7 +139,7 @@ def _corrected(
     conditions, warnings = _conditions(run, targets, source)
     target = run.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.R_last_tool.T)
-    may_not = None if access is None else refusals(run.robot.model, access)
+    may_not = refusals(run.robot.model, access) if (checked := _is_checked(options, run)) else None
     compensator = Compensator(run.nominal_inverse(target), run.arm, run.values, may_not)
     if bound is not None:
         compensator = replace(compensator, bound=bound)
@@ -154,10 +155,10 @@ def _corrected(
     said = (*run.warnings, *targets.warnings, *warnings)
     rows = np.flatnonzero(found.converged)
     way, which = found.joints[rows], np.arange(len(rows))
-    if access is not None and bound is None:
+    if access is not None:
         way, which = stops_in_order(rated(run.robot.chain)[0], access, way)
     stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
-    done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, access is not None, said)
+    done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said)
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
         words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
@@ -197,12 +198,16 @@ def _left_out(run: Calibrated, targets: Targets, found: Compensation) -> list[st
 def _access(options: CompensateOptions, run: Calibrated) -> ReachabilityGraph | None:
     """Where the arm may go without touching anything; None where that is not asked, or its shapes are not known."""
     model = run.robot.model
-    if options.no_check or model.missing:
+    if not _is_checked(options, run):
         return None
     free = random_poses(model, _HUBS, rng_for(0, "poses"))
     home = free_home(model, free)
     near = nearest_whole_turns(model.chain, free, home)  # the same poses, without a turn of a joint on the way
     return reachability(model, home, near, lambda joints: ~collides(model, joints), _HUBS)
+
+
+def _is_checked(options: CompensateOptions, run: Calibrated) -> bool:
+    return not (options.no_check or run.robot.model.missing)
 
 
 def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:

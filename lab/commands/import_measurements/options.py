@@ -44,6 +44,8 @@ class ImportOptions:
     """In a log: the largest speed of a joint that stands still, °/s (mm/s of a slide)."""
     settled_s: float = 0.5
     """In a log: how long the arm stands still at a pose, at least."""
+    station: str | None = None
+    """Where the instrument stood, if it stood in several places: fills the column station, begins each id."""
 
     def check(self) -> None:
         """Refuse numbers and names that make no sense, with a LabError that names the option."""
@@ -54,5 +56,7 @@ class ImportOptions:
         TARGETS("--targets", self.targets)
         for name in self.targets:
             checked_name("--targets", name)
+        if self.station is not None:
+            checked_name("--station", self.station)
         if self.clock_offset_s is not None and abs(self.clock_offset_s) > 1e10:
             raise LabError("--clock-offset-s: give the seconds between two clocks")

@@ -66,17 +66,20 @@ def _measurements(options: ImportOptions, robot: Robot, seen: TrackerPoints, fou
     data = measured(robot.chain.joint_names, joints, targets, points)
     first = seen.seconds - np.nanmin(seen.seconds) if np.isfinite(seen.seconds).any() else seen.seconds
     conditions = {"temp_C": _mean(rows, seen.temperature_c), "time_s": _mean(rows, first)}
-    other = {"pressure_hPa": _mean(rows, seen.pressure_hpa), "humidity_percent": _mean(rows, seen.humidity_percent)}
+    air = {"pressure_hPa": _mean(rows, seen.pressure_hpa), "humidity_percent": _mean(rows, seen.humidity_percent)}
+    other = {
+        name: tuple("" if np.isnan(value) else f"{value:.10g}" for value in values)
+        for name, values in air.items()
+        if np.isfinite(values).any()
+    }
+    if options.station is not None:
+        other["station"] = (options.station,) * n
     return replace(
         data,
-        ids=_unique([pose.name for pose in found.poses]),
+        ids=_unique([f"{options.station or ''} {pose.name}".strip() for pose in found.poses]),
         sigma_m=np.sqrt(_mean(rows, seen.sigma_m**2)),
         conditions={name: values for name, values in conditions.items() if np.isfinite(values).any()},
-        other={
-            name: tuple("" if np.isnan(value) else f"{value:.10g}" for value in values)
-            for name, values in other.items()
-            if np.isfinite(values).any()
-        },
+        other=other,
     )
 
 

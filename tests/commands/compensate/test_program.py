@@ -121,6 +121,23 @@ def test_the_real_arm_is_where_the_program_says(
         np.testing.assert_allclose(real_tool[i], wanted_tool[nearest], atol=3e-5)  # of the digits that were read
 
 
+def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
+    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second target is through the floor, so it stays as it is, and the controller goes there all the same."""
+    from lab.commands.compensate import run as command
+
+    monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: calibrated)
+    monkeypatch.setattr(command, "reachability", None)  # asks for ways that the program does not take
+    places = ("0,10,5,0,30,0", "0,110,-60,0,30,0", "20,10,5,0,40,0", "30,15,5,0,40,0")
+    nine = ",".join(["9E9"] * 6)
+    lines = [f"MoveAbsJ [[{each}],[{nine}]],v5,fine,tool0;" for each in places]
+    (file := tmp_path / "a.mod").write_text("\n".join(["MODULE a", "PROC main()", *lines, "ENDPROC", "ENDMODULE"]))
+    result = compensate(CompensateOptions(Path("run"), program=file))
+    assert result.program is not None and [str(name) for name, _ in result.failed] == [result.targets.ids[1]]
+    assert [line for line, _ in result.program.ways] == [4, 5]
+
+
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_robot_that_is_as_drawn_keeps_its_program(
     language: str, calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -53,6 +53,19 @@ def test_the_written_file_is_what_identify_reads(files: tuple[Path, Path], tmp_p
     assert told["by"] == "name" and told["columns"]["points"]["x"] == "X"
 
 
+def test_files_of_two_stations_are_joined_line_by_line(files: tuple[Path, Path], tmp_path: Path) -> None:
+    written = []
+    for station in ("west", "east"):
+        with nothing_drawn():
+            import_measurements(ImportOptions(*files, station=station)).save(tmp_path / station)
+        written.append((tmp_path / station / "measurements.csv").read_text().splitlines(keepends=True))
+    (both := tmp_path / "both.csv").write_text("".join(written[0] + written[1][1:]))
+    chain = load_robot("irb120").chain
+    data = read_measurements(both, chain.joint_names, chain.prismatic)
+    assert data.stations == ("west",) * POSES + ("east",) * POSES and data.warnings == ()
+    assert data.ids[0] == f"west P{POSES - 1}" and len(set(data.ids)) == 2 * POSES
+
+
 def test_order_brings_them_together(tmp_path: Path, day: MeasuringDay) -> None:
     data = day.measurements
     points = plain(tmp_path / "p.txt", [f"x{i}" for i in range(POSES)], data.points[:, 0])
@@ -156,6 +169,10 @@ def wrong(case: str, points: Path, joints: Path) -> list[str]:
         points.write_text(poses)
     elif case == "three targets, one measured":
         flags = ["--by", "order", "--targets", "p1,p2,p3"]
+    elif case == "station without a name":
+        flags = ["--station", " "]
+    elif case == "station with a comma":
+        flags = ["--station", "a,b"]
     elif case == "offset not finite":
         flags = ["--clock-offset-s", "inf"]
     return [str(points), "--joints", str(joints), *flags]
@@ -178,6 +195,8 @@ CASES = {
     "export of joints": "no column is x",
     "three targets, one measured": "3 points each",
     "offset not finite": "--clock-offset-s",
+    "station without a name": "--station",
+    "station with a comma": "--station",
 }
 
 
