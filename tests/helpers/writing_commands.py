@@ -45,7 +45,7 @@ COMMANDS = {
     "kinematics": "kinematics irb120 --joints 10,20,30,40,50,60",
     "trend": "trend history",
     "inspect": "inspect irb120",
-    "reproduce": "reproduce elastic --exercise",
+    "reproduce": "reproduce elastic",
     "workspace": "workspace carrier/cartesian --places 200",
 }
 
