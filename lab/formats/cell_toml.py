@@ -268,8 +268,8 @@ def read_cell(path: Path) -> Cell:
     """
     content = read_toml(path)
     refuse_unbounded(path, content)
-    if "path" in content:
-        raise LabError(f"{path}: 'path' is no option of a cell; there are {_list(_options())}")
+    if strange := next((each for each in content if each not in _options()), None):
+        raise LabError(f"{path}: '{strange}' is no option of a cell; there are {_list(_options())}")
     cell = structured(path, Cell, {**content, "path": path})
     if cell.clearance_mm < 0:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")

@@ -39,7 +39,7 @@ POST = "[[obstacle]]\nname = 'post'\nshape = 'cylinder'\nradius_mm = 50\nheight_
 HAND = "[[obstacle]]\nname = 'hand'\nshape = 'mesh'\nfile = 'hand.stl'\n"
 PLATE = "[[plate]]\nname = 'plate'\nshape = 'box'\nsize_mm = [1, 2, 3]\n"
 WRONG = {
-    "colour = 1\n": "'colour' is no option",
+    "colour = 1\n": "'colour' is no option of a cell; there are name, clearance_mm",
     "path = 'x'\n": "'path' is no option",
     "clearance_mm = -1\n": "clearance_mm is -1",
     "clearance_mm = nan\n": "clearance_mm is nan; give a finite number",

@@ -115,7 +115,9 @@ def test_krl() -> None:
     signs = np.deg2rad([[-10, -90, 90, -10, -20, 5], [10, -90, 90, -10, -20, 5]])
     assert first is not None and found.targets[1].allowed is None
     assert first(SHAPE, signs).tolist() == [bool(SHAPE.in_front(signs[:1])[0]), False]
-    with pytest.raises(LabError, match=r"TOOL_DATA\[1\], BASE_DATA\[2\] are not .*while the program runs; give --frames"):
+    with pytest.raises(
+        LabError, match=r"TOOL_DATA\[1\], BASE_DATA\[2\] are not .*while the program runs; give --frames"
+    ):
         read("prog.src", KRL)
 
 
