@@ -165,8 +165,11 @@ class DesignOptions:
 
     def refuse_nonsense(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
-        if self.check is not None and (self.no_check or self.extend is not None):
-            raise LabError("--check: leave out --no-check and --extend beside it; they are of plans that are made")
+        made = self.no_check or self.extend is not None or self.controller is not None
+        if self.check is not None and made:
+            raise LabError(
+                "--check: leave out --no-check, --extend and --controller beside it; they are of plans that are made"
+            )
         whole("--seed", self.seed, 0, SEED)
         whole("--starts", self.starts, 1, STARTS)
         if self.reference_every is not None:

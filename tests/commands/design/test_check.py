@@ -110,7 +110,8 @@ def test_a_thin_wall_between_two_stops_is_found(plan: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("flags", "told"),
     [("--check nowhere.csv", "nowhere.csv"), ("--check {plan} --no-check", "--no-check"),
-     ("--check {plan} --extend {plan}", "--extend"), ("--reference-every 0", "-every"),
+     ("--check {plan} --extend {plan}", "--extend"), ("--check {plan} --controller rapid", "--controller"),
+     ("--reference-every 0", "-every"),
      ("--check {plan} --robot scara", "joint q3 is a slide"),
      ("--check skip.csv", "no stop is to be measured"), ("--check {plan} --cell none.toml", "none.toml")],
 )  # fmt: skip
