@@ -143,13 +143,15 @@ class _NoiseModel:
     wandering_mm: float
     wandering_correlation: float
     drift_mm: float
-    encoder_counts_rad: tuple[float, ...] | None = None
+    encoder_counts_rad: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no size, share or correlation, with a LabError."""
         sizes = (self.independent_mm, self.joint_scatter_mrad, self.wandering_mm, self.drift_mm)
-        if min(*sizes, *(self.encoder_counts_rad or ())) < 0:
+        if min(sizes) < 0:
             raise LabError("noise_model: a standard deviation is not below zero")
+        if any(len(row) != len(self.encoder_counts_rad or ()) for row in self.encoder_counts_rad or ()):
+            raise LabError("noise_model: encoder_counts_rad has a row and a column for each joint")
         if not (0 < self.independent_share <= 1 and 0 <= self.wandering_correlation < 1):
             raise LabError("noise_model: the share is above 0 and at most 1, the correlation at least 0 and below 1")
 
