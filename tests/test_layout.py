@@ -8,6 +8,7 @@ import re
 from functools import cache
 from pathlib import Path
 
+import pytest
 from helpers.robots import ROOT
 
 LONGEST_MODULE, LONGEST_FUNCTION = 400, 60  # lines
@@ -50,6 +51,7 @@ def reached_in(room: str) -> set[str]:
     return reached
 
 
+@pytest.mark.thorough
 def test_every_module_is_imported_by_a_test_of_its_folder() -> None:
     left = []
     for room in ROOMS:

@@ -246,6 +246,7 @@ def test_what_was_not_reached_is_left_out_and_counted(outcome, loop, tmp_path, h
         record_loop(path, outcome, nothing)
 
 
+@pytest.mark.thorough
 @needs_vulkan
 def test_no_view_complains(recording, home):
     views = views_of(recording, home, "step")

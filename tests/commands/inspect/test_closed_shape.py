@@ -41,6 +41,7 @@ def test_freedoms_and_modes(shapes: Shapes) -> None:
     }
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_extents_hold_every_place_that_is_named_or_drawn(name: str, shapes: Shapes) -> None:
@@ -55,6 +56,7 @@ def test_the_extents_hold_every_place_that_is_named_or_drawn(name: str, shapes: 
     assert (places >= shape.extents[:, 0] - slack).all() and (places <= shape.extents[:, 1] + slack).all()
 
 
+@pytest.mark.thorough
 def test_a_delta_hangs_lowest_with_all_arms_down(shapes: Shapes) -> None:
     """Its lowest place is in the corner of the limits, by three spheres about the elbows."""
     mechanism, shape = shapes["delta/mechanism"]
@@ -63,6 +65,7 @@ def test_a_delta_hangs_lowest_with_all_arms_down(shapes: Shapes) -> None:
     assert shape.extents[2, 0] == pytest.approx(-arm * np.sin(down) - np.sqrt(rod**2 - elbow**2), abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_an_area_is_the_integral_over_the_readings(shapes: Shapes) -> None:
     """Of the 2-RPR dx dy = rho1 rho2 / (L y) d rho1 d rho2, once each way of assembling."""
     mechanism, shape = shapes["rpr2/mechanism"]
@@ -75,6 +78,7 @@ def test_an_area_is_the_integral_over_the_readings(shapes: Shapes) -> None:
     assert shape.reachable == pytest.approx(dblquad(density, low, high, low, high)[0], rel=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES[:4])
 def test_a_nearest_pose_is_as_near_as_any_at_random(name: str, shapes: Shapes) -> None:
     mechanism, shape = shapes[name]
@@ -96,6 +100,7 @@ def test_a_nearest_pose_is_as_near_as_any_at_random(name: str, shapes: Shapes) -
         assert getattr(distances, each.kind)[0] == pytest.approx(each.distance, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_two_legs_are_nearest_to_one_line_where_one_is_long_and_one_short(shapes: Shapes) -> None:
     """The smallest singular value of two unit rows at an angle is sqrt(1 - |cos|)."""
     mechanism, shape = shapes["rpr2/mechanism"]
@@ -105,6 +110,7 @@ def test_two_legs_are_nearest_to_one_line_where_one_is_long_and_one_short(shapes
     assert shape.singularities[0].distance == pytest.approx(np.sqrt(1 - cos), abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_extents_hold_the_places_of_other_poses(shapes: Shapes) -> None:
     for mechanism, shape in shapes.values():
         joints = mechanism.random_joints(500, np.random.default_rng(8))
