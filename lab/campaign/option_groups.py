@@ -59,7 +59,11 @@ Numbers = Annotated[
         str_from_instance=lambda numbers: [",".join(f"{each:g}" for each in numbers)],
     ),
 ]
-Flag = tyro.conf.FlagCreatePairsOff[bool]
+Flag = Annotated[
+    bool,
+    tyro.conf.FlagCreatePairsOff,
+    tyro.conf.arg(help_behavior_hint=lambda default: "" if default == "False" else "(given)"),  # by --config
+]
 
 _GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
 MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(

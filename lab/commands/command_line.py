@@ -48,7 +48,7 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     """
     kind = command.load_options()
     rest, default = _configured(command, kind, arguments)
-    titled = Annotated[kind, tyro.conf.arg(name=command.name)]  # type: ignore[valid-type]
+    titled = Annotated[kind, tyro.conf.arg(name="")]  # type: ignore[valid-type]
     given = tyro.conf.OmitArgPrefixes[titled]
     options = ("options", given) if default is None else ("options", given, field(default=default))
     common: list[Any] = [("json", _JSON, field(default=False))]

@@ -1,5 +1,6 @@
 """One entry registers a command: its options become its command line, and its refusals one line."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -83,7 +84,9 @@ def test_help_names_every_command_and_its_options(capsys: pytest.CaptureFixture[
     for command in COMMANDS:
         with pytest.raises(SystemExit) as stop:
             main([command.name, "--help"])
-        assert stop.value.code == 0 and "--json" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert stop.value.code == 0 and "--json" in said
+        assert "False" not in said and not re.search(r"\w\.\w+ options", said)  # the program's words, not a person's
 
 
 def test_keywords_are_options_those_of_groups_among_them() -> None:
