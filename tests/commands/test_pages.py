@@ -104,18 +104,20 @@ def test_every_eye_tells_before_from_after(pages: dict[str, Path], browser: Brow
     """The pixels drawn in either colour, as a deuteranope or a grey print shows them: words, bars, dots, lines."""
     kinds, told = ("none", "deuteranopia", "achromatopsia"), {}
     try:
-        for name in ("run", "compensate"):
-            browser.open(pages[name])
+        for name, path in pages.items():
+            browser.open(path)
             browser.show(1400)
             shown = []
             for kind in kinds:
                 browser.call("Emulation.setEmulatedVisionDeficiency", type=kind)
                 shown.append(images.imread(io.BytesIO(browser.picture()), format="png")[..., :3])
             masks = [np.abs(shown[0] - to_rgb(colour)).max(axis=2) < 0.01 for colour in (BEFORE, AFTER)]
-            assert min(mask.sum() for mask in masks) > 50, name
+            if min(mask.sum() for mask in masks) <= 50:  # a page that shows one of them alone, or neither
+                continue
             for kind, seen in zip(kinds, shown, strict=True):
                 light, dark = (luminance(seen[mask].mean(axis=0)) + 0.05 for mask in masks)
                 told[name, kind] = light / dark
     finally:
         browser.call("Emulation.setEmulatedVisionDeficiency", type="none")
+    assert {name for name, _ in told} == {"run", "compensate"}
     assert min(told.values()) > 2.0, told
