@@ -19,7 +19,7 @@ from lab.core.errors import LabError
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document
 
-__all__ = ["PICTURES", "Options", "Shown", "answer", "draw_recording", "headline_of"]
+__all__ = ["PICTURES", "Options", "Shown", "answer", "draw_recording"]
 
 _SIZE: Final = (1600, 900)
 _BAR: Final = 37  # rows of the viewer's menu, which is no part of the recording
@@ -29,15 +29,46 @@ _QUIET: Final = {"RUST_LOG": "off", "RERUN_ANALYTICS": "0"}
 
 @dataclass(frozen=True)
 class Shown:
-    """What a picture shows: a command's recording, at a moment of its timeline ``time`` (s)."""
+    """What a picture shows: the recording of a command or a script, at a moment.
+
+    Attributes:
+        command: as it is typed, but for ``--out``.
+        moment: s on the recording's timeline ``time``, or a whole number on its timeline ``step``.
+        line: of what the command prints, the one that is kept with the picture, from 0.
+    """
 
     command: str
-    seconds: float
+    moment: float | int
+    line: int = 0
+
+    def record(self, folder: Path) -> tuple[Path, str]:
+        """Run the command: its recording, and the line that it prints.
+
+        Raises:
+            LabError: it wrote no recording.
+        """
+        program, *arguments = self.command.split()
+        recording = folder / "run" / "recording.rrd"
+        if program == "lab":
+            whole = [sys.executable, "-m", "lab", *arguments, "--out", str(recording.parent)]
+        else:
+            recording.parent.mkdir()
+            whole = [sys.executable, *arguments, "--out", str(recording)]
+        done = subprocess.run(whole, capture_output=True, encoding="utf-8", env=os.environ | {"PYTHONUTF8": "1"})
+        if not recording.is_file():
+            raise LabError(f"{self.command}: wrote no recording ({done.stderr.strip()})")
+        return recording, [line.strip() for line in done.stdout.splitlines() if line.strip()][self.line]
 
 
 PICTURES: Final[Mapping[str, Shown]] = {
     "first_calibration.png": Shown("lab calibrate", 9.0),
     "delta.png": Shown("lab calibrate --robot delta", 3.5),
+    "effects_found.png": Shown(
+        "lab calibrate --poses 80 --stiffness-nm-per-rad 1e5 --harmonic-mrad 0.2 --payload-kg 0,3 --model auto "
+        "--bad-share 0.05 --robust",
+        14.0,
+    ),
+    "closed_loop.png": Shown("python scripts/closed_loop.py --arms 1", 60, line=3),
 }
 
 
@@ -68,28 +99,19 @@ def answer(options: Options) -> Answer:
             raise LabError(f"there is no picture '{name}'; there are {', '.join(PICTURES)}")
         shown = PICTURES[name]
         with TemporaryDirectory() as folder:
-            run = Path(folder) / "run"
-            command = [sys.executable, "-m", "lab", *shown.command.split()[1:], "--out", str(run)]
-            done = subprocess.run(command, capture_output=True, encoding="utf-8", env=os.environ | {"PYTHONUTF8": "1"})
-            if not (run / "recording.rrd").is_file():
-                raise LabError(f"{shown.command}: wrote no recording ({done.stderr.strip()})")
-            headline = headline_of(done.stdout)
+            recording, headline = shown.record(Path(folder))
             about = {"Title": headline, "Description": shown.command}
-            draw_recording(run / "recording.rrd", shown.seconds, options.out / name, about)
+            draw_recording(recording, shown.moment, options.out / name, about)
         made[name] = headline
     lines = [f"{name}: {headline}" for name, headline in made.items()]
     return Answer(made, Document("Pictures of recordings", paragraphs(lines)))
 
 
-def headline_of(printed: str) -> str:
-    """The first line that a command prints."""
-    return next(line.strip() for line in printed.splitlines() if line.strip())
-
-
-def draw_recording(recording: Path, seconds: float, picture: Path, about: Mapping[str, str]) -> None:
-    """Open a recording in a viewer without a window, go to a moment of its timeline ``time``, and keep what it shows.
+def draw_recording(recording: Path, moment: float | int, picture: Path, about: Mapping[str, str]) -> None:
+    """Open a recording in a viewer without a window, go to a moment, and keep what it shows.
 
     Args:
+        moment: s on the timeline ``time``, or a whole number on ``step``.
         about: words that are kept in the picture's file, by their PNG keywords.
 
     Raises:
@@ -115,7 +137,10 @@ def draw_recording(recording: Path, seconds: float, picture: Path, about: Mappin
                 time.sleep(0.5)
         with client:
             client.open(str(recording))
-            client.set_time("time", duration=seconds)
+            if isinstance(moment, int):
+                client.set_time("step", sequence=moment)
+            else:
+                client.set_time("time", duration=moment)
             time.sleep(_SETTLES_S)
             client.save_screenshot(str(picture))
     finally:

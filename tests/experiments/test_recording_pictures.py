@@ -1,7 +1,5 @@
 """The pictures of recordings in README and pages: the command beside each, and the headline that it prints."""
 
-import contextlib
-import io
 import struct
 import zlib
 
@@ -10,9 +8,8 @@ from helpers.pages import PAGES
 from helpers.recordings import needs_vulkan
 from helpers.robots import ROOT
 
-from lab.cli import main
 from lab.core.errors import LabError
-from lab.experiments.recording_pictures import PICTURES, Options, Shown, answer, headline_of
+from lab.experiments.recording_pictures import PICTURES, Options, Shown, answer
 
 FOLDER = ROOT / "docs" / "pictures"
 
@@ -44,9 +41,7 @@ def test_a_page_shows_the_picture_beside_its_command(name: str) -> None:
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_picture_shows_the_numbers_that_its_command_prints(name: str, tmp_path) -> None:
     """Where this fails, scripts/recording_pictures.py makes the pictures again."""
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        main([*PICTURES[name].command.split()[1:], "--out", str(tmp_path / "run")])
-    assert words_in(name)["Title"] == headline_of(printed.getvalue())
+    assert words_in(name)["Title"] == PICTURES[name].record(tmp_path)[1]
 
 
 @pytest.mark.thorough
