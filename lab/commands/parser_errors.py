@@ -72,5 +72,7 @@ def _described(argument: Any) -> str:
 
 
 def _unknown(tokens: Sequence[str], flags: Sequence[str]) -> str:
+    if tokens[0] in flags:  # what stands alone was given as an option
+        return f"{' '.join(tokens)} is not understood; give it without {tokens[0]}"
     meant = get_close_matches(tokens[0], flags, 1, cutoff=0.75)
     return f"{' '.join(tokens)} is not understood" + (f"; is {meant[0]} meant?" if meant else "")

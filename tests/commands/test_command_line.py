@@ -50,6 +50,7 @@ def test_a_command_is_its_options_and_an_entry(throw_away: Command) -> None:
         ("", "give file (PATH); see lab throw --help"),
         ("a b", "b is not understood; see"),
         ("a --cont 3", "--cont 3 is not understood; is --count meant?; see"),
+        ("a --file b", "--file b is not understood; give it without --file; see"),
         ("a --count 1.5", "--count: '1.5' is not a whole number; see"),
         ("a --size big", "--size: 'big' is not a number; see"),
         ("a --count", "--count: its value is missing; see"),
