@@ -1,6 +1,6 @@
 """Play of full width b_i: joint i is at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -15,28 +15,33 @@ from lab.kinematics.effects.effect import (
     MovesJoints,
     SimulatedEffect,
     VirtualEffect,
+    by_joint,
     levers,
     refuse_negative,
 )
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Kind, joint_parameter
 
-__all__ = ["Backlash", "Play", "backlash"]
+__all__ = ["Backlash", "Play", "backlash", "fitted_widths"]
 
-SCALE = 1e-3  # rad, m of a slide
+_SCALE = 1e-3  # rad, m of a slide
 
 
 def backlash(chain: JointSpec) -> Effect:
     """The fitted group: b_i of every joint."""
+    return fitted_widths("backlash", chain, approach_of)
+
+
+def fitted_widths(group: str, chain: JointSpec, direction_of: Callable[[str], str]) -> Effect:
+    """The fitted group of widths w_i: joint i is at q_i + s_i w_i / 2, with a direction s_i of 1 or -1.
+
+    Args:
+        direction_of: from a joint's name to the condition that is its direction.
+    """
     kinds: list[Kind] = ["length" if slides else "angle" for slides in chain.prismatic]
-    parameters = tuple(joint_parameter("backlash", i, "backlash", kind, scale=SCALE) for i, kind in enumerate(kinds))
-
-    def offsets(joints: Array, approach: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, chain.size))
-        derivative[:, range(chain.size), range(chain.size)] = approach / 2
-        return approach * values / 2, derivative
-
-    return Effect("backlash", parameters, offsets, tuple(map(approach_of, chain.joint_names)))
+    parameters = tuple(joint_parameter(group, i, group, kind, scale=_SCALE) for i, kind in enumerate(kinds))
+    conditions = tuple(map(direction_of, chain.joint_names))
+    return Effect(group, parameters, lambda _, direction, values: by_joint(direction / 2, values), conditions)
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ __all__ = [
     "TermFamily",
     "TrackerMotion",
     "VirtualEffect",
+    "by_joint",
     "levers",
     "refuse_negative",
     "turning_joints",
@@ -348,6 +349,19 @@ def _in_moved_frame(points: Array, moved: Array) -> Array:
 def turning_joints(chain: JointSpec) -> tuple[int, ...]:
     """The hinges, from 0."""
     return tuple(i for i in range(chain.size) if not chain.prismatic[i])
+
+
+def by_joint(signals: Array, values: Array) -> tuple[Array, Array]:
+    """Offsets ``(n, joints)``, each a signal times the joint's own parameter, and derivatives ``(n, joints, joints)``.
+
+    Args:
+        signals: ``(n, joints)``, or ``(n, 1)`` where one is of all joints.
+        values: ``(joints,)``.
+    """
+    joints = np.arange(len(values))
+    derivative = np.zeros((len(signals), len(values), len(values)))
+    derivative[:, joints, joints] = signals
+    return signals * values, derivative
 
 
 def levers(chain: JointSpec) -> Array:

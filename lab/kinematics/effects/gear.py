@@ -8,7 +8,15 @@ import numpy as np
 
 from lab.core.se3 import Array
 from lab.kinematics.effects.conditions import PoseConditions
-from lab.kinematics.effects.effect import ArmFacts, Effect, FittedGroup, MovesJoints, SimulatedEffect, VirtualEffect
+from lab.kinematics.effects.effect import (
+    ArmFacts,
+    Effect,
+    FittedGroup,
+    MovesJoints,
+    SimulatedEffect,
+    VirtualEffect,
+    by_joint,
+)
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import joint_parameter
 
@@ -19,12 +27,7 @@ def gear(chain: JointSpec) -> Effect:
     """The fitted group: e_i of every joint."""
     parameters = tuple(joint_parameter("gear", i, "gear", "ratio") for i in range(chain.size))
 
-    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, chain.size))
-        derivative[:, range(chain.size), range(chain.size)] = joints
-        return joints * values, derivative
-
-    return Effect("gear", parameters, offsets)
+    return Effect("gear", parameters, lambda joints, _, values: by_joint(joints, values))
 
 
 @dataclass(frozen=True)

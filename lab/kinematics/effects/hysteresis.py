@@ -12,6 +12,7 @@ import numpy as np
 
 from lab.core.measurements import last_moves
 from lab.core.se3 import Array
+from lab.kinematics.effects.backlash import fitted_widths
 from lab.kinematics.effects.conditions import PoseConditions, last_move_of
 from lab.kinematics.effects.effect import (
     ArmFacts,
@@ -24,26 +25,13 @@ from lab.kinematics.effects.effect import (
     refuse_negative,
 )
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.parameter import Kind, joint_parameter
 
 __all__ = ["Hysteresis", "JointHysteresis", "hysteresis"]
-
-_SCALE = 1e-3  # rad, m of a slide
 
 
 def hysteresis(chain: JointSpec) -> Effect:
     """The fitted group: h_i of every joint."""
-    kinds: list[Kind] = ["length" if slides else "angle" for slides in chain.prismatic]
-    parameters = tuple(
-        joint_parameter("hysteresis", i, "hysteresis", kind, scale=_SCALE) for i, kind in enumerate(kinds)
-    )
-
-    def offsets(joints: Array, moved: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, chain.size))
-        derivative[:, range(chain.size), range(chain.size)] = moved / 2
-        return moved * values / 2, derivative
-
-    return Effect("hysteresis", parameters, offsets, tuple(map(last_move_of, chain.joint_names)))
+    return fitted_widths("hysteresis", chain, last_move_of)
 
 
 @dataclass(frozen=True)

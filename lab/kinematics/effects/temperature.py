@@ -20,6 +20,7 @@ from lab.kinematics.effects.effect import (
     MovesJoints,
     SimulatedEffect,
     VirtualEffect,
+    by_joint,
     levers,
 )
 from lab.kinematics.joints import JointSpec
@@ -49,11 +50,12 @@ def thermal_zeros(chain: JointSpec) -> Effect:
         for i, (kind, unit) in enumerate(kinds)
     )
 
-    def offsets(joints: Array, temperature: Array, values: Array) -> tuple[Array, Array]:
-        warmer = temperature - REFERENCE_C
-        return warmer * values, np.asarray(warmer[:, :, None] * np.eye(joints.shape[1]))
-
-    return Effect("thermal_zeros", parameters, offsets, (TEMPERATURE,))
+    return Effect(
+        "thermal_zeros",
+        parameters,
+        lambda _, temperature, values: by_joint(temperature - REFERENCE_C, values),
+        (TEMPERATURE,),
+    )
 
 
 @dataclass(frozen=True)
