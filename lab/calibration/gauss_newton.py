@@ -341,7 +341,7 @@ class _Problem:
         if self.observed.in_one_block:
             parts = list(self._parts(values))
             residual, jacobian = parts[0] if len(parts) == 1 else map(np.concatenate, zip(*parts, strict=True))
-            both = triangle(_beside(jacobian, residual))
+            both = triangle(_beside(jacobian, residual), overwrite=True)
         else:
             residuals, jacobian = list[Array](), None
 

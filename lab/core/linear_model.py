@@ -148,10 +148,13 @@ def pseudo_inverse(upper: Array, tolerance: float) -> Array:
     return np.asarray(np.linalg.pinv(upper, rcond=tolerance), dtype=float)
 
 
-def triangle(rows: Array) -> Array:
-    """R ``(min(n, p), p)`` of rows ``(n, p)``; rows in Fortran's order are overwritten."""
-    size = min(rows.shape)
-    factor = scipy.linalg.lapack.dgeqrf(rows, overwrite_a=True)[0][:size]
+def triangle(rows: Array, *, overwrite: bool = False) -> Array:
+    """R ``(min(n, p), p)`` of rows ``(n, p)``, one at least.
+
+    Args:
+        overwrite: whether rows in Fortran's order may be lost, which saves a copy.
+    """
+    factor = scipy.linalg.lapack.dgeqrf(rows, overwrite_a=overwrite)[0][: min(rows.shape)]
     factor[_below_diagonal(*factor.shape)] = 0.0
     return np.asarray(factor, dtype=float)
 
@@ -171,11 +174,8 @@ def triangle_of(parts: Iterable[Array]) -> Array:
     for part in parts:
         step = _TALL if len(part) > 2 * _TALL else max(len(part), 1)
         own = _triangle_by_products(part) if step < len(part) else None
-        if own is not None:
-            known = own if known is None else triangle(np.concatenate([known, own]))
-            continue
-        for first in range(0, max(len(part), 1), step):
-            rows = part[first : first + step]
+        firsts = range(0, max(len(part), 1), step)
+        for rows in [own] if own is not None else [part[first : first + step] for first in firsts]:
             known = np.asarray(np.linalg.qr(rows if known is None else np.concatenate([known, rows]), mode="r"))
     assert known is not None
     return known

@@ -139,7 +139,7 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
 
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:
     """The base set of a Jacobian ``(rows, p)``, its columns preferred in ``order``."""
-    upper = triangle(jacobian.copy())  # the same inner products, fewer rows
+    upper = triangle(jacobian)  # the same inner products, fewer rows
     return _of_kept(upper, independent_columns(upper, order))
 
 
