@@ -226,20 +226,18 @@ def _judged_by_rows(
     Outliers among them are errors like the others: who leaves them out of the fit does not leave them out here.
     """
     if held is not None:
-        judged, said = held, list[str]()
-        placed = {}
+        placed, judged, said = [], np.ones(len(held), dtype=bool), list[str]()
         if fitter.course.stations:
-            placed["station"] = held.stations, fitter.course.stations
+            placed.append(("station", held.stations, fitter.course.stations))
         if "sessions" in fit.groups:
-            placed["session"] = held.sessions, fitter.course.sessions
-        for what, (names, known) in placed.items():
-            strange = set(names) - set(known)
-            judged = judged.take([i for i, name in enumerate(getattr(judged, what + "s")) if name not in strange])
+            placed.append(("session", held.sessions, fitter.course.sessions))
+        for what, names, known in placed:
+            judged &= [name in known for name in names]
             said += [
                 f"{what} {name} was not fitted, so the place of its frame is unknown: not used for validation"
-                for name in strange
+                for name in set(names) - set(known)
             ]
-        validation = validate_rows(fit.identification, judged)
+        validation = validate_rows(fit.identification, held.take(np.flatnonzero(judged)))
         validation = replace(validation, warnings=(*validation.warnings, *sorted(said)))
         return validation.naming([pose.id for pose in fit.outliers if pose.held_out])
     with error_context(options.file):

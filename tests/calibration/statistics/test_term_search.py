@@ -1,5 +1,6 @@
 """The search of single joints' groups: its statistic against refits, its level under noise of many kinds, its power."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.statistics.term_search import TermSearch, TermTable
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.effects.effect import ArmFacts
+from lab.kinematics.effects.effect import ArmFacts, Effect
 from lab.kinematics.effects.registry import expected_terms, said_of_term, searched_terms
 from lab.kinematics.gauge import base_set
 
@@ -52,9 +53,13 @@ def geometry(data: Measurements) -> Identification:
 
 
 def search_of(
-    data: Measurements, found: Identification, names: list[str] | None = None, largest_std: float = WEAK
+    data: Measurements,
+    found: Identification,
+    names: list[str] | None = None,
+    largest_std: float = WEAK,
+    terms: Mapping[str, Effect] = TERMS,
 ) -> TermSearch:
-    table = TermTable.of({name: TERMS[name] for name in names or TERMS}, data)
+    table = TermTable.of({name: terms[name] for name in names or terms}, data)
     return TermSearch.at(
         table,
         found.model,
@@ -238,19 +243,8 @@ def test_gear_ratios_name_waves_that_the_search_begins_with() -> None:
         data,
         points=data.points + found.model.points(moved, found.values) - found.model.points(data.joints, found.values),
     )
-    found, table = geometry(data), TermTable.of(wave, data)
-    taken = []
+    found, taken = geometry(data), []
     for first in ((), expected):
-        search = TermSearch.at(
-            table,
-            found.model,
-            Observations.unweighted(data),
-            found.values,
-            found.fit.free,
-            configurations(data.joints),
-            found.extra_residuals,
-            largest_std=WEAK,
-            floor=1e-9,
-        )
+        search = search_of(data, found, terms=wave)
         taken.append([term.name for term in search.run(np.random.default_rng(0), 20, first)])
     assert taken == [[], ["joint1.harmonic101"]]
