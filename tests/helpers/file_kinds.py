@@ -14,8 +14,10 @@ from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
 from helpers.controller_programs import END, LANGUAGES, PULSES, Written, posed, program
 from helpers.robots import IRB120, ROOT
 from helpers.tracker_files import spatial_analyzer
+from helpers.writing_commands import weighed
 from lab.campaign.config_file import read_options
 from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import load_robot
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.payload.known_payload import read_hand_load
 from lab.formats.cell_toml import read_cell
@@ -36,14 +38,23 @@ from lab.formats.rigid_load_toml import read_load
 from lab.formats.target_csv import read_targets
 from lab.formats.tracker_export import read_tracker_points
 from lab.formats.ur_calibration import read_corrections
+from lab.reproduction.answer import formula, number
+from lab.reproduction.item import Item
+from lab.reproduction.marking import Computed, marked
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.studies.grid import read_study
 
-__all__ = ["KINDS", "STUDY", "FileKind"]
+__all__ = ["KINDS", "LONG_RUNS", "RUNS", "STUDY", "FileKind", "calibration", "weighing"]
 
 JOINTS, SLIDES = ("q1", "q2", "rail"), (False, False, True)
 RUNS = "time_s,q1_rad,q2_rad,rail_m,tau1_nm,tau2_nm,f3_n,run\n" + "".join(
     f"{0.01 * i:.2f},{0.1 * i:.3f},0.2,0.1,{i}.5,1.25,-3,{'loaded' if i < 12 else 'unloaded'}\n" for i in range(24)
+)
+PHASES = 2 * np.pi * np.arange(320) / 160  # two swings of 1.6 s
+LONG_RUNS = "time_s,q1_rad,q2_rad,rail_m,tau1_nm,tau2_nm,f3_n,run\n" + "".join(
+    f"{0.01 * i:.2f},{np.sin(p):.6f},{0.5 * np.cos(2 * p):.6f},{0.15 + 0.1 * np.sin(3 * p):.6f},"
+    f"{10 * np.sin(p):.6f},{20 * np.cos(2 * p):.6f},{5 + np.sin(3 * p):.6f},{'loaded' if i < 160 else 'unloaded'}\n"
+    for i, p in enumerate(PHASES)
 )
 STUDY = """\
 name = "s"
@@ -84,6 +95,8 @@ lower_deg = -40
 upper_deg = 20
 [home]
 q1_deg = 0
+q2_deg = 10
+rail_mm = 50
 """
 CERTIFICATE = """\
 [certificate]
@@ -129,12 +142,12 @@ azimuth_eccentricity_urad = { limit = 6, distribution = "arcsine" }
 """
 RIGID_LOAD = "[load]\nmass_kg = 1.5\ncom_mm = [10, -5, 60]\ninertia_kgcm2 = [22.5, 26, 12.5, 0, 0, 0]\n"
 MOTION = (
-    "id,move,q1_deg,q2_deg,rail_mm,speed_q1_deg_per_s\na,,90,10,100,\nb,line,0,20,50,180\nc,via,5,5,5,\n"
-    "d,circle,9,9,9,\n"
+    "id,move,q1_deg,q2_deg,rail_mm,speed_q1_deg_per_s\na,,90,10,100,\nb,joint,0,20,50,-20\nc,joint,-20,25,60,\n"
+    "d,line,-10,25,65,\ne,via,-5,20,60,\nf,circle,0,25,55,\n"
 )
 POSITIONS = "id,use,q1_deg,q2_rad,rail_mm\na,test,90,1.5,100\nb,skip,0,0,0\nc,test,-90,0,7\n"
 LOG = "date,timestamp,q1 [deg],q2 [deg],rail_mm\n" + "".join(
-    f"2026-03-31,10:00:{i:02d}.5,{10 * i},{-i},{5 * i}\n" for i in range(12)
+    f"2026-03-31,10:00:{i:02d}.5,{10 * i},{-i},{5 * i}\n" for i in range(3)
 )
 COLUMNS = """\
 [points]
@@ -145,12 +158,29 @@ z = "Z"
 sigma = ["Ux", "Uy", "Uz"]
 dates = "dmy"
 [joints]
-joints = ["J1", "J2"]
+joints = ["q1 [deg]", "q2 [deg]", "rail_mm"]
 unit = "deg"
 """
+LINKS = """\
+[[link]]
+number = 1
+material = "steel"
+tube_mm = [80, 4]
+[[link]]
+number = 2
+ei_nm2 = 2e4
+gj_nm2 = 1e4
+ea_n = 1e8
+"""
+ITEM = "Equations 3.22 to 3.29"  # of the source that lab reproduce elastic computes
+LABELS = ("3.24 Trans(x, L)(1,1)", "3.24 Trans(x, L)(1,4)", "Rot(x, r)(2,3)")
+ANSWERS = "item,value,unit\n" + "".join(
+    f'"{ITEM}: {label}",{value},\n' for label, value in zip(LABELS, ("1", "L", "-sin(r)"), strict=True)
+)
 CORRECTIONS = "[mounting]\ncalibration_status = 2 # 2: linearised\n" + "".join(
     f"delta_{name} = [1e-5, 0.25, -0.25, 1e-4, -3e-05, 0]\n" for name in ("theta", "a", "d", "alpha")
 )
+DATE = "2026-03-01"
 SIX = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 _FRAMES = {"fanuc": ("UTOOL[2]", "UFRAME[3]"), "jbi": ("TOOL[2]", "USER[3]")}  # which a text only numbers
 
@@ -181,27 +211,38 @@ def _kind(name: str, text: str, read: Reader) -> FileKind:
 
 
 @cache
-def _calibration() -> dict[str, str]:
-    """The files of a small calibration."""
+def calibration() -> dict[str, bytes]:
+    """The files of a small calibration of an IRB 120, nothing of it drawn."""
     import lab
     from helpers.drawing import nothing_drawn
 
     with TemporaryDirectory() as folder, nothing_drawn():
-        lab.calibrate("irb120", poses=20, seed=1).save(Path(folder) / "run")
-        names = ("config.json", "result.json", "parameters.json", "covariance.csv")
-        return {name: (Path(folder) / "run" / name).read_text() for name in names}
+        lab.calibrate("irb120", poses=20, seed=1, date=DATE).save(Path(folder) / "run")
+        return {path.name: path.read_bytes() for path in (Path(folder) / "run").iterdir()}
+
+
+def _text_of(name: str) -> Callable[[], str]:
+    return lambda: calibration()[name].decode()
 
 
 def _calibrated(path: Path) -> object:
     """The run one file of which is given, and the others are as they were."""
-    others = {name: text for name, text in _calibration().items() if name != path.name}
-    for name, text in others.items():
-        path.with_name(name).write_text(text)
+    others = {name: content for name, content in calibration().items() if name != path.name}
+    for name, content in others.items():
+        path.with_name(name).write_bytes(content)
     try:
         return read_calibrated(path.parent, accept_edited=True)
     finally:
         for name in others:
             path.with_name(name).unlink()
+
+
+def _marked(path: Path) -> object:
+    """The answers to an exercise of a number and two formulas."""
+    letters = {"L": np.array([2.0, 3.0]), "r": np.array([0.3, -0.4])}
+    shown = (number(LABELS[0], "", 1.0), formula(LABELS[1], "L", letters["L"], letters))
+    asked = (*shown, formula(LABELS[2], "-sin(r)", -np.sin(letters["r"]), letters))
+    return marked(path, (Computed(Item(ITEM, "what is asked"), asked),))
 
 
 @cache
@@ -221,23 +262,39 @@ def _read_program(language: str, path: Path) -> object:
     return read_program(path, path.read_bytes().decode("latin-1"), IRB120.chain, language, outside)
 
 
+@cache
+def weighing() -> dict[str, str]:
+    """The files of a payload that a wrist sensor of a TX 40 feels at rest."""
+    with TemporaryDirectory() as folder:
+        weighed(Path(folder))
+        return {path.name: path.read_text() for path in Path(folder).iterdir()}
+
+
 def _export() -> str:
     rng = np.random.default_rng(5)
     with TemporaryDirectory() as folder:
-        points, sigma = rng.normal(size=(3, 3)), np.full((3, 3), 1e-5)
+        points, sigma = 0.1 * rng.normal(size=(3, 3)), np.full((3, 3), 1e-5)
         file = spatial_analyzer(Path(folder) / "sa.txt", ("A1", "A2", "A3"), points, sigma)
         return file.read_text()
 
 
 KINDS: dict[str, FileKind] = {
     "measurements": _kind("m.csv", csv(), lambda path: read_measurements(path, JOINTS, SLIDES)),
+    "day": FileKind(
+        "d.csv",
+        _text_of("measurements.csv"),
+        lambda path: read_measurements(path, IRB120.chain.joint_names, IRB120.chain.prismatic),
+    ),
     "targets": _kind("t.csv", csv(), lambda path: read_targets(path, JOINTS, SLIDES)),
     "runs": _kind("r.csv", RUNS, lambda path: read_loads(path, JOINTS, SLIDES)),
-    "motion": _kind("r.csv", RUNS, lambda path: read_motion(path, JOINTS, SLIDES)),
-    "table": _kind("a.toml", ARM_TOML, read_table),
-    "table with drives": _kind(
-        "a.toml", ARM_TOML + DRIVES + "[[drive]]\ngear_ratio = 2\ntorque_nm_per_a = 0.3\n", read_table
+    "payload": FileKind(
+        "w.csv",
+        lambda: weighing()["runs.csv"],
+        lambda path: read_loads(path, load_robot("tx40").chain.joint_names, (False,) * 6),
     ),
+    "motion": _kind("r.csv", LONG_RUNS, lambda path: read_motion(path, JOINTS, SLIDES)),
+    "table": _kind("a.toml", ARM_TOML, read_table),
+    "table with drives": _kind("a.toml", ARM_TOML + DRIVES + THIRD_DRIVE, read_table),
     "mechanism": _kind("k.toml", MECHANISM, read_mechanism),
     "study": _kind("s.toml", STUDY, read_study),
     "mounting": _kind("b.toml", SENSOR, read_mounting),
@@ -247,7 +304,7 @@ KINDS: dict[str, FileKind] = {
     "load": _kind("load.json", LOAD, _of_a_run),
     "cell": _kind("cell.toml", CELL, read_cell),
     "certificate": _kind("details.toml", CERTIFICATE, read_certificate_details),
-    "drives": _kind("drives.toml", DRIVES, lambda path: read_drives(path, 2)),
+    "drives": _kind("drives.toml", DRIVES + THIRD_DRIVE, lambda path: read_drives(path, 3)),
     "tracker": _kind("tracker.toml", TRACKER, read_instrument),
     "rigid load": _kind("load.toml", RIGID_LOAD, read_load),
     "path": _kind("p.csv", MOTION, lambda path: read_path(path, JOINTS, SLIDES)),
@@ -255,10 +312,12 @@ KINDS: dict[str, FileKind] = {
     "log": _kind("l.csv", LOG, lambda path: read_joint_log(path, JOINTS, SLIDES, JointColumns(), None)),
     "export": FileKind("e.txt", _export, lambda path: read_tracker_points(path, PointColumns(), None, 1.0)),
     "columns": _kind("c.toml", COLUMNS, read_column_map),
+    "elastic links": _kind("a.toml", ARM_TOML + LINKS, read_table),
+    "answers": _kind("e.csv", ANSWERS, _marked),
     "corrections": _kind("calibration.conf", CORRECTIONS, read_corrections),
     **{
-        f"run's {name}": FileKind(name, partial(lambda name: _calibration()[name], name), _calibrated)
-        for name in ("config.json", "result.json", "parameters.json", "covariance.csv")
+        f"run's {name}": FileKind(name, _text_of(name), _calibrated)
+        for name in ("config.json", "result.json", "parameters.json", "covariance.csv", "SHA256SUMS")
     },
     **{
         f"{language} program": FileKind(

@@ -19,7 +19,7 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.payload import RigidLoad
 from lab.simulation.payload_bench import LoadBench, RunErrors
 
-__all__ = ["COMMANDS", "ended", "forked", "inputs_of_commands", "whole"]
+__all__ = ["COMMANDS", "ended", "forked", "inputs_of_commands", "weighed", "whole"]
 
 STUDY = """\
 name = "small"
