@@ -12,7 +12,8 @@ from lab.campaign.option_groups import ArmEffects, Fitting, Flag, Names, Numbers
 from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.limits import CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS
-from lab.core.numbers import LARGEST, positive, whole
+from lab.core.numbers import positive, whole
+from lab.core.ranges import OPTION_SIZE
 from lab.formats.programs.registry import Controller
 
 if TYPE_CHECKING:
@@ -116,8 +117,8 @@ class VirtualCampaign(ObservationOptions, MeasuringSetup, _VirtualDay):
             "--offset-sigma-mrad": self.offset_sigma_mrad,
         }
         for flag, value in spreads.items():
-            if not 0 <= value <= LARGEST:
-                raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {LARGEST:g}")
+            if value not in OPTION_SIZE:
+                raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {OPTION_SIZE.most:g}")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Final
 from lab.core.errors import LabError
 
 __all__ = [
+    "BRACKETS",
     "CAMPAIGNS",
     "CANDIDATES",
     "CELLS",
@@ -23,14 +24,18 @@ __all__ = [
     "JOINTS",
     "LIMITS",
     "LINE",
+    "LINE_OF_TEXT",
     "MESH_BYTES",
     "NAME",
     "NESTED_ELEMENTS",
+    "ORIENTATIONS",
     "PIXELS",
+    "PLACES",
     "POSES",
     "PROGRAM_BYTES",
     "READINGS",
     "ROBOTS",
+    "ROUNDS",
     "ROWS",
     "SEED",
     "STARTS",
@@ -110,6 +115,11 @@ DRAWS = Limit("draws of a study", 100_000, "those of one robot are worked out to
 CELLS = Limit("cells of a study", 10_000, "files are numbered with four digits")
 CAMPAIGNS = Limit("simulated calibrations of a study", 1_000_000_000, "they take days on a hundred cores")
 DRAWN_POINTS = Limit("points of all draws of a study's robot", 20_000_000, "they are held in memory")
+PLACES = Limit("places of a workspace", 2_000_000, "200,000 know a volume to a thousandth")
+ORIENTATIONS = Limit("orientations at a place", 10_000, "60 cover the sphere to 30°")
+ROUNDS = Limit("rounds of a path's search", 100, "one is nearly as good")
+BRACKETS = Limit("brackets of a formula in each other", 50, "no source nests more than five")
+LINE_OF_TEXT = Limit("characters of a text in a certificate", 200, "it is one line of a page")
 WORKERS = Limit("worker processes", 1_024, "each has an interpreter of its own")
 SEED = Limit("as a seed", (1 << 63) - 1, "a seed is a whole number of 63 bits")
 

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.ranges import EARTH_GRAVITY
 from lab.core.se3 import Array
 
 __all__ = ["GRAVITY", "Mounting", "PayloadSamples"]
 
 GRAVITY = 9.81  # m/s^2, where a file does not say
-LEAST_GRAVITY, MOST_GRAVITY = 9.0, 10.5  # m/s^2; the Earth has 9.76 to 9.84
 _TURNED = 1e-9  # of a rotation: how far from orthonormal
 
 
@@ -93,8 +93,8 @@ class Mounting:
 
     def __post_init__(self) -> None:
         size = float(np.linalg.norm(self.gravity))
-        if self.gravity.shape != (3,) or not LEAST_GRAVITY <= size <= MOST_GRAVITY:
-            raise LabError(f"gravity is {size:.4g} m/s^2; give {LEAST_GRAVITY:g} to {MOST_GRAVITY:g} (m/s^2, not mm)")
+        if self.gravity.shape != (3,) or size not in EARTH_GRAVITY:
+            raise LabError(f"gravity is {size:.4g} m/s^2; give {EARTH_GRAVITY.shown} (not mm)")
         if self.sign not in (1.0, -1.0):
             raise LabError(f"the sensor's sign is {self.sign:g}; give 1 or -1")
         off = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() if self.rotation.shape == (3, 3) else np.inf
@@ -117,7 +117,7 @@ class Mounting:
             LabError: the gravity is not one that there is on Earth.
         """
         if gravity < 0:
-            raise LabError(f"gravity is {gravity:g} m/s^2; give its size, {LEAST_GRAVITY:g} to {MOST_GRAVITY:g}")
+            raise LabError(f"gravity is {gravity:g} m/s^2; give its size, {EARTH_GRAVITY.shown}")
         down = np.array([0.0, 0.0, -gravity])
         leaning = se3.exp(np.append(tilt_rad, 0.0))
         return cls(leaning.T @ down, sign, np.eye(3) if turn_rad is None else se3.exp(turn_rad))

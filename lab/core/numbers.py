@@ -2,10 +2,9 @@
 
 from lab.core.errors import LabError
 from lab.core.limits import Limit
+from lab.core.ranges import POSITIVE_OPTION
 
-__all__ = ["LARGEST", "LEAST", "positive", "whole"]
-
-LEAST, LARGEST = 1e-9, 1e9  # of an option in mm or mrad
+__all__ = ["positive", "whole"]
 
 
 def whole(flag: str, value: int, least: int, most: Limit) -> None:
@@ -23,7 +22,8 @@ def positive(flag: str, value: float) -> None:
     """Refuse what is not above zero, or is too large to be meant.
 
     Raises:
-        LabError: ``value`` is outside ``LEAST`` to ``LARGEST``.
+        LabError: ``value`` is outside ``POSITIVE_OPTION``.
     """
-    if not LEAST <= value <= LARGEST:
-        raise LabError(f"{flag} {value:g}: give a number above zero, from {LEAST:g} to {LARGEST:g}")
+    if value not in POSITIVE_OPTION:
+        least, most = POSITIVE_OPTION.least, POSITIVE_OPTION.most
+        raise LabError(f"{flag} {value:g}: give a number above zero, from {least:g} to {most:g}")

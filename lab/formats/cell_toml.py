@@ -14,6 +14,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import checked_name
+from lab.core.ranges import DISTANCE_MM, REFLECTOR_DEG
 from lab.core.se3 import Array
 from lab.formats.structured import structured
 from lab.formats.text_file import refuse_unbounded
@@ -36,7 +37,6 @@ Triple = tuple[float, ...]
 # Largest angle off a reflector's axis, representative: hollow corner cubes take 30 degrees, cat's eyes 60 to 75.
 ACCEPTANCE_DEG = {"corner cube": 30.0, "cat's eye": 75.0}
 _SIZES = {"box": ("size_mm",), "cylinder": ("radius_mm", "height_mm"), "mesh": ("file",)}
-_FARTHEST_MM = 1e6
 _UNITS = {"mm": 1e-3, "m": 1.0}
 
 
@@ -51,7 +51,7 @@ class Place:
         for name in ("position_mm", "rotation_deg"):
             if len(getattr(self, name)) != 3:
                 raise LabError(f"{name} is {list(getattr(self, name))}: give three numbers, [x, y, z]")
-        if any(abs(length) > _FARTHEST_MM for length in self.position_mm):
+        if any(abs(length) not in DISTANCE_MM for length in self.position_mm):
             raise LabError(f"position_mm is {list(self.position_mm)}: farther than a kilometre; give it in mm")
 
     @property
@@ -148,7 +148,7 @@ class Reflector:
     def __post_init__(self) -> None:
         if (self.kind == "other") != (self.acceptance_deg is not None):
             raise LabError('acceptance_deg goes with kind = "other", and only with that')
-        if not 0 < self.degrees <= 180:
+        if self.degrees not in REFLECTOR_DEG:
             raise LabError(f"acceptance_deg is {self.degrees:g}: give an angle above 0 and up to 180")
 
     @property

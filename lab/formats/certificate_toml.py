@@ -9,15 +9,14 @@ from typing import Any
 from lab.core.dates import day
 from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
+from lab.core.limits import LINE_OF_TEXT
 from lab.core.numbers import positive
+from lab.core.ranges import HUMIDITY_PERCENT, PRESSURE_HPA, ROOM_C
 from lab.formats.instrument_toml import StatedUncertainty
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 
 __all__ = ["CertificateDetails", "read_certificate_details"]
-
-_LONGEST = 200  # characters of a text
-_ROUGHLY_C = (-50.0, 100.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,15 +69,15 @@ class _Environment:
     humidity_percent: float | None = None
 
     def __post_init__(self) -> None:
-        if self.temperature_c is not None and not _ROUGHLY_C[0] <= self.temperature_c <= _ROUGHLY_C[1]:
+        if self.temperature_c is not None and self.temperature_c not in ROOM_C:
             raise LabError(f"temperature_c is {self.temperature_c:g}; give degrees Celsius")
         if (self.robot_temperature_k is None) != (self.expansion_ppm_per_k is None):
             raise LabError("robot_temperature_k and expansion_ppm_per_k go together; give both or neither")
         if self.expansion_ppm_per_k is not None:
             positive("expansion_ppm_per_k", self.expansion_ppm_per_k)
         if self.pressure_hpa is not None:
-            positive("pressure_hpa", self.pressure_hpa)
-        if self.humidity_percent is not None and not 0 <= self.humidity_percent <= 100:
+            PRESSURE_HPA("pressure_hpa", self.pressure_hpa)
+        if self.humidity_percent is not None and self.humidity_percent not in HUMIDITY_PERCENT:
             raise LabError(f"humidity_percent is {self.humidity_percent:g}; give 0 to 100")
 
 
@@ -160,8 +159,8 @@ def _check_texts(where: str, values: Mapping[str, Any]) -> None:
     for key, value in values.items():
         if not isinstance(value, str):
             continue
-        if len(value) > _LONGEST or not value.isprintable() or not value.strip():
-            raise LabError(f"{where} {key}: give one line of 1 to {_LONGEST} characters, or leave it out")
+        if len(value) > LINE_OF_TEXT.most or not value.isprintable() or not value.strip():
+            raise LabError(f"{where} {key}: give one line of 1 to {LINE_OF_TEXT.most} characters, or leave it out")
         if key in ("date", "certificate_date"):
             day(f"{where} {key}", value)
 

@@ -16,15 +16,15 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES
+from lab.core.ranges import NUMBER_SIZE
 from lab.core.se3 import Array
 from lab.formats.text_file import read_text
 
-__all__ = ["LARGEST", "CsvTable", "text_cell", "write_columns"]
+__all__ = ["CsvTable", "text_cell", "write_columns"]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
 _BLOCK = 10_000  # rows that are held as lists of cells
-LARGEST = 1e15  # in m, rad and whatever else a column holds; more is a mistake, and its square overflows
 
 _FORMULA = re.compile(
     r"'*[=+\-@\t\r]"
@@ -200,7 +200,7 @@ class CsvTable:
             value = float(Decimal(plain).scaleb(exponent))
         except ArithmeticError:  # beyond what even decimals hold
             value = np.inf
-        if abs(value) > LARGEST:
+        if abs(value) not in NUMBER_SIZE:
             raise self.fail(row, column, f"'{cell}' is too large; check the number and its unit")
         return value
 
@@ -266,7 +266,7 @@ def _plain_numbers(packed: _Cells, exponent: int) -> Array | None:
         values = np.array(list(map(float, cells)))
     except ValueError:  # empty, two points, or a sign inside: the table's own reader says where
         return None
-    return values if np.abs(values).max() <= LARGEST else None
+    return values if np.abs(values).max() in NUMBER_SIZE else None
 
 
 def _unmarked(cell: str) -> str:

@@ -11,16 +11,13 @@ from typing import Any
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.ranges import COUNTS, COUPLING_SIZE, GEAR, MOTOR_ZERO_DEG
 from lab.core.se3 import Array
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 from lab.kinematics.encoders import Encoders
 
 __all__ = ["Drives", "drives_in", "drives_lines", "read_drives", "write_drives"]
-
-_LARGEST = 1e6
-_MOST_COUNTS = 1e12
-_LARGEST_ZERO_DEG = 1e9
 
 
 @dataclass(frozen=True)
@@ -128,13 +125,13 @@ def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
     gears = np.array([each.gear_ratio for each in found.drive])
     for i, each in enumerate(found.drive, start=1):
         for name, value in (("gear_ratio", each.gear_ratio), ("torque_nm_per_a", each.torque_nm_per_a)):
-            if value is not None and not 0 < abs(value) < _LARGEST:
+            if value is not None and abs(value) not in GEAR:
                 raise LabError(f"{path}: [[drive]] {i}: {name} is {value:g}; give a number that is not zero")
-        if each.counts_per_turn is not None and not 1 <= each.counts_per_turn < _MOST_COUNTS:
+        if each.counts_per_turn is not None and each.counts_per_turn not in COUNTS:
             raise LabError(
                 f"{path}: [[drive]] {i}: counts_per_turn is {each.counts_per_turn:g}; give those of a turn of the motor"
             )
-        if not abs(each.motor_zero_deg) < _LARGEST_ZERO_DEG:
+        if abs(each.motor_zero_deg) not in MOTOR_ZERO_DEG:
             raise LabError(
                 f"{path}: [[drive]] {i}: motor_zero_deg is {each.motor_zero_deg:g}; give an angle in degrees"
             )
@@ -168,7 +165,7 @@ def _couplings(path: Path, sections: tuple[_CouplingSection, ...], gears: Array)
                 raise LabError(f"{path}: [[coupling]] {name} is {value}; give a number from 1 to {len(gears)}")
         if each.drive == each.joint:
             raise LabError(f"{path}: [[coupling]] drive {each.drive} with joint {each.joint}: that is its gear_ratio")
-        if not abs(each.ratio) < _LARGEST:
+        if abs(each.ratio) not in COUPLING_SIZE:
             raise LabError(f"{path}: [[coupling]] ratio is {each.ratio:g}; give the motor's turns for one of the joint")
         couplings[each.drive - 1, each.joint - 1] = each.ratio / gears[each.drive - 1]
     return couplings

@@ -10,13 +10,14 @@ import numpy as np
 from lab.core.distributions import DistributionName, Uncertain
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import FieldOfView, Instrument
+from lab.core.ranges import ELEVATION_DEG, REFLECTOR_DEG, UNCERTAINTY
 from lab.core.tracker_errors import TERMS, TrackerErrors
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 
 __all__ = ["StatedUncertainty", "read_instrument"]
 
-_MICRO, _LARGEST = 1e-6, 1e5  # of any number in the file's units: 0.1 m and 0.1 rad
+_MICRO = 1e-6
 _NAME = re.compile(r"[\w .()/-]{1,60}")
 
 
@@ -40,8 +41,8 @@ class StatedUncertainty:
         if (self.standard is None) == (self.limit is None):
             raise LabError("give either standard (a standard uncertainty) or limit (half of an interval)")
         given = self.standard if self.limit is None else self.limit
-        if given is not None and not 0 <= given <= _LARGEST:
-            raise LabError(f"{given:g} is no uncertainty; give a number from 0 to {_LARGEST:g}")
+        if given is not None and given not in UNCERTAINTY:
+            raise LabError(f"{given:g} is no uncertainty; give a number from 0 to {UNCERTAINTY.most:g}")
         self.quantity(1.0)  # what contradicts itself is told here
 
     def quantity(self, factor: float) -> Uncertain:
@@ -70,8 +71,8 @@ class _Noise:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not 0 <= value <= _LARGEST:
-                raise LabError(f"{name} is {value:g}; give a standard deviation from 0 to {_LARGEST:g}")
+            if value not in UNCERTAINTY:
+                raise LabError(f"{name} is {value:g}; give a standard deviation from 0 to {UNCERTAINTY.most:g}")
         if not (self.radial_um or self.radial_um_per_m) or not (self.transverse_um or self.transverse_um_per_m):
             raise LabError("is zero along or across the beam; give standard deviations above zero")
 
@@ -87,8 +88,9 @@ class _View:
     acceptance_deg: float = 180.0
 
     def __post_init__(self) -> None:
-        ranges = 0 <= self.nearest_m < self.farthest_m and -90 <= self.lowest_deg < self.highest_deg <= 90
-        if not (ranges and 0 < self.acceptance_deg <= 180):
+        sides = self.lowest_deg in ELEVATION_DEG and self.highest_deg in ELEVATION_DEG
+        ranges = 0 <= self.nearest_m < self.farthest_m and self.lowest_deg < self.highest_deg
+        if not (sides and ranges and self.acceptance_deg in REFLECTOR_DEG):
             raise LabError("is empty: give nearest_m < farthest_m, lowest_deg < highest_deg, acceptance_deg up to 180")
 
     @property

@@ -17,8 +17,8 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES
+from lab.core.ranges import NUMBER_SIZE
 from lab.core.se3 import Array
-from lab.formats.csv_table import LARGEST
 from lab.formats.text_file import read_bytes
 
 __all__ = ["Heading", "LeftOut", "LooseTable", "heading_of", "read_loose"]
@@ -125,7 +125,7 @@ class LooseTable:
                 said = f"written with '.' in line {marks['.']} and with ',' in line {marks[',']}"
                 raise LabError(f"{where}: numbers are {said}; use one decimal mark and none for thousands")
             found[i] = float(cell.replace(",", "."))
-            if abs(found[i]) > LARGEST:
+            if abs(found[i]) not in NUMBER_SIZE:
                 raise LabError(f"{where}: '{cell}' is too large; check the number and its unit")
         return found
 

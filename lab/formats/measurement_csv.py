@@ -16,6 +16,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.limits import TARGETS, checked_name
 from lab.core.measurements import Measurements
+from lab.core.ranges import PAYLOAD_KG, SIGMA_MM
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, text_cell
 from lab.formats.orientations import ENDS
@@ -30,8 +31,6 @@ _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("station", "location", "socket", "stop", "checked", "pressure_hPa", "humidity_percent")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 _BLOCK = 10_000  # rows that are written at a time
-_LEAST_SIGMA_M = 1e-12
-_LARGEST_PAYLOAD_KG = 1000.0  # no arm carries more: the unit is another
 
 
 @dataclass(frozen=True)
@@ -191,8 +190,10 @@ class PoseReader(CsvTable):
         if column not in self.header:
             return None
         numbers = self.numbers(column, exponent, empty=True)
-        if positive and (bad := np.flatnonzero(numbers < _LEAST_SIGMA_M)).size:
+        if positive and (bad := np.flatnonzero(numbers * 10.0**-exponent < SIGMA_MM.least)).size:
             raise self.fail(int(bad[0]), column, "not above zero; give the standard deviation")
+        if positive and (bad := np.flatnonzero(numbers * 10.0**-exponent > SIGMA_MM.most)).size:
+            raise self.fail(int(bad[0]), column, f"above {SIGMA_MM.most:g} mm; give the standard deviation in mm")
         return numbers
 
     # Joints
@@ -348,10 +349,8 @@ class PoseReader(CsvTable):
         return found
 
     def _refuse_payloads(self, payloads: Array) -> None:
-        if (bad := np.flatnonzero((payloads < 0) | (payloads > _LARGEST_PAYLOAD_KG))).size:
-            raise self.fail(
-                int(bad[0]), "payload_kg", f"not from 0 to {_LARGEST_PAYLOAD_KG:,.0f} kg; fix it, or its unit"
-            )
+        if (bad := np.flatnonzero(PAYLOAD_KG.outside(payloads))).size:
+            raise self.fail(int(bad[0]), "payload_kg", f"not from {PAYLOAD_KG.shown}; fix it, or its unit")
 
     def _approach(self, column: str, joint: str) -> tuple[str, Array]:
         plain = [f"q{j + 1}" for j in range(len(self.joint_names))]

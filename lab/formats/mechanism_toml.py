@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.ranges import LENGTH_M
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat
 from lab.formats.robot_toml import (
@@ -38,7 +39,6 @@ _OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm
 _OF_STEP = "one of x, y, z with _mm or _m, rx, ry, rz with _deg or _rad; and joint, passive or exact"
 _GROUND = "base"
 _RESERVED = ("world", "tracker", "floor")  # names that the virtual robot's model has of its own
-_LARGEST = 1e6  # m, of any length in a path
 
 
 @dataclass(frozen=True)
@@ -268,8 +268,8 @@ class _Tree:
             )
         if len(kind) == 2 and abs(value) > 2 * np.pi:
             raise LabError(f"{section.where}: {kind} is {np.degrees(value):.6g}°; give at most a full turn")
-        if abs(value) > _LARGEST:
-            raise LabError(f"{section.where}: {kind} is {value:.6g} m; give at most {_LARGEST:g} m")
+        if abs(value) not in LENGTH_M:
+            raise LabError(f"{section.where}: {kind} is {value:.6g} m; give at most {LENGTH_M.most:g} m")
         return Step(kind, value, exact, joint, passive)
 
     def _rod(self, section: Section, name: str) -> Rod:

@@ -7,6 +7,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
+from lab.core.ranges import QUATERNION_NORM
 from lab.core.se3 import Array
 
 __all__ = ["ENDS", "orientation_texts", "oriented_target", "read_orientations", "rotation_from_angles"]
@@ -14,7 +15,6 @@ __all__ = ["ENDS", "orientation_texts", "oriented_target", "read_orientations", 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ANGLES = ("rx_deg", "ry_deg", "rz_deg")
 ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
-_UNIT = 1e-3  # how far a quaternion's norm may be from one
 
 
 def oriented_target(data: Measurements) -> str:
@@ -55,7 +55,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
         raise LabError(f"{data.where(half[0])}, column {column}: empty while others are there; give all or none")
     if quaternion:
         norm = np.linalg.norm(numbers, axis=1)
-        if (off := np.flatnonzero(np.abs(norm - 1) > _UNIT)).size:
+        if (off := np.flatnonzero(QUATERNION_NORM.outside(norm))).size:
             raise LabError(
                 f"{data.where(off[0])}, columns {columns[0]} to {columns[3]}: the quaternion's norm is "
                 f"{norm[off[0]]:.6g}, not 1: fix the row, or the columns' order"

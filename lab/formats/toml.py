@@ -7,11 +7,11 @@ from typing import Any
 
 from lab.core.errors import LabError
 from lab.core.limits import DEPTH, TOML_BYTES
+from lab.core.ranges import NUMBER_SIZE
 from lab.formats.text_file import read_text, refuse_unbounded
 
 __all__ = ["is_number", "read_toml"]
 
-_LARGEST = 1e15  # of any number; squares of more overflow
 _PART = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{DEPTH.most}}}")  # dotted names: the parser's memory is their square
 
@@ -40,4 +40,4 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def is_number(value: Any) -> bool:
     """Whether a value is a number that a robot's description may hold."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) in NUMBER_SIZE

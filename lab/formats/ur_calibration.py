@@ -20,6 +20,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import TEXT_BYTES
+from lab.core.ranges import CORRECTION_A_M, CORRECTION_D_M, CORRECTION_RAD
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.link_tree import link_tree
@@ -29,7 +30,7 @@ from lab.kinematics.serial.arm import SerialArm
 __all__ = ["UR_KINEMATICS", "read_corrections"]
 
 _KEYS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
-_LARGEST_ANGLE, _LARGEST_A_M, _LARGEST_D_M = 4.0, 1.0, 1e5  # more is another unit or another file
+_RANGES = (CORRECTION_RAD, CORRECTION_D_M, CORRECTION_A_M, CORRECTION_RAD)  # of the keys
 _LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _AXES = np.array([[0, 0, 1], [0, -1, 0], [0, -1, 0], [0, -1, 0], [0, 0, -1], [0, -1, 0]], dtype=np.float64)
 _NEAR = 0.05  # by which directions of axes may differ from these, and offsets from zero be told from lengths, m
@@ -57,11 +58,9 @@ def read_corrections(path: Path) -> Array:
         raise LabError(f"{path}: has no section [mounting]; give the controller's calibration.conf")
     columns = [_list(path, key, parser.get("mounting", key, fallback="")) for key in _KEYS]
     found = np.stack(columns, axis=1)
-    for key, column, most in zip(_KEYS, found.T, (_LARGEST_ANGLE, _LARGEST_D_M, _LARGEST_A_M, _LARGEST_ANGLE),
-                                 strict=True):  # fmt: skip
-        if np.abs(column).max() > most:
-            unit = "rad" if most == _LARGEST_ANGLE else "m"
-            raise LabError(f"{path}: {key} reaches {np.abs(column).max():.3g} {unit}; give the controller's own file")
+    for key, column, sizes in zip(_KEYS, found.T, _RANGES, strict=True):
+        if (largest := np.abs(column).max()) not in sizes:
+            raise LabError(f"{path}: {key} reaches {largest:.3g} {sizes.unit}; give the controller's own file")
     return found
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.limits import BRACKETS
 from lab.core.se3 import Array
 
 __all__ = ["Variables", "evaluated"]
@@ -24,7 +25,6 @@ _FUNCTIONS: dict[str, Callable[..., Array]] = {
 _SAME = {"−": "-", "–": "-", "·": "*", "×": "*", "√": "sqrt", "²": "^2", "³": "^3", "π": "pi", "[": "(", "]": ")"}
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 _TURN = re.compile(r"([cs])(\d+)")
-_DEEPEST = 50  # brackets in each other
 
 
 def evaluated(text: str, variables: Variables) -> Array:
@@ -57,8 +57,8 @@ class _Reader:
     def sum(self) -> Array:
         """A sum of products."""
         self.depth += 1
-        if self.depth > _DEEPEST:
-            raise LabError(f"formula '{self.text}': more than {_DEEPEST} brackets in each other")
+        if self.depth > BRACKETS.most:
+            raise LabError(f"formula '{self.text}': more than {BRACKETS.most} brackets in each other")
         total: Array = np.zeros(1)
         sign = -1 if self._skip("-") else 1
         self._skip("+")

@@ -5,8 +5,9 @@ import pytest
 from lab.core import significance
 from lab.core.errors import LabError, error_context
 from lab.core.limits import POSES
-from lab.core.numbers import LARGEST, LEAST, positive, whole
+from lab.core.numbers import positive, whole
 from lab.core.orientation import ANGLE_CONVENTIONS
+from lab.core.ranges import POSITIVE_OPTION
 
 
 def test_an_error_gets_its_context_before_it() -> None:
@@ -19,15 +20,17 @@ def test_other_errors_pass_as_they_are() -> None:
         raise KeyError("what")
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, LEAST / 2, 2 * LARGEST, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    "value", [0.0, -1.0, POSITIVE_OPTION.least / 2, 2 * POSITIVE_OPTION.most, float("nan"), float("inf")]
+)
 def test_what_is_not_above_zero_is_refused(value: float) -> None:
     with pytest.raises(LabError, match="--noise-mm"):
         positive("--noise-mm", value)
 
 
 def test_numbers_at_the_ends_are_taken() -> None:
-    positive("--noise-mm", LEAST)
-    positive("--noise-mm", LARGEST)
+    positive("--noise-mm", POSITIVE_OPTION.least)
+    positive("--noise-mm", POSITIVE_OPTION.most)
     whole("--poses", 5, 5, POSES)
     with pytest.raises(LabError, match=r"--poses 4: .* 5 or more"):
         whole("--poses", 4, 5, POSES)

@@ -8,6 +8,7 @@ import tyro
 from lab.campaign.option_groups import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.orientation import AngleConvention
+from lab.core.ranges import DIGITS
 from lab.formats.programs.registry import Controller
 
 __all__ = ["CompensateOptions"]
@@ -64,5 +65,5 @@ class CompensateOptions:
         given = {"--frames": self.frames, "--pulses-per-deg": self.pulses_per_deg, "--digits": self.digits is not None}
         if self.program is None and (alone := [name for name, there in given.items() if there]):
             raise LabError(f"{alone[0]} goes with --program FILE")
-        if self.digits is not None and not 0 <= self.digits <= 12:
+        if self.digits is not None and self.digits not in DIGITS:
             raise LabError(f"--digits is {self.digits}: give 0 to 12")

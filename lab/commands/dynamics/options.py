@@ -9,6 +9,7 @@ from lab.campaign.option_groups import Flag, Names
 from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive
+from lab.core.ranges import HOLDOUT
 
 __all__ = ["PARTS", "DynamicsOptions"]
 
@@ -54,7 +55,7 @@ class DynamicsOptions:
             if part not in PARTS:
                 raise LabError(f"--without {part}: there are {', '.join(PARTS)}")
         positive("--band-hz", self.band_hz)
-        if not 0 <= self.holdout <= 0.8:
+        if self.holdout not in HOLDOUT:
             raise LabError(f"--holdout {self.holdout:g}: give a share of the path from 0 to 0.8")
         if self.rehearsal.simulate:
             both = {"FILE": self.file, "--validate": self.validate, "--sensor": self.sensor}

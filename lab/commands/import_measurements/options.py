@@ -10,6 +10,7 @@ from lab.campaign.option_groups import Names
 from lab.core.errors import LabError
 from lab.core.limits import TARGETS, checked_name
 from lab.core.numbers import positive
+from lab.core.ranges import CLOCKS_S
 
 __all__ = ["By", "ImportOptions"]
 
@@ -58,5 +59,5 @@ class ImportOptions:
             checked_name("--targets", name)
         if self.station is not None:
             checked_name("--station", self.station)
-        if self.clock_offset_s is not None and abs(self.clock_offset_s) > 1e10:
+        if self.clock_offset_s is not None and abs(self.clock_offset_s) not in CLOCKS_S:
             raise LabError("--clock-offset-s: give the seconds between two clocks")

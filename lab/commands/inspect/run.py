@@ -25,8 +25,8 @@ from lab.commands.inspect.serial import serial_frames, serial_nominal, serial_sh
 from lab.commands.keywords import options_of, takes
 from lab.commands.values import number
 from lab.core.errors import LabError
-from lab.core.numbers import LARGEST
 from lab.core.random import rng_for
+from lab.core.ranges import OPTION_SIZE
 from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named
@@ -117,8 +117,8 @@ def _nominal(options: InspectOptions, robot: Robot) -> Array:
     if options.tool_mm:
         if len(options.tool_mm) != 3:
             raise LabError("--tool-mm: give x, y and z of the first target in the last frame, e.g. 0,0,0")
-        if far := [number for number in options.tool_mm if not abs(number) <= LARGEST]:
-            raise LabError(f"--tool-mm {far[0]:g}: give finite numbers in mm, at most {LARGEST:g}")
+        if far := [number for number in options.tool_mm if abs(number) not in OPTION_SIZE]:
+            raise LabError(f"--tool-mm {far[0]:g}: give finite numbers in mm, at most {OPTION_SIZE.most:g}")
         tool[options.targets[0]] = np.array(options.tool_mm) / 1e3
     return robot.arm_with(options.targets, options.groups).nominal(tool)
 

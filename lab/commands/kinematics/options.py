@@ -10,8 +10,8 @@ import tyro
 from lab.campaign.option_groups import Flag, Names, Numbers
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.numbers import LARGEST
 from lab.core.orientation import AngleConvention
+from lab.core.ranges import OPTION_SIZE, QUATERNION_NORM
 from lab.core.se3 import Array
 from lab.formats.orientations import rotation_from_angles
 from lab.kinematics.inverse.newton import PoseTarget
@@ -95,7 +95,7 @@ class KinematicsOptions:
         if count == 6:
             rotation = rotation_from_angles(np.deg2rad(row[3:]), self.orientation or "fixed-xyz")
         elif count == 7:
-            if not abs(np.linalg.norm(row[3:]) - 1) <= 1e-3:
+            if float(np.linalg.norm(row[3:])) not in QUATERNION_NORM:
                 raise LabError(f"--pose: the quaternion's norm is {np.linalg.norm(row[3:]):.6g}, not 1; mend it")
             rotation = se3.rotation_from_quaternion(row[3:])
         return PoseTarget(row[None, :3] / 1e3, rotation[None])
@@ -127,6 +127,6 @@ def _row(flag: str, given: tuple[float, ...], count: int, what: str) -> Array:
     """So many finite numbers ``(count,)``."""
     if len(given) != count:
         raise LabError(f"{flag} has {len(given)} numbers, not {count}; give {what}")
-    if bad := [each for each in given if not abs(each) <= LARGEST]:
-        raise LabError(f"{flag} {bad[0]:g}: give finite numbers of at most {LARGEST:g}")
+    if bad := [each for each in given if abs(each) not in OPTION_SIZE]:
+        raise LabError(f"{flag} {bad[0]:g}: give finite numbers of at most {OPTION_SIZE.most:g}")
     return np.array(given)

@@ -2,17 +2,13 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from lab.campaign.option_groups import Flag, Numbers
 from lab.core.errors import LabError
-from lab.core.limits import POSES, SEED
+from lab.core.limits import POSES, ROUNDS, SEED
 from lab.core.numbers import positive, whole
+from lab.core.ranges import FRICTION_PERCENT, POSITION_MM, REHEARSED, REHEARSED_S
 
 __all__ = ["Rehearsal"]
-
-_MOST_ROUNDS = 100
-_LEAST_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -50,16 +46,15 @@ class Rehearsal:
         """Refuse what makes no sense, with a LabError that names the option."""
         for flag in ("seconds", "rate_hz"):
             positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
-        if self.seconds < _LEAST_S:
-            raise LabError(f"--seconds {self.seconds:g}: give {_LEAST_S:g} or more, or too little shows")
+        if self.seconds < REHEARSED_S.least:
+            raise LabError(f"--seconds {self.seconds:g}: give {REHEARSED_S.least:g} or more, or too little shows")
         whole("--seed", self.seed, 0, SEED)
         POSES("--seconds times --rate-hz", round(self.seconds * self.rate_hz))
-        if not 0 <= self.rounds <= _MOST_ROUNDS:
-            raise LabError(f"--rounds {self.rounds}: give 0 to {_MOST_ROUNDS}")
+        whole("--rounds", self.rounds, 0, ROUNDS)
         for flag in ("noise_percent", "friction_percent", "motor_inertia_kgm2", "lag_ms", "filter_hz"):
-            if not 0 <= getattr(self, flag) < 1e3:
+            if getattr(self, flag) not in REHEARSED:
                 raise LabError(f"--{flag.replace('_', '-')} {getattr(self, flag):g}: give a number from 0 to 1000")
-        if self.friction_percent > 30:
+        if self.friction_percent not in FRICTION_PERCENT:
             raise LabError(f"--friction-percent {self.friction_percent:g}: give 30 at most, or little torque is left")
         if self.payload_kg is not None:
             positive("--payload-kg", self.payload_kg)
@@ -67,7 +62,7 @@ class Rehearsal:
             ("--payload-mm", self.payload_mm, 3),
             ("--base-tilt-deg", self.base_tilt_deg or (0.0, 0.0), 2),
         ):
-            if len(values) != count or not np.isfinite(values).all() or np.abs(values).max() > 1e4:
+            if len(values) != count or not all(abs(each) in POSITION_MM for each in values):
                 raise LabError(f"{name}: give {count} numbers, separated by commas")
 
     def refuse_unasked(self) -> None:

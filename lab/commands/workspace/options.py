@@ -8,13 +8,15 @@ import tyro
 
 from lab.campaign.option_groups import Flag, Numbers
 from lab.core.errors import LabError
-from lab.core.numbers import LARGEST
+from lab.core.limits import ORIENTATIONS, PLACES, SEED
+from lab.core.numbers import whole
+from lab.core.ranges import OPTION_SIZE
 from lab.core.se3 import Array
 
 __all__ = ["CARRIERS", "WorkspaceOptions"]
 
 CARRIERS = tuple(f"carrier/{name}" for name in ("cartesian", "cylindrical", "spherical", "scara", "anthropomorphic"))
-_MOST_PLACES, _MOST_ORIENTATIONS = 2_000_000, 10_000
+_FEWEST_PLACES = 100
 
 
 @dataclass(frozen=True)
@@ -45,14 +47,14 @@ class WorkspaceOptions:
         """Refuse numbers that make no sense, with a LabError that names the option."""
         if not self.robots:
             raise LabError("name a robot, or several to compare")
-        if self.places is not None and not 100 <= self.places <= _MOST_PLACES:
-            raise LabError(f"--places {self.places}: give a whole number from 100 to {_MOST_PLACES:,}")
-        if not 1 <= self.orientations <= _MOST_ORIENTATIONS:
-            raise LabError(f"--orientations {self.orientations}: give a whole number from 1 to {_MOST_ORIENTATIONS:,}")
-        if self.tool_mm and (len(self.tool_mm) != 3 or not all(abs(each) <= LARGEST for each in self.tool_mm)):
+        if self.places is not None:
+            whole("--places", self.places, _FEWEST_PLACES, PLACES)
+        whole("--orientations", self.orientations, 1, ORIENTATIONS)
+        whole("--seed", self.seed, 0, SEED)
+        if self.tool_mm and (len(self.tool_mm) != 3 or not all(abs(each) in OPTION_SIZE for each in self.tool_mm)):
             raise LabError("--tool-mm: give x,y,z of the tool's point in the last frame, e.g. 0,0,100")
-        if self.level_mm is not None and not abs(self.level_mm) <= LARGEST:
-            raise LabError(f"--level-mm {self.level_mm:g}: give a finite number in mm, at most {LARGEST:g}")
+        if self.level_mm is not None and abs(self.level_mm) not in OPTION_SIZE:
+            raise LabError(f"--level-mm {self.level_mm:g}: give a finite number in mm, at most {OPTION_SIZE.most:g}")
         if self.cell is not None and len(self.named) > 1:
             raise LabError("--cell: a cell stands around one robot; name one")
 

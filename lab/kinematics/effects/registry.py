@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from typing import TypeVar
 
 from lab.core.errors import LabError
-from lab.core.numbers import LARGEST
+from lab.core.ranges import OPTION_SIZE
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.backlash import Backlash
 from lab.kinematics.effects.bad_readings import BadReadings
@@ -101,8 +101,8 @@ class EffectOptions(  # a dataclass takes the fields of its last base first: a n
         for each in fields(self):
             value, flag = getattr(self, each.name), "--" + each.name.replace("_", "-")
             for number in value if isinstance(value, tuple) else (value,):
-                if number is not None and not 0 <= number <= LARGEST:
-                    raise LabError(f"{flag} {number:g}: give a number from 0 to {LARGEST:g}")
+                if number is not None and number not in OPTION_SIZE:
+                    raise LabError(f"{flag} {number:g}: give a number from 0 to {OPTION_SIZE.most:g}")
         for effect_options in self.each():
             effect_options.check()
 

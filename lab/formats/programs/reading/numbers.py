@@ -10,13 +10,13 @@ from itertools import pairwise
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.ranges import COORDINATE_SIZE, DIGITS
 from lab.core.se3 import Array
 
 __all__ = ["NUMBER", "Number", "line_of", "masked", "replaced", "values_of", "written"]
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_MOST_DIGITS = 12  # behind the point: what is finer says nothing
-_LARGEST = 1e10  # mm, degrees or pulses; axes that are not there are 9e9
+_MOST_DIGITS = int(DIGITS.most)
 _NOTHING = 1e-9  # m, mm, rad, degrees or pulses: a change that is none
 _ALIGNED = "  "  # before a number that is aligned to the right
 
@@ -53,8 +53,8 @@ def values_of(numbers: Sequence[Number]) -> Array:
         LabError: one is so large that it is no number of a position.
     """
     values = np.array([each.value for each in numbers])
-    if not (np.abs(values) <= _LARGEST).all():
-        odd = next(each.text for each in numbers if not abs(each.value) <= _LARGEST)
+    if not np.isfinite(values).all() or COORDINATE_SIZE.outside(np.abs(values)).any():
+        odd = next(each.text for each in numbers if abs(each.value) not in COORDINATE_SIZE)
         raise LabError(f"{odd if len(odd) < 40 else odd[:37] + '...'} is too large for a position; mend the program")
     return values
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.ranges import ROUNDED_NORM
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.reading.numbers import Number, line_of, values_of
@@ -135,7 +136,7 @@ class Outside:
                     f"--frames: {name} has {len(values)} numbers; this controller writes {3 + spelling.parts}: "
                     f"{spelling.words}"
                 )
-            if spelling.parts == 4 and not 0.99 < np.linalg.norm(values[3:]) < 1.01:
+            if spelling.parts == 4 and float(np.linalg.norm(values[3:])) not in ROUNDED_NORM:
                 raise LabError(f"--frames: the quaternion of {name} has the length {np.linalg.norm(values[3:]):.3g}")
             found[name] = spelling.pose(np.array(values))
         return found
