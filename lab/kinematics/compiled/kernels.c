@@ -800,7 +800,7 @@ typedef struct { /* in the order of SphericalWrist's numbers */
 } Wrist;
 
 /* X sin t + Y cos t = Z: two roots, the gap, and whether t is free. */
-static void type_2(double x, double y, double z, double liked, double root[2], double *gap, unsigned char *free_)
+INLINE void type_2(double x, double y, double z, double liked, double root[2], double *gap, unsigned char *free_)
 {
     double size = sqrt(x * x + y * y), missing = fabs(z) - size;
     *free_ = size <= TINY;
@@ -811,8 +811,17 @@ static void type_2(double x, double y, double z, double liked, double root[2], d
     root[1] = *free_ ? liked : atan2(x * height - y * rest, y * height + x * rest);
 }
 
+/* X sin t + Y cos t = 0: the cosine and the sine of its first root, half a turn before the second. */
+INLINE void across(double x, double y, double liked, double *c, double *s, unsigned char *free_)
+{
+    double size = sqrt(x * x + y * y);
+    *free_ = size <= TINY;
+    *c = *free_ ? cos(liked) : -x / size;
+    *s = *free_ ? sin(liked) : y / size;
+}
+
 /* X cos i + Y cos(i + j) = Z1, X sin i + Y sin(i + j) = Z2, both lengths positive: two pairs of roots. */
-static void type_8(double x, double y, double z1, double z2, double liked, double i[2], double j[2], double *gap,
+INLINE void type_8(double x, double y, double z1, double z2, double liked, double i[2], double j[2], double *gap,
                    unsigned char *free_)
 {
     double reach = sqrt(z1 * z1 + z2 * z2), longest = x + y, shortest = fabs(x - y);
@@ -830,19 +839,19 @@ static void type_8(double x, double y, double z1, double z2, double liked, doubl
     i[1] = *free_ ? liked : atan2(along * z2 + across * z1, along * z1 - across * z2);
 }
 
-static void times(const double *matrix, int rows, const double *vector, double *out)
+INLINE void times(const double *matrix, int rows, const double *vector, double *out)
 {
     for (int i = 0; i < rows; i++)
         out[i] = matrix[3 * i] * vector[0] + matrix[3 * i + 1] * vector[1] + matrix[3 * i + 2] * vector[2];
 }
 
-static double wrapped(double angle)
+INLINE double wrapped(double angle)
 {
     return angle - 2 * M_PI * rint(angle / (2 * M_PI));
 }
 
 /* A vector, split by joint 1's parts, turned back by joint 1 and by the turn about w, along the wrist's axes. */
-static void in_wrist(const Wrist *w, const double split[9], double c1, double s1, double cl, double sl, double out[3])
+INLINE void in_wrist(const Wrist *w, const double split[9], double c1, double s1, double cl, double sl, double out[3])
 {
     double plane[3], back[3];
     for (int i = 0; i < 3; i++) plane[i] = split[i] + c1 * split[3 + i] - s1 * split[6 + i];
@@ -852,7 +861,7 @@ static void in_wrist(const Wrist *w, const double split[9], double c1, double s1
     times(w->rows, 3, back, out);
 }
 
-static void inverse_one(const Wrist *w, const double *T, const double *reference, double *joints, double *gaps,
+INLINE void inverse_one(const Wrist *w, const double *T, const double *reference, double *joints, double *gaps,
                         unsigned char *free_)
 {
     double R[9], position[3], centre[3], split[9], ahead[3], split_5[9], split_6[9], liked[6];
@@ -876,11 +885,11 @@ static void inverse_one(const Wrist *w, const double *T, const double *reference
                &shoulder_free);
         for (int b = 0; b < 2; b++) {
             double lifted = shoulder[b] + elbow[b] - fore_bent, cl = cos(lifted), sl = sin(lifted);
-            double five[3], six[3], fourth[2], none;
+            double five[3], six[3], c4, s4;
             in_wrist(w, split_6, c1, s1, cl, sl, six);
             in_wrist(w, split_5, c1, s1, cl, sl, five);
-            type_2(six[2], six[1], 0.0, liked[3], fourth, &none, &wrist_free);
-            double c4 = cos(fourth[0]), s4 = sin(fourth[0]), sin_5 = six[1] * s4 - six[2] * c4;
+            across(six[2], six[1], liked[3], &c4, &s4, &wrist_free);
+            double sin_5 = six[1] * s4 - six[2] * c4, fourth = wrist_free ? liked[3] : atan2(s4, c4);
             double fifth = atan2(sin_5, six[0]);
             double sixth = atan2(sin_5 * five[0] + six[0] * (five[2] * c4 - five[1] * s4), five[1] * c4 + five[2] * s4);
             for (int c = 0; c < 2; c++) {
@@ -889,7 +898,7 @@ static void inverse_one(const Wrist *w, const double *T, const double *reference
                 q[0] = first[a];
                 q[1] = shoulder[b] - bent;
                 q[2] = w->turning * (elbow[b] + bent - fore_bent);
-                q[3] = fourth[c];
+                q[3] = turned ? fourth - M_PI : fourth;
                 q[4] = w->bend + (turned ? -fifth : fifth);
                 q[5] = turned ? sixth - M_PI : sixth;
                 for (int i = 0; i < 6; i++) q[i] = w->sign[i] * wrapped(q[i]);
@@ -899,6 +908,13 @@ static void inverse_one(const Wrist *w, const double *T, const double *reference
             }
         }
     }
+}
+
+WIDE static void inverse_all(const Wrist *w, Py_ssize_t n, const double *Ts, const double *reference, double *joints,
+                             double *gaps, unsigned char *free_)
+{
+    for (Py_ssize_t i = 0; i < n; i++)
+        inverse_one(w, Ts + 16 * i, reference ? reference + 6 * i : NULL, joints + 48 * i, gaps + 8 * i, free_ + 48 * i);
 }
 
 /* inverse(wrist, Ts, reference or None, joints, gap, free): SphericalWrist.solve on an Elbow; (n, 8, .) are written. */
@@ -920,9 +936,7 @@ static PyObject *inverse(PyObject *self, PyObject *const *args, Py_ssize_t given
         || (reference && liked != 6 * n))
         return wrong(&held);
     PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
-    for (Py_ssize_t i = 0; i < n; i++)
-        inverse_one((const Wrist *)wrist, Ts + 16 * i, reference ? reference + 6 * i : NULL, joints + 48 * i,
-                    gap + 8 * i, free_ + 48 * i);
+    inverse_all((const Wrist *)wrist, n, Ts, reference, joints, gap, free_);
     if (state) PyEval_RestoreThread(state);
     let_go(&held);
     Py_RETURN_NONE;
