@@ -167,3 +167,4 @@ def test_kinematics_of_a_table_load_no_statistics() -> None:
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "lab.commands.kinematics.run" in loaded
     assert not {"scipy.spatial", "scipy.special", "scipy.fft", "numpy.testing", "lab.payload_identification"} & loaded
+    assert not {"mujoco", "lab.simulation", "lab.kinematics.effects.registry", "lab.kinematics.closed.arm"} & loaded

@@ -3,7 +3,9 @@
 import hashlib
 from pathlib import Path
 
-__all__ = ["is_own", "models_folder", "own_models", "sha256_of"]
+from lab.core.errors import LabError
+
+__all__ = ["description_of", "is_own", "models_folder", "own_models", "sha256_of"]
 
 _DESCRIPTION = "mechanism.toml"
 
@@ -23,6 +25,22 @@ def own_models() -> dict[str, Path]:
         found |= {} if main is None else {folder.name: main}
         found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
     return found
+
+
+def description_of(robot: str) -> Path:
+    """The file that describes a robot, given by the name of one of the lab's own or by a path.
+
+    Raises:
+        LabError: there is none (the message lists those there are).
+    """
+    models = own_models()
+    path = models.get(robot, Path(robot))
+    if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
+        raise LabError(
+            f"robot '{robot}': no such model or file; there are {', '.join(models)}, or give a path to .xml, .urdf or "
+            ".toml"
+        )
+    return path
 
 
 def is_own(path: Path) -> bool:

@@ -6,64 +6,15 @@ from typing import Annotated, TypeVar
 
 import tyro
 
+from lab.campaign.option_types import Flag, Names, Numbers
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.kinematics.effects.registry import EffectOptions, fitted_groups
 
-__all__ = ["ArmEffects", "Fitting", "Flag", "Names", "Numbers", "number", "whole_number"]
+__all__ = ["ArmEffects", "Fitting"]
 
 Options = TypeVar("Options", bound=EffectOptions)
 
-
-def number(text: str) -> float:
-    """A number as typed.
-
-    Raises:
-        LabError: it is none.
-    """
-    try:
-        return float(text)
-    except ValueError as error:
-        raise LabError(f"'{text}' is not a number") from error
-
-
-def whole_number(text: str) -> int:
-    """A whole number as typed.
-
-    Raises:
-        LabError: it is none.
-    """
-    try:
-        return int(text)
-    except ValueError as error:
-        raise LabError(f"'{text}' is not a whole number") from error
-
-
-Names = Annotated[
-    tuple[str, ...],
-    tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="A,B,…",
-        instance_from_str=lambda given: tuple(name.strip() for name in given[0].split(",") if name.strip()),
-        is_instance=lambda instance: isinstance(instance, tuple) and all(isinstance(name, str) for name in instance),
-        str_from_instance=lambda names: [",".join(names)],
-    ),
-]
-Numbers = Annotated[
-    tuple[float, ...],
-    tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="X,Y,…",
-        instance_from_str=lambda given: tuple(number(each) for each in given[0].split(",")),
-        is_instance=lambda instance: isinstance(instance, tuple) and all(isinstance(x, float) for x in instance),
-        str_from_instance=lambda numbers: [",".join(f"{each:g}" for each in numbers)],
-    ),
-]
-Flag = Annotated[
-    bool,
-    tyro.conf.FlagCreatePairsOff,
-    tyro.conf.arg(help_behavior_hint=lambda default: "" if default == "False" else "(given)"),  # by --config
-]
 
 _GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
 MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(

@@ -8,7 +8,8 @@ import tyro
 
 from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.campaign.observation_kinds import KINDS, KindName, configured_kind
-from lab.campaign.option_groups import ArmEffects, Fitting, Flag, Names, Numbers
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_types import Flag, Names, Numbers
 from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.limits import CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS

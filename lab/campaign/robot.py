@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
-from lab.campaign.model_files import is_own, own_models, sha256_of
+from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -19,7 +19,8 @@ from lab.formats.cell_toml import Cell, read_cell
 from lab.formats.description import IdentifiedRobot
 from lab.formats.dh_table_toml import read_table
 from lab.formats.links_toml import described_links, links_of
-from lab.formats.mechanism_toml import is_mechanism, read_mechanism
+from lab.formats.mechanism_toml import read_mechanism
+from lab.formats.robot_toml import is_mechanism
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.link_loads import refuse_without_length
@@ -316,13 +317,7 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
 
 
 def _loaded(robot: str) -> Robot:
-    models = own_models()
-    path = models.get(robot, Path(robot))
-    if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
-        raise LabError(
-            f"robot '{robot}': no such model or file; there are {', '.join(models)}, or give a path to .xml, .urdf or "
-            ".toml"
-        )
+    path = description_of(robot)
     if is_own(path):
         return _own(path, sha256_of(path))
     return _read(path, sha256_of(path))

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import tyro
 
 from lab.campaign.config_file import read_options
-from lab.campaign.option_groups import Flag, number, whole_number
+from lab.campaign.option_types import Flag, number, whole_number
 from lab.commands.parser_errors import one_line_errors
 from lab.commands.registry import Command
 from lab.core.errors import LabError

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.experiments.figures import instruments_figure
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document, Table

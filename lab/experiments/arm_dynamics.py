@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.robot import load_virtual
 from lab.commands.rehearsal.day import MeasuringBench, load_of_rehearsal
 from lab.commands.rehearsal.options import Rehearsal

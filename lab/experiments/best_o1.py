@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.core.se3 import Array
 from lab.experiments.script import Answer
 from lab.pose_selection.criteria import indices

@@ -14,7 +14,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import Observations, fit, whitening
 from lab.calibration.observations.protocol import observation_of
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm

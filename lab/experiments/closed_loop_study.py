@@ -14,7 +14,8 @@ import numpy as np
 
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
-from lab.campaign.option_groups import ArmEffects, Fitting, Flag
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_types import Flag
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.commands.calibrate.run import CalibrationResult, calibrate

@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.experiments.figures import criteria_figure
 from lab.experiments.other_searches import other_searches
 from lab.experiments.script import Answer

@@ -18,7 +18,8 @@ from threadpoolctl import threadpool_limits
 from lab.calibration.identify import Identification
 from lab.calibration.observations.points import PointsKind
 from lab.calibration.weights import Noise
-from lab.campaign.option_groups import ArmEffects, Fitting, Flag
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import SerialRobot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm

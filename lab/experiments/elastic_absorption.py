@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.robot import Robot, load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array

@@ -19,7 +19,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from lab.campaign.option_groups import ArmEffects, Flag
+from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.measurements import Measurements

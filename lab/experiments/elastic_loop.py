@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.campaign.option_groups import ArmEffects, Flag
+from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.option_groups import ArmEffects, Flag
+from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON

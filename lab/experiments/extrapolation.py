@@ -19,7 +19,8 @@ from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.calibration.validation import configurations, folds
 from lab.calibration.weights import Noise
 from lab.campaign.observation_kinds import configured_kind
-from lab.campaign.option_groups import Fitting, Flag
+from lab.campaign.option_groups import Fitting
+from lab.campaign.option_types import Flag
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.fit import Fitter
 from lab.core.measurements import Measurements

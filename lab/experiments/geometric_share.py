@@ -14,7 +14,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from lab.campaign.option_groups import ArmEffects, Flag
+from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON

@@ -17,7 +17,7 @@ from scipy.special import elliprg
 
 from lab.calibration.batch import MAX_STEPS
 from lab.calibration.batch_poses import MeasuredPoses, StackedPoseArm, fit_poses
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.errors import LabError

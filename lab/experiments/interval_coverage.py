@@ -16,7 +16,8 @@ from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.validation import compare_with_truth, error_tangent
 from lab.calibration.weights import Noise, weighed
-from lab.campaign.option_groups import ArmEffects, Flag
+from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm

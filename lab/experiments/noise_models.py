@@ -22,7 +22,7 @@ from lab.calibration.noise.tails import tail_dof
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import find_outliers
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array

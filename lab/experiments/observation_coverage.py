@@ -16,7 +16,7 @@ from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.observed_truth import truth_as_observed
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import truth_of

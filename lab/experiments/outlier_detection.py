@@ -20,7 +20,7 @@ from lab.calibration.identify import identify
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.outliers import Outliers, find_outliers
 from lab.calibration.weights import Noise
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
 from lab.campaign.virtual_robot import perturbed_arm

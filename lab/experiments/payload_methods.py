@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.load_samples import Mounting, PayloadSamples

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.options import DesignOptions
 from lab.commands.design.figures import curve_figure
 from lab.commands.design.run import planned_day

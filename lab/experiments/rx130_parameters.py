@@ -13,7 +13,7 @@ from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise, weighed
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
 from lab.core.instruments import PoseInstrument
 from lab.core.linear_model import half_width_95

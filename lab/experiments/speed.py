@@ -28,7 +28,8 @@ from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
-from lab.campaign.option_groups import ArmEffects, Fitting, Flag
+from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_types import Flag
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm

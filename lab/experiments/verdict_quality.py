@@ -22,7 +22,7 @@ from lab.calibration.validation import errors_at, hold_out, validate_rows
 from lab.calibration.verdict import Verdict, Word, verdict
 from lab.calibration.weights import Noise, weighed
 from lab.calibration.workspace_prediction import MEAN_OF_RMS, predict_over_workspace
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured

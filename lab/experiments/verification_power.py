@@ -15,7 +15,7 @@ import numpy as np
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm

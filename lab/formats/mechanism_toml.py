@@ -32,7 +32,7 @@ from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.structure import BASE, Frame, Kind, Pin, Rod, Step, Tree
 from lab.kinematics.parameter import is_reserved_owner
 
-__all__ = ["MECHANISM_TOML", "MechanismFile", "is_mechanism", "read_mechanism", "write_mechanism"]
+__all__ = ["MECHANISM_TOML", "MechanismFile", "read_mechanism", "write_mechanism"]
 
 _TOP_KEYS = ("name", "height_mm", "joint", "frame", "rod", "pin", "platform", "tool", "base")
 _OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration"
@@ -50,11 +50,6 @@ class MechanismFile:
     tool: dict[str, Array]
     height_m: float | None
     warnings: tuple[str, ...]
-
-
-def is_mechanism(path: Path) -> bool:
-    """Whether a TOML file describes a mechanism, not a table."""
-    return "frame" in read_toml(path)
 
 
 def read_mechanism(path: Path) -> MechanismFile:

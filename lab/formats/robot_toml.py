@@ -8,7 +8,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.limits import JOINTS, TARGETS, checked_name
 from lab.core.se3 import Array
-from lab.formats.toml import is_number
+from lab.formats.toml import is_number, read_toml
 from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, KhalilFrame, khalil_frame, pose_of
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "RATES",
     "JointSection",
     "Section",
+    "is_mechanism",
     "quoted",
     "read_base",
     "read_height",
@@ -152,6 +153,11 @@ class JointSection(Section):
         if not low < high:
             raise LabError(f"{self.where}: the lower limit is not below the upper one; swap or mend them")
         return low, high
+
+
+def is_mechanism(path: Path) -> bool:
+    """Whether a TOML file describes a mechanism, not a table."""
+    return "frame" in read_toml(path)
 
 
 def read_height(path: Path, document: dict[str, Any]) -> float | None:

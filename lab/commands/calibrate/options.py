@@ -8,7 +8,8 @@ import tyro
 
 from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.campaign.observation_kinds import KindName, configured_kind
-from lab.campaign.option_groups import Fitting, Names
+from lab.campaign.option_groups import Fitting
+from lab.campaign.option_types import Names
 from lab.campaign.options import VirtualCampaign, check_common
 from lab.core.errors import LabError
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.core.numbers import positive
 
 __all__ = ["CertifyOptions"]

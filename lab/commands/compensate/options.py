@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_groups import Flag, Numbers
+from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.orientation import AngleConvention
 from lab.core.ranges import DIGITS

@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from lab.campaign.option_groups import Names
+from lab.campaign.option_types import Names
 from lab.core.errors import LabError
 from lab.core.limits import TARGETS, checked_name
 from lab.core.numbers import positive

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_groups import Fitting, Names, Numbers
+from lab.campaign.option_groups import Fitting
+from lab.campaign.option_types import Names, Numbers
 from lab.core.errors import LabError
 
 __all__ = ["InspectOptions"]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from lab.campaign.option_groups import Flag, Names, Numbers
+from lab.campaign.option_types import Flag, Names, Numbers
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.orientation import AngleConvention

@@ -30,7 +30,7 @@ def record_kinematics(path: Path, result: KinematicsResult) -> None:
     """Write the recording of ``lab kinematics``, with the blueprint that shows it."""
     stands = [each for each in result.placements if np.isfinite(each.T_base_tool).all()]
     shown = [stands[i] for i in drawn_rows(len(stands))]
-    arm, model = result.robot.arm(("p1",)), result.robot.model
+    arm, model = result.robot.arm(("p1",)), result.robot.whole.model
     values = arm.nominal({"p1": result.options.tool_m})
     joints = np.array([each.joints for each in shown]).reshape(-1, arm.chain.size)
     digest = hashlib.sha256(result.robot.sha256.encode() + joints.tobytes() + values.tobytes()).hexdigest()[:32]
@@ -66,14 +66,14 @@ def _stand_beside(
     """One placement in its row of the gallery, with its name above it."""
     under = f"{GALLERY}/placement{i + 1}"
     recording.log(under, rr.Transform3D(translation=(0.0, _APART * reach * i, 0.0)), static=True)
-    draw_shells(recording, [], shells(result.robot.model), {k: T[None] for k, T in bodies.items()}, under)
+    draw_shells(recording, [], shells(result.robot.whole.model), {k: T[None] for k, T in bodies.items()}, under)
     measured = arm.skeleton(arm.chain.home[None], arm.nominal()).measured
     if measured:
         colours = [RGB_LEG if each else RGB_ROD for each in measured]
         recording.log(
             f"{under}/rods_and_legs", rr.LineStrips3D(list(legs), colors=colours, radii=0.006 * reach), static=True
         )
-    above = result.robot.T_world_frame0[:3, 3] + np.array([0.0, 0.0, -0.15 * reach])
+    above = result.robot.whole.T_world_frame0[:3, 3] + np.array([0.0, 0.0, -0.15 * reach])
     recording.log(f"{under}/name", rr.Points3D([above], labels=[name], colors=RGB_CURRENT, radii=0.0005), static=True)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.campaign.robot import Robot
+from lab.campaign.nominal_robot import NominalRobot
 from lab.commands.inspect.format import tidy
 from lab.commands.kinematics.matrices import Matrices
 from lab.commands.kinematics.options import KinematicsOptions
@@ -64,7 +64,7 @@ class KinematicsResult(Result):
     """
 
     options: KinematicsOptions
-    robot: Robot
+    robot: NominalRobot
     placements: tuple[Placement, ...]
     reached: tuple[Reached, ...]
     assembly_modes: Array

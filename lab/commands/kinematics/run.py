@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.campaign.robot import Robot, load_robot
+from lab.campaign.nominal_robot import NominalRobot, nominal_robot
 from lab.commands.keywords import options_of, takes
 from lab.commands.kinematics.matrices import Matrices
 from lab.commands.kinematics.options import KinematicsOptions
@@ -19,15 +19,15 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.joint_csv import holds_targets, read_joints
 from lab.formats.target_csv import read_targets
-from lab.kinematics.closed.classical_recognition import classical_model_of
-from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.modes import assembly_modes
 from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.mobility import mobility_of
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.symbolic import SymbolicChain, symbolic_chain
+
+if TYPE_CHECKING:
+    from lab.campaign.robot import Robot
 
 __all__ = ["solve_kinematics"]
 
@@ -46,7 +46,7 @@ class _Targets:
 
 
 @takes(KinematicsOptions)
-def solve_kinematics(robot: str | Path | Robot | KinematicsOptions = "irb120", **options: Any) -> KinematicsResult:
+def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120", **options: Any) -> KinematicsResult:
     """Work out the direct, inverse and differential models of a nominal robot.
 
     Args:
@@ -66,12 +66,12 @@ def solve_kinematics(robot: str | Path | Robot | KinematicsOptions = "irb120", *
         8
     """
     if isinstance(robot, KinematicsOptions):
-        return _solved(robot, load_robot(robot.robot))
-    known = load_robot(robot)
+        return _solved(robot, nominal_robot(robot.robot))
+    known = nominal_robot(robot)
     return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": known.source, **options}), known)
 
 
-def _solved(options: KinematicsOptions, robot: Robot) -> KinematicsResult:
+def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult:
     options.check()
     arm = robot.arm((_TARGET,))
     model = _Model(options, robot, arm, arm.nominal({_TARGET: options.tool_m}))
@@ -104,7 +104,7 @@ class _Model:
     """A nominal robot and what is asked of it."""
 
     options: KinematicsOptions
-    robot: Robot
+    robot: NominalRobot
     arm: RigidArm
     values: Array
 
@@ -171,6 +171,12 @@ class _Model:
     def assembly_modes(self, placed: Sequence[Placement]) -> Array:
         """Every pose of the platform of a mechanism with a closed form, at the first joint positions."""
         mechanism = self.robot.chain
+        if not mechanism.has_loops:
+            return np.empty((0, 4, 4))
+        from lab.kinematics.closed.classical_recognition import classical_model_of
+        from lab.kinematics.closed.mechanism import Mechanism
+        from lab.kinematics.closed.modes import assembly_modes
+
         course = classical_model_of(mechanism) if isinstance(mechanism, Mechanism) and placed else None
         if course is None or not isinstance(mechanism, Mechanism):
             return np.empty((0, 4, 4))

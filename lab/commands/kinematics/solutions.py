@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +10,14 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.closed.classical_recognition import ClassicalModel, classical_model_of
-from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.modes import passive_values_of, working_modes
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.configurations import configurations
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget
 from lab.kinematics.model import RigidArm
+
+if TYPE_CHECKING:  # loaded for mechanisms alone
+    from lab.kinematics.closed.classical_recognition import ClassicalModel
+    from lab.kinematics.closed.mechanism import Mechanism
 
 __all__ = ["PoseSolutions", "Solution", "Solver", "matching"]
 
@@ -75,11 +77,9 @@ class Solver:
         Args:
             reference: joint positions ``(n, joints)`` near which solutions are preferred, NaN where none are given.
         """
-        mechanism = self.arm.chain if isinstance(self.arm.chain, Mechanism) else None
-        course = None if mechanism is None else classical_model_of(mechanism)
-        alone = course is not None and len(course.order) == self.arm.chain.size  # no joint beside those of the legs
-        if mechanism is not None and course is not None and alone and (wanted.turned.all() or not _turns(mechanism)):
-            return [self._by_legs(course, wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
+        legs = self._legs(wanted) if self.arm.chain.has_loops else None
+        if legs is not None:
+            return [self._by_legs(*legs, wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
         inverse = NominalInverse(self.arm, self.values)
         found = inverse.ways(wanted, reference)
         joints, branches = ordered(self.arm.chain, found, reference, np.zeros(found.gap_m.shape, dtype=np.bool_))
@@ -108,10 +108,24 @@ class Solver:
             out.append(PoseSolutions(ways, missed, "closed form" if exact else "search"))
         return out
 
-    def _by_legs(self, course: ClassicalModel, wanted: PoseTarget, reference: Array) -> PoseSolutions:
+    def _legs(self, wanted: PoseTarget) -> "tuple[Mechanism, ClassicalModel] | None":
+        """A mechanism with the closed form that answers such poses; None where none does."""
+        from lab.kinematics.closed.classical_recognition import classical_model_of
+        from lab.kinematics.closed.mechanism import Mechanism
+
+        mechanism = self.arm.chain
+        course = classical_model_of(mechanism) if isinstance(mechanism, Mechanism) else None
+        if course is None or not isinstance(mechanism, Mechanism) or len(course.order) != mechanism.size:
+            return None  # or a joint beside those of the legs
+        return (mechanism, course) if wanted.turned.all() or not _turns(mechanism) else None
+
+    def _by_legs(
+        self, mechanism: "Mechanism", course: "ClassicalModel", wanted: PoseTarget, reference: Array
+    ) -> PoseSolutions:
         """The working modes of a mechanism with a closed form, for one pose."""
-        mechanism, tool = self.arm.chain, self.values[-3:]
-        assert isinstance(mechanism, Mechanism)
+        from lab.kinematics.closed.modes import passive_values_of, working_modes
+
+        tool = self.values[-3:]
         home = self.arm.tool(mechanism.home[None], self.values)[0][0, :3, :3]
         rotation = wanted.rotations[0] if wanted.turned[0] else home
         passive, missed = passive_values_of(mechanism, se3.pose(rotation, wanted.positions[0] - rotation @ tool))
@@ -156,7 +170,7 @@ def matching(found: PoseSolutions, asked: tuple[str, ...]) -> PoseSolutions:
     return replace(found, solutions=kept)
 
 
-def _turns(mechanism: Mechanism) -> bool:
+def _turns(mechanism: "Mechanism") -> bool:
     """Whether the platform turns."""
     return any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive)
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive

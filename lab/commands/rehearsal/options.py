@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from lab.campaign.option_groups import Flag, Numbers
+from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import POSES, ROUNDS, SEED
 from lab.core.numbers import positive, whole

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
 from lab.reproduction.registry import SourceName
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from lab.campaign.option_groups import Flag
+from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
 
 __all__ = ["StudyOptions"]

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from lab.campaign.option_groups import Flag, Numbers
+from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_groups import Flag, Names
+from lab.campaign.option_types import Flag, Names
 from lab.commands.calibrate.estimates import SETUP
 from lab.core.errors import LabError
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from lab.campaign.option_groups import Flag, Numbers
+from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import ORIENTATIONS, PLACES, SEED
 from lab.core.numbers import whole

@@ -7,6 +7,7 @@ place's rows of the Jacobian).
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M, WEIGHTS, pseudo_inverse
-from lab.kinematics.effects.arm import Arm
 from lab.kinematics.serial.arm import SerialArm
+
+if TYPE_CHECKING:
+    from lab.kinematics.effects.arm import Arm
 
 __all__ = ["FREEDOMS", "PLACES", "PoseTarget", "pose_landmarks", "reach", "shortest_step", "tool_at", "within_reach"]
 
@@ -89,7 +92,7 @@ class IKResult:
         return np.asarray(_in_tolerances(self.left) < 1.0)
 
 
-def reach(arm: Arm, values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
+def reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
     """Joint positions that bring a target to where it is wanted, from joint positions ``start`` ``(n, joints)``.
 
     Newton's method; where a step does not bring the target nearer, a damped one (Levenberg 1944). Steps are
@@ -136,7 +139,7 @@ def reach(arm: Arm, values: Array, wanted: PoseTarget, start: Array, conditions:
     return IKResult(joints, errors, left, steps)
 
 
-def tool_at(arm: Arm, inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
+def tool_at(arm: "Arm", inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
     """Poses of a target, and how the joint positions move them (``RigidArm.tool``).
 
     Where the robot cannot stand so, as its loops do not close, the target is far away, and nothing moves it: no step
