@@ -21,7 +21,8 @@ def test_two_effects_are_told_apart() -> None:
 
 @pytest.mark.thorough
 def test_errors_that_wander_are_no_effect() -> None:
-    assert rigid_arm("AR(1) 0.9", 1) == ()
+    """Beside a drift that is fitted these errors wander less: only noise found without the drift refutes it."""
+    assert rigid_arm("AR(1) 0.9", 29) == ()
 
 
 @pytest.mark.slow

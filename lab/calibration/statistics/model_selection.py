@@ -191,6 +191,8 @@ class _Growth:
     rows: dict[str, GroupTrial] = field(default_factory=dict)
     stuck: dict[str, GroupTrial] = field(default_factory=dict)
     found: Identification = field(init=False)
+    _large: tuple[tuple[str, ...], FullModel] | None = None
+    _around: tuple[FullModel, Identification, NestedModels] | None = None
 
     def __post_init__(self) -> None:
         self.found = self.alone
@@ -198,7 +200,7 @@ class _Growth:
     def grow(self) -> None:
         """Add one candidate after another, and drop what is superfluous then."""
         large = self.large()
-        table = large.around(self.found)
+        table = self.around(large)
         self.rows.setdefault(_GEOMETRY, _geometry(table.score(large.fitted(self.found))))
         for _ in range(3 * len(large.groups) + 1):  # BIC falls at each step, rounding and curvature aside
             left = [name for name in large.groups if name not in (*self.taken, *self.stuck)]
@@ -209,7 +211,7 @@ class _Growth:
                 if moved == self.taken:
                     break
                 continue
-            table = large.around(self.found)
+            table = self.around(large)
         self.rows |= self.stuck
 
     def moved_to(self, groups: tuple[str, ...]) -> bool:
@@ -222,8 +224,19 @@ class _Growth:
         self.taken, self.found = groups, tried
         return True
 
+    def around(self, large: FullModel) -> NestedModels:
+        """All models nested in a large one, near what is found; kept until that changes."""
+        if self._around is None or self._around[0] is not large or self._around[1] is not self.found:
+            self._around = large, self.found, large.around(self.found)
+        return self._around[2]
+
     def large(self) -> FullModel:
-        """The model with all candidates that go together with what is taken."""
+        """The model with all candidates that go together with what is taken; kept until that changes."""
+        if self._large is None or self._large[0] != self.taken:
+            self._large = self.taken, self._made_large()
+        return self._large[1]
+
+    def _made_large(self) -> FullModel:
         own = set(self.found.model.names)
         others = [name for name in self.candidates if name not in self.taken]
         shared = [name for name in others if self.task.parameters(name) & own]
@@ -248,7 +261,7 @@ class _Growth:
         """Hold, the worst first, what was known well when it was taken and is not beside all that came after it."""
         while True:
             large = self.large()
-            if (worst := large.least_known(large.around(self.found), self.found)) is None:
+            if (worst := large.least_known(self.around(large), self.found)) is None:
                 return
             owner = next(name for name in self.taken if worst in large.groups[name])
             held = (*self.rows[owner].held, large.observation.model.names[worst])
@@ -279,7 +292,7 @@ class _Growth:
     def _judge_terms(self, terms: set[str]) -> None:
         """Fill in the rows of the terms: each with what was taken before it."""
         large = self.large()
-        table, whole = large.around(self.found), large.fitted(self.found)
+        table, whole = self.around(large), large.fitted(self.found)
         fitted = [i for i in whole if not any(i in large.groups[name] for name in self.taken)]
         for name in self.taken:
             own = [i for i in large.groups[name] if i in whole]

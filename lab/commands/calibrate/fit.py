@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from lab.calibration.extrapolation import measured_range
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
@@ -21,15 +20,16 @@ from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.goodness_of_fit import NOT_TESTED
 from lab.calibration.statistics.joint_lag import moves_before
-from lab.calibration.statistics.linearized import NoiseDistribution, linearized
+from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import Selection, follow, select
-from lab.calibration.statistics.outliers import HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.fit_result import FitReport, named_poses
-from lab.commands.calibrate.last_made import LastMade
+from lab.commands.calibrate.last_made import EachMade, LastMade
 from lab.commands.calibrate.noise import noise_of
+from lab.commands.calibrate.off_poses import off_among_fitted, off_among_held, tail_of
 from lab.commands.calibrate.residuals import adequacy_of, with_own_intervals
 from lab.commands.calibrate.warnings import (
     of_export,
@@ -46,8 +46,9 @@ from lab.commands.calibrate.warnings import (
 )
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.conditions import CHANGING_WITH_TIME
 from lab.kinematics.effects.effect import ArmFacts, SessionInfo
 from lab.kinematics.effects.registry import CANDIDATES, expected_terms, searched_terms
 from lab.kinematics.encoders import Encoders
@@ -79,6 +80,7 @@ class Fitter:
     options: Fitting
     seed: int
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
+    _arms: EachMade[Arm] = field(default_factory=EachMade, repr=False, compare=False)
     _last_fit: LastMade = field(default_factory=LastMade, repr=False, compare=False)
     _last_outliers: LastMade = field(default_factory=LastMade, repr=False, compare=False)
 
@@ -97,8 +99,11 @@ class Fitter:
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""
-        arm = self.robot.arm_with(self.targets, groups, self.course)
+        arm = self._arm_with(groups)
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[0]
+
+    def _arm_with(self, groups: Sequence[str]) -> Arm:
+        return self._arms(lambda: self.robot.arm_with(self.targets, groups, self.course), tuple(groups))
 
     @cached_property
     def course(self) -> SessionInfo:
@@ -179,6 +184,37 @@ class Fitter:
 
     def _balanced_selection(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
         """The model that the rows call for, and their noise: each is chosen with the other."""
+        fitter, selection, search = self._balanced(rows)
+        if selection is None or not (doubted := self._doubted_by_time(selection)):
+            return fitter, selection, search
+        rest = tuple(name for name in selection.chosen if name not in doubted)
+        without = noise_of(_OneModel(self, rest, selection.held), rows)
+        if without.shared is None or not without.shared.wandering_m:
+            return fitter, selection, search
+        again = self.knowing(without.shared)._selected(rows)
+        if again is None or set(doubted) <= set(again.chosen):
+            return fitter, selection, search
+        return self._with_own_noise(again, rows)
+
+    def _doubted_by_time(self, selection: Selection) -> tuple[str, ...]:
+        """The groups that ``auto`` chose for what follows time, as errors that wander do, too.
+
+        Beside such a group the errors wander less, and it is then believed too readily: it has to stand beside the
+        wandering that is found without it.
+        """
+        if self.options.parametric != "auto":
+            return ()
+        return tuple(
+            name for name in selection.chosen if set(CHANGING_WITH_TIME) & set(self._arm_with([name]).conditions)
+        )
+
+    def _with_own_noise(self, selection: Selection, rows: Measurements) -> tuple["Fitter", Selection, NoiseSearch]:
+        """A selection with the noise that its model leaves."""
+        search = noise_of(_OneModel.of(self, selection), rows)
+        return self.knowing(search.shared), selection, search
+
+    def _balanced(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
+        """The same, where no group is doubted."""
         fitter, selection = self, self._selected(rows)
         for _ in range(_BALANCINGS):
             model = _OneModel.of(self, selection)
@@ -190,9 +226,8 @@ class Fitter:
             assert selection is not None
             if set(chosen) == set(selection.chosen):
                 break
-        if model != (last := _OneModel.of(self, selection)):  # the noise of a model that was not chosen in the end
-            search = noise_of(last, rows)
-            fitter = self.knowing(search.shared)
+        if selection is not None and model != _OneModel.of(self, selection):  # it was not chosen in the end
+            return self._with_own_noise(selection, rows)
         return fitter, selection, search
 
     def knowing(self, shared: SharedErrors | None) -> "Fitter":
@@ -207,9 +242,9 @@ class Fitter:
         observation, robust = observation_of(found.model), self.options.robust
         observations, known = weighed(observation, clean, self.noise)
         outliers = outliers or self.outliers_of(found, rows)
-        off, tail = named_poses(rows, outliers), self._tail(found, clean)
+        off, tail = named_poses(rows, outliers), tail_of(found, clean, self.noise)
         if held is not None and observation.positions:
-            off += named_poses(held, self._off_held_out(found, clean, held, tail), held_out=True)
+            off += named_poses(held, off_among_held(found, clean, held, self.noise, tail), held_out=True)
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = adequacy_of(found, clean, judged_by, self.noise, self._shape)
         warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
@@ -287,7 +322,7 @@ class Fitter:
         for rows, without in self.judged_by:
             if group not in without:
                 with suppress(LabError):  # a group that cannot be built says so elsewhere
-                    conditions = self.robot.arm_with(self.targets, [group], self.course).conditions
+                    conditions = self._arm_with([group]).conditions
                     try:
                         rows.inputs(conditions)
                     except LabError as error:
@@ -313,51 +348,9 @@ class Fitter:
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         """The rows that are off, by a search that starts from an identification."""
-        return self._last_outliers(lambda: self._outliers_of(start, rows), start, rows, self.noise.shared)
-
-    def _outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
-        observation = observation_of(start.model)
-        observations, known = weighed(observation, rows, self.noise)
-        alone, extra = observations.pose_by_pose(), start.extra_residuals
-        search = partial(
-            find_outliers,
-            start.model,
-            alone,
-            start.fit.free,
-            start.nominal_aligned,
-            known=known,
-            extra_residuals=extra,
-            things=observation.positions or None,
+        return self._last_outliers(
+            lambda: off_among_fitted(start, rows, self.noise, self._shape, self.seed), start, rows, self.noise.shared
         )
-        found = search(rng=rng_for(self.seed, "null"), shape=self._shape)
-        if not len(found.rows) or not only_positions(observation):
-            return found
-        tail = tail_dof(linearized(start.model, alone, found.fit.values, start.fit.free, extra))
-        if np.isinf(tail):
-            return found
-        return search(rng=rng_for(self.seed, "null"), shape=NoiseDistribution("student", dof=tail))
-
-    def _off_held_out(self, found: Identification, rows: Measurements, held: Measurements, tail: float) -> HeldOut:
-        observation = observation_of(found.model)
-        parts = [weighed(observation, part, self.noise) for part in (rows, held)]
-        both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
-        return off_held_out(
-            found.model,
-            both,
-            len(rows),
-            found.fit,
-            known=parts[0][1],
-            extra_residuals=found.extra_residuals,
-            things=observation.positions,
-            tail_dof=tail,
-        )
-
-    def _tail(self, found: Identification, rows: Measurements) -> float:
-        """Degrees of freedom of the noise's tails; infinite where they may be Gaussian."""
-        if not only_positions(observation := observation_of(found.model)):
-            return float("inf")
-        alone = weighed(observation, rows, self.noise)[0].pose_by_pose()
-        return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
 
 
 @dataclass(frozen=True)

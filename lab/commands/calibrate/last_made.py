@@ -1,9 +1,9 @@
-"""The last result of something expensive, for what asks for it again with the same things."""
+"""Results of something expensive, for what asks for them again with the same things."""
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Hashable
+from typing import Any, Generic, TypeVar
 
-__all__ = ["LastMade"]
+__all__ = ["EachMade", "LastMade"]
 
 _T = TypeVar("_T")
 
@@ -21,3 +21,16 @@ class LastMade:
             self._made, self._of = make(), of
         made: _T = self._made
         return made
+
+
+class EachMade(Generic[_T]):
+    """Keeps all results, by what they were made of; what could not be made is tried again."""
+
+    def __init__(self) -> None:
+        self._made: dict[Hashable, _T] = {}
+
+    def __call__(self, make: Callable[[], _T], of: Hashable) -> _T:
+        """What was made of something equal before, else made now."""
+        if of not in self._made:
+            self._made[of] = make()
+        return self._made[of]

@@ -86,25 +86,18 @@ class Loads:
             symmetric ``(n, joints, joints)``.
         """
         placed = self.frames(joints)
-        axes, anchors, centres, ends = placed.axes, placed.anchors, placed.centres, placed.payload
-        size, slides = self.chain.size, self.chain.prismatic
-        weight = np.zeros(len(joints), dtype=centres.dtype)
-        moment = np.zeros((len(joints), 3), dtype=centres.dtype)
-        turned: list[Array] = [moment] * size
-        for j in reversed(range(size)):
-            weight = weight + self.mass_kg[j]
-            moment = moment + self.mass_kg[j] * centres[:, j]
-            if j == size - 1:
-                weight, moment = weight + payload_kg, moment + payload_kg[:, None] * ends
-            turned[j] = weight[:, None] * axes[:, j]
-            if not slides[j]:
-                turned[j] = np.cross(axes[:, j], moment - weight[:, None] * anchors[:, j])
-        force = np.stack([each @ self.gravity for each in turned], axis=1)
-        rate = np.zeros((len(joints), size, size), dtype=centres.dtype)
-        for j in range(size):
-            for i in range(j + 1):
-                if not slides[i]:
-                    rate[:, i, j] = rate[:, j, i] = np.cross(axes[:, i], turned[j]) @ self.gravity
+        axes, slides = placed.axes, np.array(self.chain.prismatic)
+        masses = np.tile(self.mass_kg, (len(joints), 1)).astype(np.result_type(payload_kg, float))
+        moments = masses[:, :, None] * placed.centres
+        moments[:, -1] += payload_kg[:, None] * placed.payload
+        masses[:, -1] += payload_kg
+        weight, moment = (np.cumsum(each[:, ::-1], axis=1)[:, ::-1] for each in (masses, moments))  # beyond each joint
+        weight = weight[:, :, None]
+        first_moments = np.where(slides[:, None], weight * axes, np.cross(axes, moment - weight * placed.anchors))
+        force = first_moments @ self.gravity
+        across = np.where(slides[:, None], 0.0, np.cross(self.gravity, axes))  # g . (z x F) = (g x z) . F
+        below = np.triu(across @ first_moments.swapaxes(1, 2))
+        rate = below + np.triu(below, 1).swapaxes(1, 2)
         return force, rate
 
     def equilibrium(
@@ -123,7 +116,7 @@ class Loads:
             beside: h ``(n, joints)`` Nm (N of a slide) beside gravity's; none at rest.
         """
         offset: Array = np.zeros_like(joints, dtype=np.result_type(joints, compliance))
-        for _ in range(steps):
+        for _ in range(steps if np.any(compliance) else 1):  # what is stiff is at rest where it was
             force, rate = self.forces(joints + offset, payload_kg)
             force = force if beside is None else force + beside
             equations: Array = np.eye(len(compliance)) - compliance[:, None] * rate
@@ -142,37 +135,43 @@ class Loads:
     def frames(self, joints: Array) -> LinkFrames:
         """Where the links are at joint positions ``(n, joints)``."""
         count, kind = len(joints), np.result_type(joints, float)
-        rotation = np.broadcast_to(np.eye(3), (count, 3, 3)).astype(kind)
+        turned = tuple(np.broadcast_to(row, (count, 3)).astype(kind) for row in np.eye(3))  # the axes of the frame
         position = np.zeros((count, 3), dtype=kind)
         axes, anchors, rotations, centres = [], [], [], []
         distal, sign = self.chain.convention == "distal", self.chain.sign
         for i, (theta, d, a, alpha, beta) in enumerate(self.chain.table):
             reading = sign[i] * joints[:, i]
-            angle, slide = (theta + 0 * reading, d + reading) if self.chain.prismatic[i] else (theta + reading, d)
+            angle, slide = (theta, d + reading) if self.chain.prismatic[i] else (theta + reading, d)
             if not distal:
-                position = position + a * (rotation := rotation @ _about(0, alpha))[:, :, 0]
-                rotation = rotation @ _about(1, beta)
-            axes.append(sign[i] * rotation[:, :, 2])
+                turned = _about(0, alpha, turned)
+                position, turned = position + a * turned[0], _about(1, beta, turned)
+            axes.append(sign[i] * turned[2])
             anchors.append(position)
-            position = position + np.reshape(slide, (-1, 1)) * rotation[:, :, 2]
-            rotation = rotation @ _about(2, angle)
-            rotations.append(rotation)
+            position = position + np.reshape(slide, (-1, 1)) * turned[2]
+            turned = _about(2, angle, turned)
+            rotations.append(np.stack(turned, axis=2))
             if distal:
-                position = position + a * rotation[:, :, 0]
-                rotation = rotation @ _about(0, alpha) @ _about(1, beta)
-            centres.append(position + rotation @ self.centre_m[i])
-        payload = position + rotation @ self.payload_at_m
+                position = position + a * turned[0]
+                turned = _about(1, beta, _about(0, alpha, turned))
+            centres.append(position + _along(turned, self.centre_m[i]))
+        payload = position + _along(turned, self.payload_at_m)
         return LinkFrames(
             np.stack(axes, 1), np.stack(anchors, 1), np.stack(rotations, 1), np.stack(centres, 1), payload, position
         )
 
 
-def _about(axis: int, angle: Array) -> Array:
-    """Rotations ``(..., 3, 3)`` about a coordinate axis."""
-    angle = np.asarray(angle)
-    c, s = np.cos(angle), np.sin(angle)
-    out = np.zeros((*angle.shape, 3, 3), dtype=np.result_type(angle, float))
+_Axes = tuple[Array, ...]  # a frame's x, y and z, ``(n, 3)`` each
+
+
+def _about(axis: int, angle: Array, turned: _Axes) -> _Axes:
+    """A frame's axes after a turn about one of its own, by an angle ``()`` or ``(n,)``."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
-    out[..., axis, axis] = 1
-    out[..., j, j], out[..., k, k], out[..., k, j], out[..., j, k] = c, c, s, -s
-    return out
+    c, s = (np.reshape(function(angle), (-1, 1)) for function in (np.cos, np.sin))
+    after = list(turned)
+    after[j], after[k] = c * turned[j] + s * turned[k], c * turned[k] - s * turned[j]
+    return tuple(after)
+
+
+def _along(turned: _Axes, vector: Array) -> Array:
+    """A vector ``(3,)`` of a frame, in the frame that its axes are given in."""
+    return np.asarray(vector[0] * turned[0] + vector[1] * turned[1] + vector[2] * turned[2])

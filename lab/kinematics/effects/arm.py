@@ -73,8 +73,9 @@ class ArmWithEffects:
 
     def points(self, inputs: Array, values: Array) -> Array:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at settings ``(n, joints + conditions)``."""
-        moved = self._moved(inputs, values)
-        points = self._bent(moved).points(moved["joints"][0], self._geometric(values))
+        moved = self._moved(inputs, values, alone=True)
+        arm = self._bent(moved) if self.links and moved["links"][0].any() else self.arm
+        points = arm.points(moved["joints"][0], self._geometric(values))
         if self._size_changes:
             points = points + moved["size"][0][:, None] * (points - values[:_PLACE])
         for what in self._moving_frames:
@@ -124,7 +125,7 @@ class ArmWithEffects:
 
     def torsors(self, inputs: Array, values: Array) -> Torsors:
         """How far the links' ends are displaced (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
-        return self._by_link(self._moved(inputs, values)["links"][0])
+        return self._by_link(self._moved(inputs, values)["links"][0]) if self.links else {}
 
     def column_priority(self) -> tuple[int, ...]:
         """The arm's order of preference, then the effects'."""
@@ -163,31 +164,39 @@ class ArmWithEffects:
     def _by_link(self, torsors: Array) -> Torsors:
         return {link: torsors[:, 6 * i : 6 * i + 6] for i, link in enumerate(self.links)}
 
-    def _moved(self, inputs: Array, values: Array) -> "_Moved":
+    def _moved(self, inputs: Array, values: Array, *, alone: bool = False) -> "_Moved":
         """Joints ``(n, joints)``, frame, station ``(n, 7)``, links' torsors ``(n, 6 links)``, size ``(n, 1)``.
 
-        Each comes with its derivatives by the effects' parameters.
+        Each comes with its derivatives by the effects' parameters; what no effect moves is left out.
+
+        Args:
+            alone: without the derivatives, which are left out; no time is spent on effects that are off.
         """
         size, first = self.arm.chain.size, len(self.arm.names)
         joints, conditions = inputs[:, :size], inputs[:, size:]
         kind = np.result_type(inputs, values)
-        total = len(self.names) - first
+        total = 0 if alone else len(self.names) - first
         sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1, "station": 7}
+        asked_for = {"joints", *(effect.moves for effect in self.effects)}
         found: _Moved = {
             what: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
             for what, count in sizes.items()
+            if what in asked_for
         }
         found["joints"][0][:] = joints
         at = 0
         for effect in self.effects:
             part = slice(at, at + len(effect.parameters))
+            at = part.stop
+            if alone and not values[first:][part].any():
+                continue
             asked = conditions[:, [self.conditions.index(name) for name in effect.conditions]]
             moved, derivative = effect.offsets(joints, asked, values[first:][part])
             sum_of, by_effects = found[effect.moves]
             own = [6 * self.links.index(link) + i for link in effect.links for i in range(6)] or slice(None)
             sum_of[:, own] += moved
-            by_effects[:, own, part] = derivative
-            at = part.stop
+            if not alone:
+                by_effects[:, own, part] = derivative
         return found
 
 
@@ -196,6 +205,8 @@ _Moved = dict[Moves, tuple[Array, Array]]
 
 def _seen_from(vectors: Array, frame: Array, *, shifted: bool = True) -> Array:
     """Points (or, not shifted, differences of points) ``(n, k, ..., 3)`` in a frame that moved by ``(n, 7)``."""
+    if not frame.any():
+        return vectors
     axes = [1] * (vectors.ndim - 2)
     turn = se3.exp(frame[:, 3:6]).reshape(len(frame), *axes, 3, 3)
     stretch, shift = (part.reshape(len(frame), *axes, part.shape[1]) for part in (1 + frame[:, 6:], frame[:, :3]))

@@ -14,6 +14,7 @@ from lab.core.se3 import Array
 
 __all__ = [
     "BUMPED",
+    "CHANGING_WITH_TIME",
     "HOUR_S",
     "PAYLOAD",
     "REFERENCE_C",
@@ -30,6 +31,7 @@ __all__ = [
 ]
 
 PAYLOAD, TIME, TEMPERATURE = "payload_kg", "time_s", "temp_C"
+CHANGING_WITH_TIME = (TIME, PLACE, TEMPERATURE)  # slowly, from pose to pose: what follows them looks like wandering
 REFERENCE_C = 20.0  # at which lengths are stated (ISO 1:2022)
 BUMPED = SESSION + "2"  # 1 of the rows after a bump
 HOUR_S = 3600.0
