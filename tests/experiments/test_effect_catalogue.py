@@ -14,8 +14,10 @@ def test_an_effect_is_found_alone(name: str) -> None:
 
 
 @pytest.mark.thorough
-def test_two_effects_are_told_apart() -> None:
-    found = flexible_arm(("expansion", "drift"), 1)
+@pytest.mark.parametrize("names", [("expansion", "drift"), ("compensator", "waves")])
+def test_two_effects_are_told_apart(names: tuple[str, str]) -> None:
+    """The second: waves that a gear's ratio names are searched first, else the spring is taken for single waves."""
+    found = flexible_arm(names, 1)
     assert not found.missing and not found.extras
 
 

@@ -27,7 +27,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
-from lab.core.significance import MODEL_GROUPS
+from lab.core.significance import MODEL_GROUPS, TERM_SEARCH
 from lab.kinematics.effects.effect import Effect
 from lab.kinematics.effects.registry import CANDIDATES
 
@@ -193,6 +193,7 @@ class _Growth:
     found: Identification = field(init=False)
     _large: tuple[tuple[str, ...], FullModel] | None = None
     _around: tuple[FullModel, Identification, NestedModels] | None = None
+    _search: tuple[Identification, TermSearch] | None = None
 
     def __post_init__(self) -> None:
         self.found = self.alone
@@ -246,16 +247,26 @@ class _Growth:
         )
 
     def search(self, terms: Mapping[str, Effect], expected: Sequence[str]) -> None:
-        """Add the groups of single joints that the residuals show, and try the others anew around those."""
+        """Add the groups of single joints that the residuals show, and try the others anew around those.
+
+        Expected ones are searched first, by themselves, at half of the level: beside what they explain, a group of
+        several joints shows that would else be taken apart into its single ones.
+        """
         table = TermTable.of(terms, self.task.data)
+        if expected:
+            self._search_some(table, expected, TERM_SEARCH / 2)
+        self._search_some(table, None, TERM_SEARCH / 2 if expected else TERM_SEARCH)
+        self._hold_what_became_useless()
+        self._judge_terms(set(terms))
+
+    def _search_some(self, table: TermTable, only: Sequence[str] | None, level: float) -> None:
+        """Add what the residuals show of some groups of single joints, or of all."""
         for _ in range(_SEARCHES):
-            new = self._found_terms(table, expected)
+            new = self._found_terms(table, only, level)
             self.rows |= {term.name: GroupTrial(term.name, 0, np.nan, term.p, np.nan, True) for term in new}
             if not new or not self.moved_to((*self.taken, *(term.name for term in new))):
                 break
             self.grow()
-        self._hold_what_became_useless()
-        self._judge_terms(set(terms))
 
     def _hold_what_became_useless(self) -> None:
         """Hold, the worst first, what was known well when it was taken and is not beside all that came after it."""
@@ -271,11 +282,17 @@ class _Growth:
             if not self.moved_to(groups):
                 return
 
-    def _found_terms(self, table: TermTable, expected: Sequence[str]) -> tuple[FoundTerm, ...]:
+    def _found_terms(self, table: TermTable, only: Sequence[str] | None, level: float) -> tuple[FoundTerm, ...]:
         """What a search around the arm as it is identified finds."""
+        if self._search is None or self._search[0] is not self.found:
+            self._search = self.found, self._search_at(table)
+        room = self.large().least_rows / ROWS_PER_PARAMETER - len(self.found.fit.free)
+        return self._search[1].run(rng_for(self.seed, "flips"), int(room) // 2, only, level)
+
+    def _search_at(self, table: TermTable) -> TermSearch:
         task, found = self.task, self.found
         observed, known = weighed(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
-        search = TermSearch.at(
+        return TermSearch.at(
             table,
             found.model,
             observed,
@@ -286,8 +303,6 @@ class _Growth:
             largest_std=TELLING,
             floor=1.0 if known else LEAST_SIGMA_M,
         )
-        room = self.large().least_rows / ROWS_PER_PARAMETER - len(found.fit.free)
-        return search.run(rng_for(self.seed, "flips"), int(room) // 2, expected)
 
     def _judge_terms(self, terms: set[str]) -> None:
         """Fill in the rows of the terms: each with what was taken before it."""

@@ -162,17 +162,18 @@ class TermSearch:
             floor,
         )
 
-    def run(self, rng: np.random.Generator, most: int, expected: Sequence[str] = ()) -> tuple[FoundTerm, ...]:
+    def run(
+        self, rng: np.random.Generator, most: int, only: Sequence[str] | None = None, level: float = TERM_SEARCH
+    ) -> tuple[FoundTerm, ...]:
         """The groups that are significant, at most so many, in the order in which they are taken.
 
         Args:
-            expected: names of groups that are searched first, by themselves, at half of the level.
+            only: names of those that are searched; all where None.
+            level: of this search.
         """
-        if not expected:
-            return tuple(self._taken(rng, most, self.allowed, TERM_SEARCH))
-        first = np.array([name in set(expected) for name in self.table.names], dtype=bool)
-        taken = self._taken(rng, most, first, TERM_SEARCH / 2)
-        return (*taken, *self._taken(rng, most - len(taken), self.allowed, TERM_SEARCH / 2))
+        wanted = None if only is None else set(only)
+        among = np.array([wanted is None or name in wanted for name in self.table.names], dtype=bool)
+        return tuple(self._taken(rng, most, among, level))
 
     def _taken(self, rng: np.random.Generator, most: int, among: NDArray[np.bool_], level: float) -> list[FoundTerm]:
         """What is significant at a level among some of the groups."""

@@ -13,6 +13,7 @@ from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.statistics.term_search import TermSearch, TermTable
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements, measured
+from lab.core.significance import TERM_SEARCH
 from lab.kinematics.effects.effect import ArmFacts, Effect
 from lab.kinematics.effects.registry import expected_terms, said_of_term, searched_terms
 from lab.kinematics.gauge import base_set
@@ -244,7 +245,7 @@ def test_gear_ratios_name_waves_that_the_search_begins_with() -> None:
         points=data.points + found.model.points(moved, found.values) - found.model.points(data.joints, found.values),
     )
     found, taken = geometry(data), []
-    for first in ((), expected):
+    for only, level in ((None, TERM_SEARCH), (expected, TERM_SEARCH / 2)):
         search = search_of(data, found, terms=wave)
-        taken.append([term.name for term in search.run(np.random.default_rng(0), 20, first)])
+        taken.append([term.name for term in search.run(np.random.default_rng(0), 20, only, level)])
     assert taken == [[], ["joint1.harmonic101"]]
