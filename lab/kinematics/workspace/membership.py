@@ -19,6 +19,7 @@ from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.workspace.rods import ByRods
 from lab.kinematics.workspace.search import Search
 
 __all__ = ["ByLegs", "Membership", "by_closed_form", "memberships", "turns_about_z", "within_turns"]
@@ -58,6 +59,8 @@ def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
     mechanism = arm.chain
     assert isinstance(mechanism, Mechanism)
     course, search = classical_model_of(mechanism), Search(arm, values, _STARTS_WITH_LOOPS)
+    if (rods := ByRods.of(mechanism, values[-3:])) is not None:
+        return search, rods
     if course is None or any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive):
         return search, search
     if values[-3:].any() and len(course.order) < mechanism.size:  # a joint beside those of the legs carries the tool

@@ -26,6 +26,7 @@ _STARTS, _STARTS_TURNED = 5, 20  # places are sampled more densely than poses
 _STEPS = 20
 _ARRIVED = 1e-7  # m, and a radian as ``ROTATION_M``
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-7, 1.0  # beside singular values in m
+_ROUNDING = 1e-15  # of the squares' sum: less damping would be lost in them
 _AT_LIMIT = 1e-12  # rad or m
 _STUCK = 0.15  # of the error: who makes it smaller by less in a step is at its best within the limits
 
@@ -113,7 +114,8 @@ class Search:
             free = ~((low & (slope < 0)) | (high & (slope > 0)))
             J = J * free[:, None, :]
             square = J @ J.swapaxes(1, 2)
-            square[:, np.arange(6), np.arange(6)] += damping[going, None] ** 2
+            least = _ROUNDING * np.trace(square, axis1=1, axis2=2)[:, None]  # near a singularity of loops J is large
+            square[:, np.arange(6), np.arange(6)] += np.maximum(damping[going, None] ** 2, least)
             step = np.einsum("nij,ni->nj", J, np.linalg.solve(square, e[:, :, None])[:, :, 0])
             moved = np.clip(at + step, chain.lower, chain.upper)
             there, ahead = self._at(wanted.take(going), moved)

@@ -50,6 +50,22 @@ def test_the_folder_has_the_boundary_as_a_mesh_and_every_carrier(capsys, tmp_pat
     assert "Sizes of the workspaces" in page and page.count("Section x-z") >= 2
 
 
+@pytest.mark.thorough
+def test_in_a_cell_a_wall_takes_places_away(capsys, tmp_path) -> None:
+    shares, wall = [], tmp_path / "cell.toml"
+    for y_mm in (-5000, -150):
+        wall.write_text(
+            f'name = "wall"\n[[obstacle]]\nname = "wall"\nshape = "box"\nsize_mm = [2000, 20, 2000]\n'
+            f"position_mm = [0, {y_mm}, 1000]\n"
+        )
+        code, seen, _ = run(capsys, "scara", "--cell", wall, "--places", 200, "--orientations", 1)
+        (one,) = seen["workspaces"]
+        assert code == 0 and one["cell"]["name"] == "wall"
+        assert one["cell"]["free_size"] == pytest.approx(one["cell"]["free_share"] * one["volume_m3"])
+        shares.append(one["cell"]["free_share"])
+    assert 0.3 < shares[1] < shares[0] - 0.03  # of the same places; with the hand drawn up the arm touches itself
+
+
 def test_what_cannot_be_measured_is_one_line(capsys, tmp_path) -> None:
     for arguments, words in (
         (("course2r",), "stays on a surface"),

@@ -7,12 +7,15 @@ import pytest
 from helpers.robots import IRB120, chain_of
 
 from lab.campaign.robot import load_robot
+from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.workspace.boundary import boundary
 from lab.kinematics.workspace.domain import anyhow, domain_of
 from lab.kinematics.workspace.measure import measured
 from lab.kinematics.workspace.membership import memberships, within_turns
+from lab.kinematics.workspace.rods import ByRods
 from lab.kinematics.workspace.search import Search
 from lab.kinematics.workspace.space import workspace_of
 
@@ -134,3 +137,39 @@ def test_the_boundary_of_a_ball_is_closed_and_of_its_volume() -> None:
     _, vertices, segments = boundary(lambda at: np.linalg.norm(at, axis=1) < 1.0, (axis, axis), 12)
     first, last = vertices[segments].transpose(1, 0, 2)
     assert (first[:, 0] * last[:, 1] - first[:, 1] * last[:, 0]).sum() / 2 == pytest.approx(np.pi, rel=0.02)
+
+
+@pytest.mark.thorough
+def test_a_hexapod_takes_its_own_poses_by_the_lengths_of_its_legs() -> None:
+    """Joint positions come back; a leg that is too long, and the mirror image under the base, are not reached."""
+    robot, rng = load_robot("hexapod"), np.random.default_rng(1)
+    arm, chain = robot.arm(("p1",)), robot.chain
+    values = arm.nominal({"p1": np.array([0.05, 0.02, 0.1])})
+    by_pose = memberships(arm, values)[1]
+    assert isinstance(by_pose, ByRods)
+    joints = JointSpec.random_joints(chain, 60, rng)
+    Ts = arm.tool(joints, values)[0]
+    stands = np.isfinite(Ts).all(axis=(1, 2))
+    joints, Ts = joints[stands], Ts[stands]
+    assert stands.sum() > 20
+    reached, found = by_pose.reached(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]))
+    assert reached.all()
+    np.testing.assert_allclose(found, joints, atol=1e-12)
+    np.testing.assert_array_equal(by_pose.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]))[:, 0], found)
+    far = Ts[:, :3, 3] + [0.0, 0.0, 0.4]
+    assert not by_pose.reached(PoseTarget(far, Ts[:, :3, :3]))[0].any()
+    flip = np.diag([1.0, 1.0, -1.0])  # base and platform are flat: legs of the same lengths hold it mirrored, too
+    flange = Ts[:, :3, 3] - Ts[:, :3, :3] @ values[-3:]
+    turned = flip @ Ts[:, :3, :3] @ flip
+    mirrored = PoseTarget(flange @ flip + turned @ values[-3:], turned)
+    assert not by_pose.reached(mirrored)[0].any()
+    beside = replace(by_pose, T_home=np.block([[flip, np.zeros((3, 1))], [np.zeros((1, 3)), 1]]) @ by_pose.T_home
+                     @ np.diag([1.0, 1.0, -1.0, 1.0]))  # fmt: skip
+    np.testing.assert_allclose(beside.reached(mirrored)[1], joints, atol=1e-12)
+
+
+@pytest.mark.thorough
+def test_other_mechanisms_are_not_held_by_rods_alone() -> None:
+    for name in ("rpr3", "rrr3", "delta"):
+        chain = load_robot(name).chain
+        assert isinstance(chain, Mechanism) and ByRods.of(chain, np.zeros(3)) is None
