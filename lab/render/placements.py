@@ -1,17 +1,14 @@
 """A robot as lines with its frames, seen from above at an angle: one picture for each of several placements."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lab.core.se3 import Array
+from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.style import ARM, FRAME_AXES
 from lab.render.svg import axes_picture, cube
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["placement_picture"]
 
@@ -32,7 +29,7 @@ def placement_picture(which: int, title: str, lines: Sequence[Array], frames: Ar
     every = [_seen(line) for line in lines]
     middle, half = cube([np.pad(each, ((0, 0), (0, 0), (0, 1))) for each in (*every, _seen(frames[..., :3, 3]))], 0.16)
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         for line in every:
             axes.plot(*line[which].T, "-", color=ARM, linewidth=2.5, solid_capstyle="round", zorder=1)
         for T in frames[which]:
@@ -43,7 +40,7 @@ def placement_picture(which: int, title: str, lines: Sequence[Array], frames: Ar
         axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
         axes.set_aspect("equal")
         axes.axis("off")
-        axes.set_title(title, fontsize=8)
+        axes.set(title=title)
 
     return axes_picture(f"placement-{which}", f"Placement {title}", _SIZE, draw, (0.05, 0.05, 0.05, 0.3))
 

@@ -2,20 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
+from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.format import capital, short
 from lab.render.style import COLOUR_SCALE, GATE, MARK_EDGE, OUTLIER
-from lab.render.svg import axes_picture, cube, log_ticks, view
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.colors import Colormap, Normalize
+from lab.render.svg import axes_picture, cube, log_ticks, shades, view
 
 __all__ = ["MOST_POINTS", "SQUARE", "VIEWS", "SizeMap", "Spread", "histograms", "size_maps", "spread_by_size"]
 
@@ -98,7 +94,7 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
     few = fewest < _FEW
     line = 0.13 if few else 0.08  # of the axes' height, which a line of words takes
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         log_ticks(axes, "x", edges[0], edges[-1])
         for k, (spread, each, mark) in enumerate(zip(spreads, sizes, marks, strict=True)):
             if few:
@@ -149,24 +145,26 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
     return (*pictures, _scale(shown)) if shown.with_scale else tuple(pictures)
 
 
-def _colours(shown: SizeMap) -> "tuple[Colormap, Normalize]":
-    """The colours, and the range of lengths that they cover, mm: a few are larger."""
-    from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize
-
-    sizes_mm = 1e3 * shown.sizes
+def _ends(shown: SizeMap) -> tuple[float, float]:
+    """The lengths that the colours cover, mm: a few are larger."""
     if shown.range_m is not None:
-        low, high = (1e3 * end for end in shown.range_m)
-        return LinearSegmentedColormap.from_list("sizes", COLOUR_SCALE), LogNorm(low, high, clip=True)
-    largest = float(np.percentile(sizes_mm, 99)) or 1.0
-    return LinearSegmentedColormap.from_list("sizes", COLOUR_SCALE), Normalize(0.0, largest)
+        return 1e3 * shown.range_m[0], 1e3 * shown.range_m[1]
+    return 0.0, float(np.percentile(1e3 * shown.sizes, 99)) or 1.0
 
 
-def _size_map(axes: "Axes", shown: SizeMap, plane: tuple[int, int]) -> None:
-    colours, norm = _colours(shown)
+def _colours(shown: SizeMap, sizes_mm: Array) -> Array:
+    """The colours ``(n, 3)`` of lengths ``(n,)``."""
+    low, high = _ends(shown)
+    if shown.range_m is not None:
+        sizes_mm, low, high = np.log(np.clip(sizes_mm, low, high)), np.log(low), np.log(high)
+    return shades((sizes_mm - low) / (high - low), COLOUR_SCALE)
+
+
+def _size_map(axes: Axes, shown: SizeMap, plane: tuple[int, int]) -> None:
     middle, half = cube([1e3 * shown.points, 1e3 * shown.crosses])
     points, crosses = 1e3 * shown.points[:, plane], 1e3 * shown.crosses[:, plane]
-    shades = colours(norm(1e3 * shown.sizes))
-    axes.scatter(points[:, 0], points[:, 1], c=shades, s=14, edgecolors=MARK_EDGE, linewidths=0.25, rasterized=True)
+    tints = _colours(shown, 1e3 * shown.sizes)
+    axes.scatter(points[:, 0], points[:, 1], c=tints, s=14, edgecolors=MARK_EDGE, linewidths=0.25, rasterized=True)
     if len(crosses):
         thin = 1 if len(crosses) < _MANY else 2
         axes.scatter(
@@ -174,23 +172,22 @@ def _size_map(axes: "Axes", shown: SizeMap, plane: tuple[int, int]) -> None:
             label=shown.cross_means,
         )  # fmt: skip
         axes.legend(loc="upper right", framealpha=0.9, frameon=True)
-    view(axes, plane, middle, half, shown.frame)
-    axes.set_title(f"{shown.size_means}, {axes.get_title()}")
+    view(axes, plane, middle, half, shown.frame, shown.size_means)
 
 
 def _scale(shown: SizeMap) -> Picture:
     """The colours as a bar, the last one for all that is larger."""
 
-    def draw(axes: "Axes") -> None:
-        colours, norm = _colours(shown)
-        ends = norm.vmin or 0.0, norm.vmax or 1.0
+    def draw(axes: Axes) -> None:
+        ends = _ends(shown)
         edges = np.linspace(*ends, 65) if shown.range_m is None else np.geomspace(*ends, 65)
-        axes.pcolormesh(edges, [0, 1], [colours(norm(np.sqrt(edges[1:] * edges[:-1])))], rasterized=True)
+        middles = np.sqrt(edges[1:] * edges[:-1])
+        axes.pcolormesh(edges, [0, 1], _colours(shown, middles)[None], rasterized=True)
         if shown.range_m is not None:
             log_ticks(axes, "x", *ends)
         axes.set(xlim=ends, ylim=(0, 1), yticks=[])
         alone = f"{shown.size_means}, mm (largest {short(float(1e3 * shown.sizes.max()))})"
-        axes.set_xlabel(alone if shown.range_m is None else "mm (logarithmic)")
+        axes.set(xlabel=alone if shown.range_m is None else "mm (logarithmic)")
         axes.grid(visible=False)
 
     return axes_picture(

@@ -6,8 +6,8 @@ import sys
 from html.parser import HTMLParser
 
 import pytest
-from matplotlib.axes import Axes
 
+from lab.render.charts.axes import Axes
 from lab.render.document import (
     EVERYWHERE,
     PAGE,
@@ -42,7 +42,7 @@ def render(document: Document) -> dict[str, str]:
 
 def picture(name: str = "line", label: str = "a line"):
     def draw(axes: Axes) -> None:
-        axes.plot([0, 1], label=label)
+        axes.plot([0, 1], [0, 1], label=label)
         axes.legend()
 
     return axes_picture(name, label, (3, 2), draw)
@@ -166,16 +166,19 @@ def test_warnings_that_were_told_are_not_told_again(capsys) -> None:
 
 
 def test_a_document_is_read_without_a_drawing_library() -> None:
-    """Figures are drawn when a page is made, and matplotlib is not imported before."""
+    """Pictures are drawn when a page is made, not before, and those of one set of axes without matplotlib."""
     code = """
 import sys
 from lab.render.document import Document, Figure, Paragraph
 from lab.render.markdown import to_markdown
 from lab.render.svg import axes_picture
 from lab.render.terminal import to_text
-document = Document("t", (Paragraph("p"), Figure("f", (axes_picture("n", "l", (3, 2), print),), "c")))
+picture = axes_picture("n", "l", (3, 2), lambda axes: axes.plot([0, 1], [1, 2]))
+document = Document("t", (Paragraph("p"), Figure("f", (picture,), "c")))
 assert "p" in to_text(document) and "p" in to_markdown(document)
 assert not {"matplotlib", "jinja2", "rerun", "mujoco"} & set(sys.modules)
+from lab.render.page import to_html
+assert to_html(document).count("<svg") == 1 and not {"matplotlib", "rerun", "mujoco"} & set(sys.modules)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -1,7 +1,5 @@
 """The pictures by which a fit is checked: residuals, correlations, the path of model selection, predicted errors."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,15 +11,13 @@ from lab.core.linear_model import half_width_95
 from lab.core.measurements import evenly
 from lab.core.probabilities import beta_ppf, normal_ppf
 from lab.core.se3 import Array
+from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.format import short
 from lab.render.plots import SizeMap
 from lab.render.scene import moved
 from lab.render.style import AFTER, ARM, BEFORE, HATCH_BEFORE, INK, PREDICTED, SERIES
-from lab.render.svg import axes_picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from lab.render.svg import axes_picture, shades
 
 __all__ = ["MOST_POSES", "correlation_picture", "residual_pictures", "selection_picture", "uncertainty_map"]
 
@@ -59,7 +55,7 @@ def _in_order(result: CalibrationResult, residuals: Array, band: float) -> Pictu
     at = (time - time.min()) / 60 if timed and time is not None else np.arange(1.0, len(residuals) + 1)
     drawn = _drawn(residuals)
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         for axis, (colour, mark, _) in zip(range(3), SERIES[:3], strict=True):
             values = residuals[drawn, :, axis]
             axes.plot(
@@ -84,7 +80,7 @@ def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Pictu
     per_pose = per_pose[:, : max(1, MOST_POSES // max(1, len(per_pose)))]
     drawn = _drawn(residuals)
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         for joint, name in enumerate(chain.joint_names):
             at = joint + 0.06 + 0.88 * share[drawn, joint]
             axes.plot(
@@ -133,7 +129,7 @@ def _quantiles(residuals: Array) -> Picture:
     low, high = (normal_ppf(beta_ppf(p, ranks + 0.5, len(residuals) - ranks + 0.5)) for p in (0.025, 0.975))
     outside = float(np.mean((found < low) | (found > high)))
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.fill_between(expected, low, high, color=PREDICTED, alpha=0.18, linewidth=0)
         axes.plot(expected, expected, color=INK, linewidth=0.8)
         axes.plot(expected, found, "o", color=AFTER, markersize=3, rasterized=True)
@@ -143,7 +139,7 @@ def _quantiles(residuals: Array) -> Picture:
     return axes_picture("residuals-normal", label, _SQUARE, draw, (0.6, 0.5, 0.15, 0.15))
 
 
-def _band(axes: "Axes", band: float) -> None:
+def _band(axes: Axes, band: float) -> None:
     axes.axhline(0, color=INK, linewidth=0.8)
     if np.isfinite(band):
         axes.axhspan(-band, band, color=PREDICTED, alpha=0.13, linewidth=0)
@@ -160,11 +156,8 @@ def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
     edges = [i for i in range(1, len(owners)) if owners[i].split(".")[0] != owners[i - 1].split(".")[0]]
     firsts = [0, *edges]
 
-    def draw(axes: "Axes") -> None:
-        from matplotlib.colors import LinearSegmentedColormap
-
-        colours = LinearSegmentedColormap.from_list("correlation", [BEFORE, "#ffffff", AFTER])
-        axes.imshow(matrix, cmap=colours, vmin=-1, vmax=1, interpolation="nearest")
+    def draw(axes: Axes) -> None:
+        axes.imshow(shades((matrix + 1) / 2, (BEFORE, "#ffffff", AFTER)))
         for edge in edges:
             axes.axhline(edge - 0.5, color=ARM, linewidth=0.8)
             axes.axvline(edge - 0.5, color=ARM, linewidth=0.8)
@@ -189,7 +182,7 @@ def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
         return ()
     errors = 1e3 * np.array([each.holdout_m for each in tried])
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         at = np.arange(len(tried))[::-1]
         axes.barh(at[0], errors[0], color=BEFORE, hatch=HATCH_BEFORE, alpha=0.75)
         falls = errors[:-1] - errors[1:]

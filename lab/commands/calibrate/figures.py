@@ -1,7 +1,6 @@
 """The pictures of a calibration's report: errors, corrections of parameters, singular values, the arm at its poses."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from lab.commands.calibrate.error_map import ArmPoses
 from lab.commands.calibrate.findings import EstimatedParameter
 from lab.commands.calibrate.result import CalibrationResult
 from lab.core.se3 import Array
+from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.format import short
 from lab.render.plots import VIEWS, Spread, histograms
@@ -28,9 +28,6 @@ from lab.render.style import (
 )
 from lab.render.svg import axes_picture, cube, log_ticks, view
 from lab.render.units import display_unit
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = [
     "arm_views",
@@ -85,7 +82,7 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: str, number: int) -> 
     known = [size for size, row in zip(reach, rows, strict=True) if not row.weakly_observable]
     limit = _WIDER * max(known) if known and max(known) > 0 else np.inf  # a weak parameter does not stretch the picture
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         at = np.arange(len(rows))[::-1]
         colours = [AFTER if sure else MUTED for sure in np.abs(offsets) > halves]
         inside, low, high = (np.clip(ends, -limit, limit) for ends in (offsets, offsets - halves, offsets + halves))
@@ -116,13 +113,13 @@ def singular_value_picture(values: Array) -> tuple[Picture, ...]:
         return ()
     relative = np.maximum(values / values[0], 1e-17)
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         order = np.arange(1, len(relative) + 1)
         axes.vlines(order, relative.min() / 10, relative, color=ARM, linewidth=1.5)
         axes.plot(order, relative, "o", color=HIGHLIGHT, markersize=4.5)
         log_ticks(axes, "y", min(relative.min() / 1.6, 0.06), 1.7)
         condition = f"condition number: {short(float(1 / relative[-1]))}"
-        axes.text(0.99, 0.93, condition, transform=axes.transAxes, ha="right", color=HIGHLIGHT)
+        axes.annotate(condition, (0.99, 0.93), xycoords="axes fraction", ha="right", color=HIGHLIGHT)
         axes.set(xlabel="direction, from the best observed to the worst", ylabel="relative singular value")
         axes.set(xlim=(0.3, len(relative) + 0.7))
         axes.grid(visible=False, axis="x")
@@ -139,7 +136,7 @@ def arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
     if arm.head is not None and np.abs(1e3 * arm.head - middle).max() < _FAR * half:
         middle, half = cube([1e3 * arm.joints, 1e3 * arm.points, 1e3 * arm.head])
 
-    def draw(axes: "Axes", plane: tuple[int, int]) -> None:
+    def draw(axes: Axes, plane: tuple[int, int]) -> None:
         _sticks(axes, arm, plane)
         if arm.head is not None:
             _instrument(axes, 1e3 * arm.head, middle, half, plane)
@@ -158,10 +155,8 @@ def arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
     )
 
 
-def _sticks(axes: "Axes", arm: ArmPoses, plane: tuple[int, int]) -> None:
+def _sticks(axes: Axes, arm: ArmPoses, plane: tuple[int, int]) -> None:
     """Links, joints, targets and points."""
-    from matplotlib.collections import LineCollection
-
     size = 9 if len(arm.points) <= 200 else 4
     word = "measured point" if arm.measured else "tool point"
     points = 1e3 * arm.points[:: max(1, len(arm.points) // 1000)][:, plane]
@@ -171,27 +166,30 @@ def _sticks(axes: "Axes", arm: ArmPoses, plane: tuple[int, int]) -> None:
         first = rows.start == 0
         colour, wide = (HIGHLIGHT, 2.6) if first else (ARM, 1.1)
         joints = 1e3 * arm.joints[rows][..., plane]  # (m, f, 2)
-        held = [np.stack([of[-1], tip]) for of, tips in zip(joints, 1e3 * arm.tips[rows][..., plane], strict=True)
-                for tip in tips]  # fmt: skip
-        axes.add_collection(LineCollection(held, colors=colour, linewidths=0.8, linestyles=":", zorder=2))
-        links = [1e3 * line[:, plane] for strip in arm.strips for line in strip[rows]]
-        axes.add_collection(
-            LineCollection(
-                links,
-                colors=colour,
-                linewidths=wide,
-                alpha=1.0 if first else 0.75,
-                label=f"arm at pose {arm.first}" if first else f"arm at {len(arm.tips) - 1} other poses",
-                zorder=4 if first else 1,
-                joinstyle="round",
-                capstyle="round",
-            )
+        tips = 1e3 * arm.tips[rows][..., plane]  # (m, k, 2)
+        held = np.stack([np.broadcast_to(joints[:, -1:], tips.shape), tips], axis=-2)
+        axes.plot(*_parted(held), ":", color=colour, linewidth=0.8, zorder=2)
+        links = [_parted(1e3 * strip[rows][..., plane]) for strip in arm.strips]
+        axes.plot(
+            *np.concatenate(links, axis=1),
+            "-",
+            color=colour,
+            linewidth=wide,
+            alpha=1.0 if first else 0.75,
+            label=f"arm at pose {arm.first}" if first else f"arm at {len(arm.tips) - 1} other poses",
+            zorder=4 if first else 1,
+            solid_capstyle="round",
         )
         dot = 3.5 if first else 1.8
         axes.plot(*joints.reshape(-1, 2).T, "o", color=colour, markersize=dot, zorder=4 if first else 1)
 
 
-def _instrument(axes: "Axes", head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:
+def _parted(lines: Array) -> Array:
+    """Lines ``(..., c, 2)`` as one ``(2, n)``, with NaN between them."""
+    return np.pad(lines, [*[(0, 0)] * (lines.ndim - 2), (0, 1), (0, 0)], constant_values=np.nan).reshape(-1, 2).T
+
+
+def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:
     """The instrument, or an arrow towards it at the edge of the view where it is farther off."""
     position, centre = head[list(plane)], middle[list(plane)]
     away = position - centre

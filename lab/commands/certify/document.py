@@ -1,7 +1,6 @@
 """What a person reads of a certificate, prints and signs."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from lab.commands.certify.result import Certificate, not_measured
 from lab.commands.provenance import provenance_section
 from lab.commands.values import ErrorStatistics
 from lab.compensation.iso9283 import CYCLES
+from lab.render.charts.axes import Axes
 from lab.render.document import (
     PAGE,
     Badge,
@@ -30,9 +30,6 @@ from lab.render.document import (
 from lab.render.format import capital, digits_of, fixed, sentence, short
 from lab.render.style import AFTER
 from lab.render.svg import axes_picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["certificate_document", "contributions_picture"]
 
@@ -107,7 +104,7 @@ def contributions_picture(budget: Budget) -> Picture:
     lines = sorted(budget.lines, key=lambda line: line.contribution_m)
     sizes = 1e6 * np.array([line.contribution_m for line in lines])
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         at = np.arange(len(lines))
         axes.barh(at, sizes, color=AFTER, height=0.6)
         axes.set_yticks(at, [line.quantity.words.partition(":")[0] for line in lines])

@@ -1,21 +1,17 @@
 """What a person reads of a comparison of calibrations."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lab.commands.compare.result import ComparisonResult
 from lab.commands.provenance import provenance_section
 from lab.core.significance import VERIFICATION
+from lab.render.charts.axes import Axes
 from lab.render.document import Badge, Code, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings
 from lab.render.format import digits_of, fixed, short
 from lab.render.style import AFTER, INK, MUTED
 from lab.render.svg import axes_picture
 from lab.render.units import display_unit
 from lab.verification.difference import Difference
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["comparison_document", "differences_picture"]
 
@@ -53,7 +49,7 @@ def differences_picture(result: ComparisonResult) -> Picture:
     last = result.differences[-1]
     sizes = last.changes / last.half_widths
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         at = np.arange(len(sizes))[::-1]
         colours = [AFTER if name in last.moved else MUTED for name in last.names]
         axes.hlines(at, sizes - 1, sizes + 1, colors=colours, linewidth=1.2)

@@ -1,7 +1,5 @@
 """What a person reads of an arm's dynamics: its base parameters, and what is grouped into each."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lab.commands.dynamics.result import DynamicsResult
@@ -9,6 +7,7 @@ from lab.commands.payload.document import parameter_rows, true_values
 from lab.commands.provenance import provenance_section
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.dynamics_identification.estimate import DynamicsEstimate
+from lab.render.charts.axes import Axes
 from lab.render.document import (
     EVERYWHERE,
     PAGE,
@@ -25,9 +24,6 @@ from lab.render.document import (
 from lab.render.format import digits_of, fixed, sentence, short
 from lab.render.style import MEASURED, PREDICTED
 from lab.render.svg import axes_picture, log_ticks
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["dynamics_document", "singular_values_picture", "torque_pictures"]
 
@@ -168,7 +164,7 @@ def torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:
     pictures = []
     for j, (name, slides) in enumerate(zip(result.robot.chain.joint_names, result.robot.chain.prismatic, strict=True)):
 
-        def draw(axes: "Axes", j: int = j, name: str = name, slides: bool = slides) -> None:
+        def draw(axes: Axes, j: int = j, name: str = name, slides: bool = slides) -> None:
             at = np.arange(len(measured)) * every
             axes.plot(at, measured[:, j], ".", color=MEASURED, markersize=3, label="measured")
             axes.plot(at, measured[:, j] - left[:, j], "-", color=PREDICTED, linewidth=1, label="explained")
@@ -185,7 +181,7 @@ def singular_values_picture(result: DynamicsResult) -> Picture:
     """Singular values relative to the largest, from the best determined direction to the worst."""
     relative = result.singular_values / result.singular_values[0]
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.plot(np.arange(1, len(relative) + 1), relative, "o", color=PREDICTED, markersize=4.5)
         log_ticks(axes, "y", relative.min() / 1.6, 1.7)
         axes.set(xlabel="direction, from the best determined to the worst", ylabel="relative singular value")

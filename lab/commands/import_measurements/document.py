@@ -1,18 +1,14 @@
 """What a person reads of a merge: how many poses, which columns were taken for what, what was left out and why."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lab.commands.import_measurements.result import ImportResult
 from lab.commands.provenance import provenance_section
+from lab.render.charts.axes import Axes
 from lab.render.document import Code, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings
 from lab.render.format import fixed
 from lab.render.style import AFTER
 from lab.render.svg import axes_picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["import_document", "points_picture"]
 
@@ -74,7 +70,7 @@ def points_picture(result: ImportResult) -> Picture:
     points = 1e3 * result.measurements.points.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.scatter(points[:, 0], points[:, 1], s=12, color=AFTER)
         axes.set(xlabel="x, mm", ylabel="y, mm")
         axes.set_aspect("equal", adjustable="datalim")

@@ -1,7 +1,5 @@
 """What a person reads of a robot: its nominal model, its shape, and what of it can be identified."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lab.commands.inspect.cell import cell_section
@@ -10,12 +8,10 @@ from lab.commands.inspect.format import coefficient, per_person
 from lab.commands.inspect.result import Inspection
 from lab.commands.inspect.serial_document import serial_blocks
 from lab.commands.provenance import provenance_section
+from lab.render.charts.axes import Axes
 from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Picture, Section, Table, Warnings
 from lab.render.style import PREDICTED
 from lab.render.svg import axes_picture, log_ticks
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["inspection_document", "singular_values_picture"]
 
@@ -41,7 +37,7 @@ def singular_values_picture(result: Inspection) -> Picture:
     """Singular values relative to the largest, from the best observable direction to the worst."""
     relative = result.singular_values / result.singular_values[0]
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.plot(np.arange(1, len(relative) + 1), relative, "o", color=PREDICTED, markersize=4.5)
         log_ticks(axes, "y", relative.min() / 1.6, 1.7)
         axes.set(xlabel="direction, from the best observable to the worst", ylabel="relative singular value")

@@ -1,7 +1,5 @@
 """What a person reads of a payload: mass and centre, how sure, what is not identifiable, and goodness of fit."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lab.commands.payload.result import PayloadResult, channels_of
@@ -9,6 +7,7 @@ from lab.commands.provenance import provenance_section
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import inertia_about_centre
 from lab.payload_identification.estimate import LoadEstimate
+from lab.render.charts.axes import Axes
 from lab.render.document import (
     RECORDING,
     Badge,
@@ -26,9 +25,6 @@ from lab.render.document import (
 from lab.render.format import capital, sentence, short
 from lab.render.style import MEASURED, PREDICTED
 from lab.render.svg import axes_picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["channel_pictures", "parameter_rows", "payload_document", "true_values"]
 
@@ -97,7 +93,7 @@ def channel_pictures(result: PayloadResult) -> tuple[Picture, ...]:
     pictures = []
     for i, (name, unit) in enumerate(channels_of(result)):
 
-        def draw(axes: "Axes", i: int = i, name: str = name, unit: str = unit) -> None:
+        def draw(axes: Axes, i: int = i, name: str = name, unit: str = unit) -> None:
             at = np.arange(len(measured)) * every
             axes.plot(at, measured[:, i], ".", color=MEASURED, markersize=3, label="measured")
             axes.plot(at, measured[:, i] - left[:, i], "-", color=PREDICTED, linewidth=1, label="explained")

@@ -1,7 +1,5 @@
 """What a person reads of a motion: how long it takes, how near the joints come to their limits, and the curves."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lab.commands.provenance import provenance_section
@@ -9,13 +7,11 @@ from lab.commands.trajectory.result import TrajectoryResult
 from lab.commands.values import joint_values
 from lab.compensation.elastic_tracking import Tracking
 from lab.core.se3 import Array
+from lab.render.charts.axes import Axes
 from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings
 from lab.render.format import fixed
 from lab.render.style import SERIES
 from lab.render.svg import axes_picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["curve_pictures", "trajectory_document"]
 
@@ -76,7 +72,7 @@ def _um(length_mm: float) -> str:
 def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
     curves = {"in all": found.total, **found.parts}
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         for i, (name, error) in enumerate(curves.items()):
             lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
             axes.plot(result.sampled.times, lengths, "-", color=SERIES[i % len(SERIES)][0], linewidth=1.3, label=name)
@@ -98,7 +94,7 @@ def curve_pictures(result: TrajectoryResult) -> tuple[Picture, ...]:
 def _curves(name: str, result: TrajectoryResult, values: Array, unit: str) -> Picture:
     shown, times = joint_values(result.robot.chain.prismatic, values), result.sampled.times
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         for j, (joint, column) in enumerate(zip(result.robot.chain.joint_names, shown.T, strict=True)):
             colour = SERIES[j % len(SERIES)][0]
             axes.plot(times, column, "-", color=colour, linewidth=1.3, label=joint, drawstyle=_STYLES[name])

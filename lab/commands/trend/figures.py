@@ -7,7 +7,7 @@ import numpy as np
 from lab.commands.trend.result import TrendResult
 from lab.render.document import Picture
 from lab.render.style import AFTER, BEFORE, GRID, INK, OUTLIER, PREDICTED
-from lab.render.svg import axes_picture, log_ticks
+from lab.render.svg import figure_picture, log_ticks
 from lab.render.units import display_unit
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def errors_picture(result: TrendResult) -> tuple[Picture, ...]:
         axes.legend(loc="best")
 
     label = f"Validation error of each calibration: mean from {min(means):.3g} to {max(means):.3g} mm"
-    return (axes_picture("errors", label, (_WIDTH, 2.6), draw, (0.75, 0.45, 0.2, 0.3)),)
+    return (figure_picture("errors", label, (_WIDTH, 2.6), draw, (0.75, 0.45, 0.2, 0.3)),)
 
 
 def parameters_picture(result: TrendResult) -> Picture:
@@ -67,7 +67,7 @@ def parameters_picture(result: TrendResult) -> Picture:
         bar.set_label("difference, in halves of its 95 % interval")
 
     label = f"Parameters over time, {_said(result)}"
-    return axes_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
+    return figure_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
 
 
 def moved_pictures(result: TrendResult) -> tuple[Picture, ...]:
@@ -92,7 +92,7 @@ def _over_time(result: TrendResult, name: str, called: str) -> Picture:
         _date_axis(axes)
 
     label = f"{name} over time: {shifts[-1]:.3g} {unit} from the first calibration"
-    return axes_picture(called, label, (4.5, 2.6), draw, (0.8, 0.45, 0.15, 0.3))
+    return figure_picture(called, label, (4.5, 2.6), draw, (0.8, 0.45, 0.15, 0.3))
 
 
 def _changes(axes: "Axes", result: TrendResult) -> None:

@@ -9,13 +9,14 @@ from lab.commands.provenance import provenance_section
 from lab.commands.workspace.measured import RobotWorkspace
 from lab.commands.workspace.result import WorkspaceResult
 from lab.kinematics.workspace.space import Section as Cut
+from lab.render.charts.axes import Axes
 from lab.render.document import Bullets, Document, Figure, Picture, Section, Table, Warnings
 from lab.render.format import short
 from lab.render.style import AFTER, COLOUR_SCALE, INK
-from lab.render.svg import axes_picture
+from lab.render.svg import axes_picture, figure_picture
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    import matplotlib.axes
 
 __all__ = ["section_pictures", "size_picture", "workspace_document"]
 
@@ -71,15 +72,15 @@ def size_picture(result: WorkspaceResult) -> Picture:
     robots = result.robots
     sizes, largest = [each.size for each in robots], max(each.size for each in robots)
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         at = np.arange(len(robots))[::-1]
         axes.barh(at, sizes, color=AFTER, height=0.6)
         for place, each in zip(at, robots, strict=True):
-            axes.text(each.size + 0.01 * largest, float(place), _size(each, each.size), va="center", fontsize=8)
+            axes.annotate(_size(each, each.size), (each.size + 0.01 * largest, place), va="center", fontsize=8)
         axes.set_yticks(at, [each.robot.name for each in robots])
         kinds = dict.fromkeys("area, m²" if each.plane else "volume, m³" for each in robots)
         axes.set(xlabel=", or ".join(kinds))
-        axes.set_xlim(0, 1.2 * largest)
+        axes.set(xlim=(0, 1.2 * largest))
 
     height = 0.8 + 0.32 * len(robots)
     return axes_picture("sizes", "Sizes of the workspaces", (5.6, height), draw, (1.9, 0.5, 0.15, 0.1))
@@ -147,7 +148,7 @@ def _section(cut: Cut, name: str) -> Picture:
     third = "xyz"[3 - sum(cut.axes)]
     level = f"{third} = {printed(round(1e3 * cut.level_m))} mm"
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: "matplotlib.axes.Axes") -> None:
         from matplotlib.collections import LineCollection
         from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
@@ -166,4 +167,4 @@ def _section(cut: Cut, name: str) -> Picture:
         axes.set(xlabel=f"{first}, mm", ylabel=f"{second}, mm", title=level)
         axes.locator_params(nbins=6)
 
-    return axes_picture(name, f"Section {first}-{second} at {level}", (4.6, 3.9), draw, (0.8, 0.5, 0.3, 0.3))
+    return figure_picture(name, f"Section {first}-{second} at {level}", (4.6, 3.9), draw, (0.8, 0.5, 0.3, 0.3))

@@ -1,21 +1,18 @@
 """Section 6.1: the volumes that the five carriers reach, hinges turning by 360° and slides moving by L."""
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lab.campaign.robot import load_robot
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.workspace.sections import carrier_volume
+from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.style import AFTER
 from lab.render.svg import axes_picture
 from lab.reproduction.answer import Answer, holds, number
 from lab.reproduction.item import Item
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["VOLUME_ITEMS"]
 
@@ -51,11 +48,11 @@ def _answers() -> tuple[Answer, ...]:
 def _picture() -> tuple[Picture, ...]:
     found = _volumes()
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         at = np.arange(len(found))[::-1]
         axes.barh(at, list(found.values()), color=AFTER, height=0.6)
         for place, value in zip(at, found.values(), strict=True):
-            axes.text(value + 0.4, float(place), f"{value:.2f}", va="center", fontsize=8)
+            axes.annotate(f"{value:.2f}", (value + 0.4, place), va="center", fontsize=8)
         axes.set_yticks(at, list(found))
         axes.set(xlabel="volume / L³", xlim=(0, 40))
 

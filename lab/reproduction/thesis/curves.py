@@ -1,21 +1,18 @@
 """Figures IV.1 and IV.2: the index O1 against the number of poses, and the convergence of its search."""
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lab.core.se3 import Array
 from lab.pose_selection.criteria import indices
+from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.style import AFTER, MUTED
 from lab.render.svg import axes_picture
 from lab.reproduction.answer import Answer, at_least, number
 from lab.reproduction.item import Item
 from lab.reproduction.thesis_case import converging, searched
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["CURVE_ITEMS"]
 
@@ -52,7 +49,7 @@ def _best() -> tuple[Answer, ...]:
 
 
 def _curve_picture() -> tuple[Picture, ...]:
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.plot(_COUNTS, _curve(), "o-", color=AFTER, markersize=4)
         axes.axvline(20, color=MUTED, linewidth=1, linestyle="--")
         axes.set(xlabel="number of poses", ylabel="O1 (mm, rad)")
@@ -61,7 +58,7 @@ def _curve_picture() -> tuple[Picture, ...]:
 
 
 def _trace_picture() -> tuple[Picture, ...]:
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         for row in _trace():
             axes.plot(range(len(row)), row, "o-", color=AFTER, markersize=3, linewidth=1, alpha=0.7)
         axes.axhline(PRINTED_BEST, color=MUTED, linewidth=1, linestyle="--")

@@ -1,22 +1,19 @@
 """Chapter II: the five observability indices and the ellipsoid of errors (equations II.1 to II.9, figure II.1)."""
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.pose_selection.criteria import indices
+from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.style import AFTER, INK, MUTED
 from lab.render.svg import axes_picture
 from lab.reproduction.answer import Answer, holds
 from lab.reproduction.item import Item
 from lab.reproduction.thesis_case import OFF, thesis_case
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["INDEX_ITEMS"]
 
@@ -69,7 +66,7 @@ def _ellipse() -> tuple[Picture, ...]:
     across = u.T @ J
     assert case.arm.chain.size == 6
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.plot(*circle, "-", color=MUTED, linewidth=1.2)
         axes.plot(*(across @ circle), "-", color=AFTER, linewidth=1.6)
         for i, size in enumerate(s):

@@ -1,0 +1,1 @@
+"""Charts of pages as SVG, without a drawing library: what draws into matplotlib's axes draws into these as well."""
