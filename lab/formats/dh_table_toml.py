@@ -23,6 +23,7 @@ from lab.formats.robot_toml import (
     LENGTHS,
     RATES,
     JointSection,
+    jerks_of,
     quoted,
     read_base,
     read_height,
@@ -45,7 +46,8 @@ _QUANTITIES = {"theta": ANGLES, "alpha": ANGLES, "beta": ANGLES, "d": LENGTHS, "
 _TURNED = 1e-9  # of a rotation's elements
 _KNOWN = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
-    "(of a slide _mm or _m), speed with _per_s and acceleration with _per_s2 after that, torque_nm (force_n), mass_kg"
+    "(of a slide _mm or _m), speed with _per_s, acceleration with _per_s2 and jerk with _per_s3 after that, torque_nm "
+    "(force_n), mass_kg"
 )
 _TOP_KEYS = {
     "name", "convention", "height_mm", "joint", "base", "tool", "corrections", "drive", "coupling", "link", "Z", "E"
@@ -102,7 +104,7 @@ def read_table(path: Path) -> RobotTable:
         if table[i, 4] != 0 and not parallel[i]:
             raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out here")
     signs = np.array([reader.sign() for reader in readers])
-    speed, acceleration = (np.array([reader.rate(name) for reader in readers]) for name in RATES)
+    speed, acceleration, jerk = (np.array([reader.rate(name) for reader in readers]) for name in RATES)
     mass_kg = np.array([reader.positive("mass", {"kg": 1.0}) for reader in readers])
     torque = np.array([reader.torque() for reader in readers])
     for reader in readers:
@@ -119,6 +121,7 @@ def read_table(path: Path) -> RobotTable:
         upper=np.array([high for _, high in limits]),
         speed=speed,
         acceleration=acceleration,
+        jerk=jerks_of(jerk),
         parallel=tuple(parallel),
     )
     if "corrections" in document:
@@ -148,7 +151,7 @@ def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
     axes = JointAxes(at[:, :3, 3], at[:, :3, 2] * chain.sign[:, None], np.zeros((0, 3)))
     limits = (chain.lower, chain.upper, chain.speed, chain.acceleration)
     found, _ = chain_from_axes(chain.name, chain.joint_names, chain.prismatic, axes, np.eye(4), last, limits)
-    return found
+    return replace(found, jerk=chain.jerk)
 
 
 def _place(path: Path, document: Mapping[str, Any]) -> Array | None:

@@ -18,6 +18,7 @@ __all__ = [
     "JointSection",
     "Section",
     "is_mechanism",
+    "jerks_of",
     "quoted",
     "read_base",
     "read_height",
@@ -29,7 +30,7 @@ __all__ = [
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 LENGTHS = {"m": 1.0, "mm": 1e-3}
-RATES = {"speed": "per_s", "acceleration": "per_s2"}
+RATES = {"speed": "per_s", "acceleration": "per_s2", "jerk": "per_s3"}
 
 
 class Section:
@@ -117,7 +118,7 @@ class JointSection(Section):
         self.prismatic = kind == "prismatic"
 
     def rate(self, quantity: str) -> float:
-        """The largest speed or acceleration; NaN where it is not given."""
+        """The largest speed, acceleration or jerk; NaN where it is not given."""
         units = LENGTHS if self.prismatic else ANGLES
         return self.positive(quantity, {f"{unit}_{RATES[quantity]}": factor for unit, factor in units.items()})
 
@@ -226,6 +227,11 @@ def read_tool(path: Path, section: Any) -> dict[str, Array]:
             raise LabError(f"{path}: [tool] {name} is {point!r}; give three numbers in metres, [x, y, z]")
         tool[str(name)] = np.array(point, dtype=np.float64)
     return tool
+
+
+def jerks_of(rates: Array) -> Array | None:
+    """Largest jerks ``(n,)`` of joints, infinite where one is not given (NaN); None where none is."""
+    return None if np.isnan(rates).all() else np.where(np.isnan(rates), np.inf, rates)
 
 
 def quoted(text: str) -> str:

@@ -22,6 +22,7 @@ class JointSpec:
         speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
         said_home: ``(n,)`` joint positions to start from, where somebody has said them.
         encoders: whose whole counts the joint positions are; None for ideal ones.
+        jerk: ``(n,)`` largest ones of the joints, rad or m per s^3, infinite where not limited; None where none is.
         gear_ratio: ``(n,)`` turns of each motor for a turn of its joint (rad per m of a slide); None where unknown.
     """
 
@@ -36,6 +37,7 @@ class JointSpec:
     said_home: Array | None = None
     encoders: Encoders | None = None
     gear_ratio: Array | None = None
+    jerk: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
+from lab.kinematics.trajectory.phases import Trajectory, joined
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
-from lab.kinematics.trajectory.trajectory import Trajectory, common_phases, joined
+from lab.kinematics.trajectory.trajectory import common_phases
 from lab.pose_selection.tsp import double_bridge, improve, lengths, random_starts
 
 __all__ = [

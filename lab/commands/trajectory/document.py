@@ -1,5 +1,7 @@
 """What a person reads of a motion: how long it takes, how near the joints come to their limits, and the curves."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lab.commands.provenance import provenance_section
@@ -7,14 +9,16 @@ from lab.commands.trajectory.result import TrajectoryResult
 from lab.commands.values import joint_values
 from lab.compensation.elastic_tracking import Tracking
 from lab.core.se3 import Array
+from lab.formats.programs.registry import path_file, refusal
 from lab.render.charts.axes import Axes
 from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings
-from lab.render.format import fixed
+from lab.render.format import fixed, sentence
 from lab.render.style import SERIES
 from lab.render.svg import axes_picture
 
 __all__ = ["curve_pictures", "trajectory_document"]
 
+_STILL = 1e-9  # rad/s or m/s
 MOST_LEGS = 40  # rows of the table of moves
 
 
@@ -27,9 +31,10 @@ def trajectory_document(result: TrajectoryResult) -> Document:
         (
             Warnings(result.warnings),
             Section("Moves", (_legs(result),)),
-            Section("Joints", (_joints(result), Paragraph(_LAWS[result.options.law], "note"))),
+            Section("Joints", (_joints(result), Paragraph(_laws(result), "note"))),
             *_errors(result),
             Section("Over time", (_figure(result),)),
+            Section("Files", (_files(result),)),
             provenance_section("trajectory", result.options, result.robot.sha256),
         ),
     )
@@ -40,6 +45,34 @@ _LAWS = {
     "own": "In moves of the joints all start and stop together, each with phases of its own.",
     "independent": "In moves of the joints all start together, and each stops as soon as it can.",
 }
+
+
+def _laws(result: TrajectoryResult) -> str:
+    """How the joints move together, and whether their jerk is limited."""
+    smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
+    return f"{_LAWS[result.options.law]} {smooth}."
+
+
+def _files(result: TrajectoryResult) -> Paragraph:
+    """What was checked, the program, and what it leaves to the controller."""
+    chain, controller = result.robot.chain, result.options.controller
+    checked = (
+        "The whole motion was checked for collisions, with the arm itself and with the surroundings that are known."
+        if result.checked
+        else f"Nothing was checked for collisions: {result.unchecked_reason}."
+    )
+    name = path_file(chain, controller)
+    if name is None:
+        return Paragraph(f"{checked} {sentence(refusal(chain, controller) or '')}")
+    words = f"{checked} {name} has the moves for the controller, which stops at each point and finds the way between."
+    passed = result.options.blend(result.chain) is not None or any(_passed(result))
+    return Paragraph(f"{words} Points that are passed without a stop here are stopped at there." if passed else words)
+
+
+def _passed(result: TrajectoryResult) -> Sequence[bool]:
+    """Whether the joints move at the end of each leg but the last."""
+    ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
+    return [bool(np.abs(speeds).max() > _STILL) for speeds in ends]
 
 
 def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
@@ -83,31 +116,37 @@ def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
 
 
 def curve_pictures(result: TrajectoryResult) -> tuple[Picture, ...]:
-    """Joint positions, speeds and accelerations over time; slides in mm, others in degrees."""
-    sampled, chain = result.sampled, result.robot.chain
-    parts = (("positions", sampled.joints, ""), ("speeds", sampled.speeds, "/s"),
-             ("accelerations", sampled.accelerations, "/s²"))  # fmt: skip
+    """Joint positions over time, slides in mm and others in degrees; then what they use of each limit, in per cent."""
+    sampled, chain = result.sampled, result.chain
     units = {"mm" if slides else "°" for slides in chain.prismatic}
-    return tuple(_curves(name, result, values, f"{' or '.join(sorted(units))}{per}") for name, values, per in parts)
+    positions = joint_values(chain.prismatic, sampled.joints)
+    rates = [("speeds", sampled.speeds, chain.speed), ("accelerations", sampled.accelerations, chain.acceleration)]
+    if sampled.jerks is not None and chain.jerk is not None:
+        rates.append(("jerks", sampled.jerks, chain.jerk))
+    return (
+        _curves("positions", result, positions, f"{' or '.join(sorted(units))}", limited=False),
+        *(_curves(name, result, 100 * values / limit, "% of the limit", limited=True) for name, values, limit in rates),
+    )
 
 
-def _curves(name: str, result: TrajectoryResult, values: Array, unit: str) -> Picture:
-    shown, times = joint_values(result.robot.chain.prismatic, values), result.sampled.times
+def _curves(name: str, result: TrajectoryResult, shown: Array, unit: str, *, limited: bool) -> Picture:
+    times, steps = result.sampled.times, name == ("accelerations" if result.chain.jerk is None else "jerks")
 
     def draw(axes: Axes) -> None:
         for j, (joint, column) in enumerate(zip(result.robot.chain.joint_names, shown.T, strict=True)):
-            colour = SERIES[j % len(SERIES)][0]
-            axes.plot(times, column, "-", color=colour, linewidth=1.3, label=joint, drawstyle=_STYLES[name])
+            colour, style = SERIES[j % len(SERIES)][0], "steps-post" if steps else "default"
+            axes.plot(times, column, "-", color=colour, linewidth=1.3, label=joint, drawstyle=style)
         for start in result.motion.starts[1:-1]:
             axes.axvline(start, color="0.85", linewidth=0.8, zorder=0)
+        for limit in (-100, 100) if limited else ():
+            axes.axhline(limit, color="0.4", linewidth=0.9, linestyle="--", zorder=0)
         axes.set(xlabel="time, s", ylabel=unit, title=name)
-        if name == "positions":
-            axes.legend(loc="best", fontsize=7)
+        if limited:
+            axes.set(ylim=(-112, 112), yticks=(-100, -50, 0, 50, 100))
+        else:
+            axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=7)
 
-    return axes_picture(name, f"Joint {name} over time", (7.5, 2.4), draw, (0.8, 0.5, 0.2, 0.3))
-
-
-_STYLES = {"positions": "default", "speeds": "default", "accelerations": "steps-post"}
+    return axes_picture(name, f"Joint {name} over time", (7.5, 2.4), draw, (0.8, 0.5, 0.8, 0.3))
 
 
 def _legs(result: TrajectoryResult) -> Table:
@@ -122,18 +161,31 @@ def _legs(result: TrajectoryResult) -> Table:
 
 def _joints(result: TrajectoryResult) -> Table:
     """Each joint's range, and its peaks beside its limits."""
-    chain, sampled, rows = result.robot.chain, result.sampled, []
-    ends = np.stack([sampled.joints.min(axis=0), sampled.joints.max(axis=0)])
-    numbers = [*ends, *result.motion.peaks, result.chain.speed, result.chain.acceleration]
-    shown = [joint_values(chain.prismatic, each) for each in numbers]
-    for j, name in enumerate(chain.joint_names):
-        low, high, speed, pull, most, most_pull = (each[j] for each in shown)
-        unit = "mm" if chain.prismatic[j] else "°"
-        rows.append((name, unit, f"{fixed(low, 2)} … {fixed(high, 2)}", f"{fixed(speed, 2)} of {fixed(most, 1)}",
-                     f"{fixed(pull, 2)} of {fixed(most_pull, 1)}"))  # fmt: skip
-    return Table(("joint", "", "from … to", "peak speed, per s", "peak acceleration, per s²"), tuple(rows))
+    chain, sampled = result.chain, result.sampled
+    low, high = (joint_values(chain.prismatic, each(sampled.joints, axis=0)) for each in (np.min, np.max))
+    speeds, accelerations = result.motion.peaks
+    rates = {"speed, per s": (speeds, chain.speed), "acceleration, per s²": (accelerations, chain.acceleration)}
+    if chain.jerk is not None:
+        rates["jerk, per s³"] = (result.motion.peak_jerk, chain.jerk)
+    columns = [_peaks(result, *each) for each in rates.values()]
+    rows = tuple(
+        (name, "mm" if chain.prismatic[j] else "°", f"{fixed(low[j], 2)} … {fixed(high[j], 2)}",
+         *(column[j] for column in columns))
+        for j, name in enumerate(chain.joint_names)
+    )  # fmt: skip
+    return Table(("joint", "", "from … to", *(f"peak {name}" for name in rates)), rows)
+
+
+def _peaks(result: TrajectoryResult, peaks: Array, limits: Array) -> list[str]:
+    """The largest rate of each joint, beside its limit."""
+    shown = (joint_values(result.chain.prismatic, each) for each in (peaks, limits))
+    return [
+        f"{fixed(peak, 2)} of {fixed(most, 1)}" if most < np.inf else "not limited"
+        for peak, most in zip(*shown, strict=True)
+    ]
 
 
 def _figure(result: TrajectoryResult) -> Figure:
-    caption = "Joint positions, speeds and accelerations; grey lines part the moves."
+    rates = "speeds and accelerations" if result.chain.jerk is None else "speeds, accelerations and jerks"
+    caption = f"Joint positions; {rates} as shares of each joint's limit (dashed). Grey lines part the moves."
     return Figure("curves", curve_pictures(result), caption)

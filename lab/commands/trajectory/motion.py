@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -30,19 +31,21 @@ class Leg:
     """A part of a motion.
 
     Attributes:
-        kind: ``joint``, ``line`` or ``circle``.
+        kind: how the tool or the joints move.
         points: ids of the points from its start to its end.
         stops: ``(k, n)`` joint positions at these points; of points that are passed at a distance, those they pass.
         move: how it moves.
         length_m, turn_rad: of the tool's path; NaN of moves of the joints.
+        speed_m_s: the tool's largest one on it; NaN of moves of the joints.
     """
 
-    kind: str
+    kind: Literal["joint", "line", "circle"]
     points: tuple[str, ...]
     stops: Array
     move: Move
     length_m: float = float("nan")
     turn_rad: float = float("nan")
+    speed_m_s: float = float("nan")
 
 
 def planned(options: TrajectoryOptions, arm: RigidArm, values: Array, chain: JointSpec, rows: PathRows) -> list[Leg]:
@@ -153,8 +156,10 @@ class _Planner:
             raise LabError(f"point {ids[-1]}: lines and circles start and end at rest; leave out the velocities there")
         with error_context(f"the {'circle' if circle else 'line'} to point {ids[-1]}"):
             move = path_move(self.arm, self.values, self.chain, path, self.here, self.options.feed)
-        shown = move.at(move.seconds * np.linspace(0, 1, 9))[0]
-        self.legs.append(Leg("circle" if circle else "line", ids, shown, move, path.length_m, path.turn_rad))
+        places = np.array([0.0, path.place_of(self._pose(i, T_start)[:3, 3]), 1.0] if circle else [0.0, 1.0])
+        speed = path.length_m * float(move.pace.peak_speed[0])
+        kind: Literal["line", "circle"] = "circle" if circle else "line"
+        self.legs.append(Leg(kind, ids, move.joints_at(places), move, path.length_m, path.turn_rad, speed))
         self.at(end, move.end)
         return end + 1
 

@@ -12,6 +12,7 @@ from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
+from lab.formats.programs.registry import Controller
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.cartesian import Feed
 
@@ -36,6 +37,9 @@ class TrajectoryOptions:
     """Largest speeds of the joints, ° (mm of a slide) per s; one for all, or one each; by default the robot's."""
     accelerations: Numbers = ()
     """Largest accelerations of the joints, ° (mm of a slide) per s²; one for all, or one each."""
+    jerks: Numbers = ()
+    """Largest jerks of the joints, ° (mm of a slide) per s³; one for all, or one each; by default the robot's. Where it
+    has none either, accelerations change at once."""
     feed_mm_s: float = 250.0
     """Largest speed of the tool on lines and circles."""
     feed_mm_s2: float = 2000.0
@@ -48,6 +52,12 @@ class TrajectoryOptions:
     """The tool's point in the last frame, or the platform's: x,y,z; by default its origin."""
     step_ms: float = 10.0
     """Time between the rows of trajectory.csv."""
+    cell: Path | None = None
+    """What stands around the robot, and its narrower limits: TOML; that of the run, if not given."""
+    no_check: Flag = False
+    """Check nothing for collisions."""
+    controller: Controller | None = None
+    """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
     run: Path | None = None
     """The folder of a run of lab calibrate or lab identify: how far its robot misses the way, and joint positions that
     make up for it. Its robot is taken."""
@@ -100,17 +110,22 @@ class TrajectoryOptions:
         return np.where(chain.prismatic, 1e-3 * (slides or 0.0), np.deg2rad(turns or 0.0))
 
     def rated(self, chain: JointSpec) -> JointSpec:
-        """The joints with the speeds and accelerations that are given.
+        """The joints with the speeds, accelerations and jerks that are given.
 
         Raises:
             LabError: there are not as many as joints, or one is not above zero.
         """
         scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
-        found = {"speed": chain.speed, "acceleration": chain.acceleration}
-        for name, given in (("speed", self.speeds), ("acceleration", self.accelerations)):
+        found = dict[str, Array]()
+        for name, given in (("speed", self.speeds), ("acceleration", self.accelerations), ("jerk", self.jerks)):
             if not given:
                 continue
             if len(given) not in (1, chain.size) or not all(0 < each < np.inf for each in given):
                 raise LabError(f"--{name}s: give one number above zero for all joints, or {chain.size} of them")
             found[name] = np.broadcast_to(given, chain.size) * scale
-        return replace(chain, speed=found["speed"], acceleration=found["acceleration"])
+        return replace(
+            chain,
+            speed=found.get("speed", chain.speed),
+            acceleration=found.get("acceleration", chain.acceleration),
+            jerk=found.get("jerk", chain.jerk),
+        )

@@ -16,9 +16,11 @@ from lab.commands.trajectory.options import TrajectoryOptions
 from lab.commands.trajectory.tracked import TrackedArm, tracking_along
 from lab.commands.values import joint_values, number
 from lab.compensation.elastic_tracking import Tracking
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.csv_table import write_columns
+from lab.formats.programs.registry import path_file, path_program, refusal
 from lab.kinematics.effects.effect import AXES
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.motion import Motion
@@ -39,6 +41,7 @@ class Sampled:
         times: ``(k,)`` s.
         joints, speeds, accelerations: ``(k, n)`` rad or m, per s, per s^2.
         Ts_base_tool: ``(k, 4, 4)`` m.
+        jerks: ``(k, n)`` rad or m per s^3; None where they are not limited.
     """
 
     times: Array
@@ -46,6 +49,7 @@ class Sampled:
     speeds: Array
     accelerations: Array
     Ts_base_tool: Array
+    jerks: Array | None = None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -71,6 +75,20 @@ class TrajectoryResult(Result):
         """0: what cannot be moved is refused."""
         return 0
 
+    @property
+    def checked(self) -> bool:
+        """Whether the motion is looked at for collisions."""
+        return not self.unchecked_reason
+
+    @property
+    def unchecked_reason(self) -> str:
+        """Why nothing is looked at for collisions; empty where it is."""
+        if self.options.no_check:
+            return "--no-check"
+        if self.robot.model.shapes_assumed and self.robot.cell is None:
+            return "its links are drawn as rods, which are checked with --cell alone"
+        return self.robot.model.missing
+
     @cached_property
     def motion(self) -> Motion:
         """All legs, one after the other."""
@@ -83,7 +101,8 @@ class TrajectoryResult(Result):
         joints, speeds, accelerations = self.motion.at(times)
         arm = self.robot.arm(("p1",))
         Ts = arm.tool(joints, arm.nominal({"p1": self.options.tool_m}))[0]
-        return Sampled(times, joints, speeds, accelerations, Ts)
+        jerks = None if self.chain.jerk is None else self.motion.jerks_at(times)
+        return Sampled(times, joints, speeds, accelerations, Ts, jerks)
 
     @cached_property
     def tracking(self) -> Tracking | None:
@@ -106,6 +125,8 @@ class TrajectoryResult(Result):
             "speed_limits": _told(chain, self.chain.speed),
             "peak_accelerations": _told(chain, peaks[1]),
             "acceleration_limits": _told(chain, self.chain.acceleration),
+            "peak_jerks": None if self.chain.jerk is None else _told(chain, self.motion.peak_jerk),
+            "jerk_limits": None if self.chain.jerk is None else _told(chain, self.chain.jerk),
             "legs": [
                 {
                     "move": leg.kind,
@@ -117,6 +138,9 @@ class TrajectoryResult(Result):
                 }
                 for leg in self.legs
             ],
+            "checked": self.checked,
+            "program": path_file(chain, self.options.controller),
+            "no_program": refusal(chain, self.options.controller),
             "tracking": self._tracking_values(),
             "warnings": list(self.warnings),
         }
@@ -142,19 +166,26 @@ class TrajectoryResult(Result):
         return trajectory_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each time: joint positions, speeds and accelerations, and the tool's position, mm and degrees."""
+        """A row for each time: joint positions, speeds and accelerations, mm and degrees, and where the tool is.
+
+        Where jerks are limited these are there, too. The tool's orientation in the base is a quaternion.
+        """
         chain, sampled = self.robot.chain, self.sampled
         table: dict[str, Sequence[Any]] = {"time_s": sampled.times.tolist()}
         names = [
             (name, "mm" if slides else "deg") for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
         ]
         parts = ((sampled.joints, "{0}_{1}"), (sampled.speeds, "speed_{0}_{1}_per_s"),
-                 (sampled.accelerations, "acceleration_{0}_{1}_per_s2"))  # fmt: skip
+                 (sampled.accelerations, "acceleration_{0}_{1}_per_s2"),
+                 *([] if sampled.jerks is None else [(sampled.jerks, "jerk_{0}_{1}_per_s3")]))  # fmt: skip
         for values, heading in parts:
             for (name, unit), column in zip(names, joint_values(chain.prismatic, values).T, strict=True):
                 table[heading.format(name, unit)] = column.tolist()
         for i, axis in enumerate("xyz"):
             table[f"tool_{axis}_mm"] = (1e3 * sampled.Ts_base_tool[:, i, 3]).tolist()
+        quaternions = _steady(se3.quaternion_from_rotation(sampled.Ts_base_tool[:, :3, :3]))
+        for part, column in zip("wxyz", quaternions.T, strict=True):
+            table[f"tool_q{part}"] = column.tolist()
         return table
 
     def corrected_columns(self) -> Mapping[str, Sequence[Any]]:
@@ -184,9 +215,10 @@ class TrajectoryResult(Result):
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, ``trajectory.csv``, ``report.html`` and ``recording.rrd``.
 
-        Of an arm whose errors are known also ``corrected.csv``.
+        Of an arm whose errors are known also ``corrected.csv``, and the program where the controller is known.
         """
         from lab.commands.run_folder import config, write_json
+        from lab.commands.trajectory.moves import path_moves
         from lab.commands.trajectory.recording import record_trajectory
 
         write_json(folder / "config.json", config("trajectory", self.options, self.robot.sha256))
@@ -194,8 +226,17 @@ class TrajectoryResult(Result):
         write_columns(folder / "trajectory.csv", self.columns())
         if self.tracking is not None:
             write_columns(folder / "corrected.csv", self.corrected_columns())
+        if (name := path_file(self.robot.chain, self.options.controller)) is not None:
+            program = path_program(self.robot.chain, self.options.controller, path_moves(self))
+            (folder / name).write_bytes(program)
         self.report(folder / "report.html")
         record_trajectory(folder / "recording.rrd", self)
+
+
+def _steady(quaternions: Array) -> Array:
+    """Quaternions ``(k, 4)`` of the same rotations, without a change of sign from one to the next."""
+    turned = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+    return np.asarray(quaternions * np.cumprod(np.append(1.0, turned))[:, None])
 
 
 def _mean_and_max(error: Array) -> dict[str, float | None]:
@@ -204,5 +245,5 @@ def _mean_and_max(error: Array) -> dict[str, float | None]:
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
-def _told(chain: JointSpec, values: Array) -> list[float]:
-    return [tidy(value) for value in joint_values(chain.prismatic, values)]
+def _told(chain: JointSpec, values: Array) -> list[float | None]:
+    return [tidy(value) if np.isfinite(value) else None for value in joint_values(chain.prismatic, values)]

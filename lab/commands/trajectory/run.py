@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of
 from lab.commands.keywords import options_of, takes
+from lab.commands.trajectory.collisions import refuse_collisions
 from lab.commands.trajectory.motion import planned
 from lab.commands.trajectory.options import TrajectoryOptions
 from lab.commands.trajectory.result import TrajectoryResult
@@ -57,6 +58,7 @@ def trajectory(
     legs = planned(points, arm, arm.nominal({"p1": points.tool_m}), chain, rows)
     tracked = tracked_arm(points, robot, known)
     found = TrajectoryResult(points, robot, chain, tuple(legs), (*robot.warnings, *said, *rows.warnings), tracked)
+    refuse_collisions(found)
     if tracked is None or found.tracking is None:
         return found
     more = tracking_warnings(tracked, found.tracking, found.sampled.joints)
@@ -67,7 +69,7 @@ def _calibrated(options: TrajectoryOptions, run: "str | Path | CalibrationResult
     """The run that is asked for; None without one."""
     if options.run is None:
         return None
-    found = calibrated_by(run, options.run, options.load, accept_edited=options.accept_edited)
+    found = calibrated_by(run, options.run, options.load, options.cell, accept_edited=options.accept_edited)
     if options.robot not in (TrajectoryOptions.robot, found.robot.name, found.robot.source):
         raise LabError(f"--robot {options.robot}: the run {options.run} is of {found.robot.name}; leave out --robot")
     if not options.force:
@@ -77,5 +79,5 @@ def _calibrated(options: TrajectoryOptions, run: "str | Path | CalibrationResult
 
 def _robot(options: TrajectoryOptions) -> Robot:
     """The nominal robot; elastic links without masses take the assumed ones."""
-    robot = load_robot(options.robot)
-    return load_virtual(options.robot) if robot.link_compliances is not None and robot.loads is None else robot
+    robot = load_robot(options.robot, options.cell)
+    return load_virtual(robot) if robot.link_compliances is not None and robot.loads is None else robot

@@ -11,7 +11,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.reading.fanuc import read_fanuc
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.spelling import FIXED_XYZ
@@ -22,6 +22,7 @@ from lab.formats.programs.steps import (
     checked_words,
     move_steps,
     numbers,
+    path_steps,
     tour_steps,
 )
 
@@ -63,17 +64,35 @@ class FanucLs(SixAxisLanguage):
         ]
         return _listing("MOVE_TO_TARGETS", [f"{len(moves.ids)} TARGETS", *frames], moves.checked, move_steps(moves))
 
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """A program ``MOVE_ALONG_PATH``; its positions are joint positions on lines and circles, too."""
+        notes = [f"{len(moves.ids)} POINTS", *(f"UTOOL {each}" for each in _frame(moves.T_last_tool))]
+        notes += ["CORRECTION IS IN THE JOINTS"] if moves.corrected else []
+        return _listing("MOVE_ALONG_PATH", notes, moves.checked, path_steps(moves))
+
 
 def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:
     lines = [f"!{each}" for each in (*notes, *wrap(checked_words(checked), _LONGEST), *_NOTES)]
     for i, step in enumerate(steps, start=1):
-        lines += [f"!{ascii_words(step.words)}", f"J P[{i}] {_PER_CENT}% FINE"]
+        lines.append(f"!{ascii_words(step.words)}")
+        if step.kind != "via":
+            lines.append(_move(i, step))
         lines += [f"WAIT {step.wait_s:6.2f}(sec)"] if step.wait_s else []
-    numbered = [f"{i:4d}:{'' if line[0] == 'J' else '  '}{line} ;" for i, line in enumerate(lines, start=1)]
+    numbered = [f"{i:4d}:{'' if line[0] in 'JLC' else '  '}{line} ;" for i, line in enumerate(lines, start=1)]
     head = [f"/PROG  {name}", "/ATTR", 'COMMENT = "lab";', f"LINE_COUNT = {len(numbered)};"]
     head += ["DEFAULT_GROUP = 1,*,*,*,*;", "/MN"]
     positions = [_position(i, step.joints) for i, step in enumerate(steps, start=1)]
     return ("\r\n".join([*head, *numbered, "/POS", *positions, "/END"]) + "\r\n").encode("ascii")
+
+
+def _move(number: int, step: Step) -> str:
+    """The instruction that goes to a position; that of a circle takes two rows."""
+    if step.pace is None:
+        return f"J P[{number}] {_PER_CENT}% FINE"
+    took = f"{max(int(np.ceil(1e3 * step.pace.seconds)), 1)}msec FINE"
+    if step.kind == "circle":
+        return f"C P[{number - 1}]\r\n    :  P[{number}] {took}"
+    return f"{'L' if step.kind == 'line' else 'J'} P[{number}] {took}"
 
 
 def _position(number: int, joints: Array) -> str:

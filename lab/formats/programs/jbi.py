@@ -17,7 +17,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.programs.postures import Postures
-from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.reading.jbi import read_jbi
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.spelling import FIXED_XYZ
@@ -28,6 +28,7 @@ from lab.formats.programs.steps import (
     checked_words,
     move_steps,
     numbers,
+    path_steps,
     tour_steps,
 )
 
@@ -77,6 +78,17 @@ class Jbi(SixAxisLanguage):
         head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
         return _job("PROGRAM", head, notes, move_steps(moves), postures, Ts)
 
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """A job ``PATH`` in user frame 1 with tool 1; a circle begins with the position that it starts at."""
+        frames = [
+            *(f"TOOL 1 {each}" for each in _frame(moves.T_last_tool)),
+            *(f"USER 1 {each}" for each in _frame(moves.T_frame0_base)),
+        ]
+        correction = ["CORRECTION IS IN THE POSITIONS"] if moves.corrected else []
+        notes = [f"{len(moves.ids)} POINTS", *correction, *_checked(moves.checked), *frames]
+        head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
+        return _job("PATH", head, notes, path_steps(moves), _known(moves.postures), moves.Ts_base_tool)
+
 
 def _known(postures: Postures | None) -> Postures:
     """The nominal arm's postures, which every arm with six revolute joints has."""
@@ -100,9 +112,20 @@ def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], po
     lines += ["//INST", "///DATE 2000/01/01 00:00", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
     lines += [f"'{each}" for each in (*notes, *_NOTES)]
     for i, step in enumerate(steps):
-        lines += [f"'{ascii_words(step.words)[: _LONGEST - 1]}", f"MOVJ C{i:05d} VJ={_PER_CENT:.2f}"]
+        lines += [f"'{ascii_words(step.words)[: _LONGEST - 1]}", *_move(i, step)]
         lines += [f"TIMER T={step.wait_s:.2f}"] if step.wait_s else []
     return ("\r\n".join([*lines, "END"]) + "\r\n").encode("ascii")
+
+
+def _move(number: int, step: Step) -> list[str]:
+    """The instructions that go to a position; none to one that is passed on the circle to the next."""
+    if step.kind == "via":
+        return []
+    if step.pace is None or step.kind == "joint":
+        return [f"MOVJ C{number:05d} VJ={_PER_CENT if step.pace is None else step.pace.per_cent:.2f}"]
+    speed = f"V={step.pace.mm_s:.1f}"
+    circle = [f"MOVC C{i:05d} {speed}" for i in (number - 2, number - 1, number)]
+    return circle if step.kind == "circle" else [f"MOVL C{number:05d} {speed}"]
 
 
 def _configuration(joints: Array, in_front: bool, elbow_up: bool) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.reading.krl import read_krl
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.spelling import MOVING_ZYX
@@ -20,6 +20,8 @@ from lab.formats.programs.steps import (
     move_notes,
     move_steps,
     numbers,
+    path_notes,
+    path_steps,
     tour_notes,
     tour_steps,
 )
@@ -63,15 +65,47 @@ class Krl(SixAxisLanguage):
         frames = [f"$TOOL = {_frame(moves.T_last_tool)}", f"$BASE = {_frame(moves.T_frame0_instrument)}"]
         return _module("move_to_targets", head, frames, move_steps(moves))
 
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """A module ``move_along_path``; lines and circles are of the tool in the base that the points are in."""
+        head = [
+            *(f"; {note}" for note in path_notes(moves)),
+            "; Axis zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            "; $TOOL and $BASE hold where the flange is the last frame of the lab's table, and the robot root is",
+            "; frame 0 of it. Declare the tool's load before.",
+        ]
+        frames = [f"$TOOL = {_frame(moves.T_last_tool)}", f"$BASE = {_frame(moves.T_frame0_base)}"]
+        frames += ["$ORI_TYPE = #VAR", "$CIRC_TYPE = #BASE"]
+        return _module("move_along_path", head, frames, path_steps(moves))
+
 
 def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) -> bytes:
     lines = [f"DEF {re.sub(r'[^A-Za-z0-9_]', '_', name)}()", *head, "BAS(#INITMOV, 0)", f"BAS(#VEL_PTP, {_PER_CENT})"]
     lines += frames
+    via = ""
     for step in steps:
-        axes = ", ".join(f"A{i} {each}" for i, each in enumerate(numbers(np.rad2deg(step.joints), _DIGITS), start=1))
-        lines += [f"; {step.words}", f"PTP {{AXIS: {axes}}}"]
+        lines.append(f"; {step.words}")
+        if step.kind == "via":
+            via = _place(step)
+            continue
+        lines += _move(step, via)
         lines += [f"WAIT SEC {step.wait_s:.1f}"] if step.wait_s else []
     return ("\r\n".join(["&ACCESS RVO", *lines, "END"]) + "\r\n").encode("ascii")
+
+
+def _move(step: Step, via: str) -> list[str]:
+    """The instructions that go to a stop, with the speed before."""
+    if step.kind in ("line", "circle") and step.pace is not None:
+        move = f"CIRC {via}, {_place(step)}" if step.kind == "circle" else f"LIN {_place(step)}"
+        return [f"$VEL.CP = {step.pace.mm_s / 1e3:.4f}", move]
+    axes = ", ".join(f"A{i} {each}" for i, each in enumerate(numbers(np.rad2deg(step.joints), _DIGITS), start=1))
+    speed = [] if step.pace is None else [f"BAS(#VEL_PTP, {step.pace.per_cent})"]
+    return [*speed, f"PTP {{AXIS: {axes}}}"]
+
+
+def _place(step: Step) -> str:
+    """Where the tool is at a stop."""
+    assert step.T is not None
+    return _frame(step.T)
 
 
 def _frame(matrix: Array) -> str:

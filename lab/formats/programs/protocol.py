@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,9 @@ from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.spelling import PoseSpelling
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["PAUSE_S", "Language", "MeasuringTour", "TargetMoves"]
+__all__ = ["PAUSE_S", "Language", "MeasuringTour", "MoveKind", "PathMoves", "TargetMoves"]
+
+MoveKind = Literal["joint", "line", "via", "circle"]
 
 PAUSE_S = 3  # how long a program waits at each pose that is measured
 
@@ -71,6 +73,41 @@ class TargetMoves:
     postures: Postures | None = None
 
 
+@dataclass(frozen=True)
+class PathMoves:
+    """A trajectory as a controller's moves, each from stop to stop: the controller works out what is between.
+
+    Attributes:
+        robot: the robot's name.
+        ids: what the points' file calls the stops, ``(s,)``.
+        kinds: how each is reached, ``(s,)``: the first by a joint move; a circle passes the ``via`` before it.
+        stops: ``(s, n)`` joint positions (rad, m of a slide).
+        Ts_base_tool: ``(s, 4, 4)`` poses (m) of the tool there, of the nominal arm, in the base of the points.
+        seconds: ``(s,)`` how long the planned move to each takes; NaN of the first and of ``via``.
+        shares: ``(s,)`` the largest speed of a joint on the way, as a share of what the robot's table has.
+        speeds_m_s: ``(s,)`` the largest speed of the tool on the way; NaN of joint moves.
+        T_last_tool: pose ``(4, 4)`` (m) of the tool in the table's last frame.
+        T_frame0_base: pose ``(4, 4)`` (m) of that base in frame 0.
+        checked: whether the motion was checked for collisions.
+        corrected: whether a calibration's correction is in the joint positions.
+        postures: the nominal arm's at the stops; None where it has no table.
+    """
+
+    robot: str
+    ids: Sequence[str]
+    kinds: Sequence[MoveKind]
+    stops: Array
+    Ts_base_tool: Array
+    seconds: Array
+    shares: Array
+    speeds_m_s: Array
+    T_last_tool: Array
+    T_frame0_base: Array
+    checked: bool
+    corrected: bool
+    postures: Postures | None = None
+
+
 class Language(Protocol):
     """The language of a controller."""
 
@@ -106,6 +143,9 @@ class Language(Protocol):
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         """The file of a program that goes to the compensated targets."""
+
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """The file of a program that moves along a trajectory: by its joints, on lines and on circles of the tool."""
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """The targets and moves of a program in it.

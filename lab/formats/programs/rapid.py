@@ -8,10 +8,11 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.rapid import read_rapid
 from lab.formats.programs.reading.spelling import QUATERNION
+from lab.formats.programs.steps import path_steps
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["Rapid"]
@@ -22,6 +23,7 @@ _LONGEST_NAME = 32
 _LONGEST_ID = 60  # characters of an id in a comment
 _PREFIX = "j_"  # of joint targets: no reserved word and nothing of the controller begins so
 _TOOL, _WORK_OBJECT = "calibration_tool", "instrument_frame"
+_PATH_TOOL = "path_tool"
 _LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"  # a controller moves no tool without a mass and a centre
 _SAME = "[[0,0,0],[1,0,0,0]]"  # the object's frame is the user's
 _NO_AXES = "[" + ",".join(["9E+09"] * _AXES) + "]"  # external axes that are not there
@@ -104,6 +106,30 @@ class Rapid:
             lines.append(_move(name, _TOOL))
             lines += [f'    TPWrite "{name}: {i + 1} of {len(ids)}";'] if i >= 0 else []
         return _module(_name(f"program_{moves.robot}"), [*head, *data, *targets], "move_to_targets", lines)
+
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """A module with a procedure ``move_along_path``: joint targets, and of lines and circles their robtargets."""
+        head = [
+            f"  ! A path of {moves.robot!a} through {len(moves.ids)} points, {np.nansum(moves.seconds):.3f} s planned.",
+            *(["  ! The correction is in the joint angles at the points."] if moves.corrected else []),
+            _checked(moves.checked),
+            "  ! Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            "  ! The load is a placeholder: declare the real one.",
+            f"  PERS tooldata {_PATH_TOOL}:=[TRUE,{_pose(moves.T_last_tool)},{_LOAD}];",
+        ]
+        targets, lines, via = [], list[str](), ""
+        names = _target_names([f"{i + 1}_{each}" for i, each in enumerate(moves.ids)])
+        for step, name, degrees in zip(path_steps(moves), names, _degrees(moves.stops), strict=True):
+            targets.append(_joint_target(name, degrees))
+            robtarget = f"CalcRobT({name},{_PATH_TOOL})"
+            if step.kind == "via":
+                via = robtarget
+            elif step.pace is None:
+                lines.append(_move(name, _PATH_TOOL))
+            else:
+                to = {"joint": f"MoveAbsJ {name}", "line": f"MoveL {robtarget}", "circle": f"MoveC {via},{robtarget}"}
+                lines.append(f"    {to[step.kind]},{_SPEED}\\T:={step.pace.seconds:.4f},fine,{_PATH_TOOL};")
+        return _module(_name(f"path_{moves.robot}"), [*head, *targets], "move_along_path", lines)
 
 
 def _checked(checked: bool) -> str:

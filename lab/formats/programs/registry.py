@@ -9,7 +9,7 @@ from lab.core.errors import LabError, error_context
 from lab.formats.programs.fanuc import FanucLs
 from lab.formats.programs.jbi import Jbi
 from lab.formats.programs.krl import Krl
-from lab.formats.programs.protocol import Language, MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import Language, MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.rapid import Rapid
 from lab.formats.programs.reading.numbers import values_of
 from lab.formats.programs.reading.program_text import Outside, ProgramText, refuse_unknown_frames
@@ -24,6 +24,8 @@ __all__ = [
     "Controller",
     "is_program_file",
     "language_of",
+    "path_file",
+    "path_program",
     "plan_files",
     "plan_or_refusal",
     "program_file_names",
@@ -87,6 +89,19 @@ def target_files(joints: JointSpec, controller: str | None, moves: TargetMoves) 
     """The moves to compensated targets in the controller's language, by the file's name."""
     language = _language(joints, controller)
     return {} if language is None else {PROGRAM + language.suffix: language.target_moves(moves)}
+
+
+def path_file(joints: JointSpec, controller: str | None) -> str | None:
+    """The name of the file of a trajectory's program; None where there is none."""
+    language = _language(joints, controller)
+    return None if language is None else PROGRAM + language.suffix
+
+
+def path_program(joints: JointSpec, controller: str | None, moves: PathMoves) -> bytes:
+    """A trajectory's program in the controller's language, which ``path_file`` has found."""
+    language = _language(joints, controller)
+    assert language is not None
+    return language.path_moves(moves)
 
 
 def _plan_file(language: Language, station: str) -> str:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, MoveKind, PathMoves, TargetMoves
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
-    "SixAxisLanguage", "Step", "ascii_words", "checked_words", "move_notes", "move_steps", "numbers", "tour_notes",
-    "tour_steps",
+    "Pace", "SixAxisLanguage", "Step", "ascii_words", "checked_words", "move_notes", "move_steps", "numbers",
+    "path_notes", "path_steps", "tour_notes", "tour_steps",
 ]  # fmt: skip
 
 _CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
@@ -20,18 +20,39 @@ _AXES = 6
 
 
 @dataclass(frozen=True)
+class Pace:
+    """How fast a planned move is.
+
+    Attributes:
+        seconds: what it takes.
+        per_cent: 1 to 100, the largest speed of a joint, of that it can have.
+        mm_s: the largest speed of the tool; 0 of joint moves.
+    """
+
+    seconds: float
+    per_cent: int
+    mm_s: float
+
+
+@dataclass(frozen=True)
 class Step:
-    """A move of all joints in a straight line to a stop.
+    """A move to a stop: of all joints in a straight line, if ``kind`` says nothing else.
 
     Attributes:
         joints: ``(n,)`` rad, m of a slide.
         words: what the stop is, for a comment: letters, digits and blanks.
         wait_s: how long to stand there.
+        kind: how it is reached; a ``via`` is passed on the circle to the next one.
+        pace: how fast; None at the language's own, careful speed.
+        T: pose ``(4, 4)`` (m) of the tool there; None where joint positions suffice.
     """
 
     joints: Array
     words: str
     wait_s: float
+    kind: MoveKind = "joint"
+    pace: Pace | None = None
+    T: Array | None = None
 
 
 def tour_steps(tour: MeasuringTour) -> list[Step]:
@@ -51,6 +72,19 @@ def move_steps(moves: TargetMoves) -> list[Step]:
         Step(joints, f"target {ascii_words(moves.ids[i])}" if i >= 0 else "via", 0.0)
         for i, joints in zip(moves.which.tolist(), moves.stops, strict=True)
     ]
+
+
+def path_steps(moves: PathMoves) -> list[Step]:
+    """The steps of a trajectory: to its start at the language's own speed, then at the planned ones."""
+    steps = list[Step]()
+    for i, kind in enumerate(moves.kinds):
+        pace = None
+        if np.isfinite(moves.seconds[i]):
+            per_cent = min(max(int(np.ceil(100 * moves.shares[i] - 1e-6)), 1), 100)
+            pace = Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(1e3 * moves.speeds_m_s[i])))
+        words = f"{'via' if kind == 'via' else 'point'} {ascii_words(moves.ids[i])}"
+        steps.append(Step(moves.stops[i], words, 0.0, kind, pace, moves.Ts_base_tool[i]))
+    return steps
 
 
 class SixAxisLanguage:
@@ -83,6 +117,16 @@ def move_notes(moves: TargetMoves, positions: str = "joints") -> list[str]:
     """
     return [
         f"{len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the {positions}.",
+        checked_words(moves.checked),
+    ]
+
+
+def path_notes(moves: PathMoves) -> list[str]:
+    """What a trajectory is, and whether it was checked, for comments."""
+    took = f"{float(np.nansum(moves.seconds)):.3f} s planned"
+    return [
+        f"A path of {ascii_words(moves.robot)} through {len(moves.ids)} points, {took} from its first point.",
+        *(["The correction is in the joint positions at the points."] if moves.corrected else []),
         checked_words(moves.checked),
     ]
 

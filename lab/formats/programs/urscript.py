@@ -8,7 +8,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.spelling import ROTATION_VECTOR
 from lab.formats.programs.reading.urscript import read_urscript
@@ -18,6 +18,8 @@ from lab.formats.programs.steps import (
     move_notes,
     move_steps,
     numbers,
+    path_notes,
+    path_steps,
     tour_notes,
     tour_steps,
 )
@@ -61,14 +63,37 @@ class UrScript(SixAxisLanguage):
         ]
         return _script("move_to_targets", head, move_steps(moves))
 
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """A function ``move_along_path``; poses are given by joint positions, from which the controller has them."""
+        head = [
+            *(f"  # {note}" for note in path_notes(moves)),
+            "  # Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  set_tcp({_pose(moves.T_last_tool)})",
+        ]
+        return _script("move_along_path", head, path_steps(moves))
+
 
 def _script(name: str, head: list[str], steps: list[Step]) -> bytes:
     lines = [f"def {name}():", *head]
+    via = ""
     for step in steps:
-        joints = ", ".join(numbers(step.joints, _DIGITS))
-        lines += [f"  # {step.words}", f"  movej([{joints}], a={_ACCELERATION:g}, v={_SPEED:g})"]
+        joints = f"[{', '.join(numbers(step.joints, _DIGITS))}]"
+        lines.append(f"  # {step.words}")
+        if step.kind == "via":
+            via = joints
+            continue
+        lines.append(f"  {_move(step, joints, via)}")
         lines += [f'  textmsg("{step.words}")', f"  sleep({step.wait_s:.1f})"] if step.wait_s else []
     return ("\n".join([*lines, "end", f"{name}()"]) + "\n").encode("ascii")
+
+
+def _move(step: Step, joints: str, via: str) -> str:
+    """The instruction that goes to joint positions; a circle is given a speed, as it takes no time."""
+    if step.pace is None:
+        return f"movej({joints}, a={_ACCELERATION:g}, v={_SPEED:g})"
+    if step.kind == "circle":
+        return f"movec({via}, {joints}, v={step.pace.mm_s / 1e3:.4f}, mode=0)"
+    return f"{'movel' if step.kind == 'line' else 'movej'}({joints}, t={step.pace.seconds:.4f})"
 
 
 def _pose(matrix: Array) -> str:

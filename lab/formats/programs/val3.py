@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import MeasuringTour, TargetMoves
+from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.spelling import MOVING_XYZ
 from lab.formats.programs.reading.val3 import read_val3
@@ -19,6 +19,8 @@ from lab.formats.programs.steps import (
     move_notes,
     move_steps,
     numbers,
+    path_notes,
+    path_steps,
     tour_notes,
     tour_steps,
 )
@@ -65,12 +67,23 @@ class Val3(SixAxisLanguage):
         local = {"jTo": "joint", "trTool": "trsf", "trFrame": "trsf"}
         return _program("moveToTargets", local, head, move_steps(moves))
 
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """A program ``moveAlongPath``; points of lines and circles are made from joint positions by the controller."""
+        head = [
+            *(f"  // {note}" for note in path_notes(moves)),
+            "  // Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  tPath.trsf={_frame(moves.T_last_tool)}",
+            "  mPath=mNomSpeed",
+        ]
+        local = {"jTo": "joint", "pVia": "point", "pTo": "point", "tPath": "tool", "mPath": "mdesc"}
+        return _program("moveAlongPath", local, head, path_steps(moves))
+
 
 def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step]) -> bytes:
     lines = ["begin", *head, _NOTE]
     for step in steps:
         joints = ",".join(numbers(np.rad2deg(step.joints), _DIGITS))
-        lines += [f"  // {step.words}", f"  jTo={{{joints}}}", "  movej(jTo,flange,mNomSpeed)", "  waitEndMove()"]
+        lines += [f"  // {step.words}", f"  jTo={{{joints}}}", *(f"  {each}" for each in _move(step))]
         lines += [f"  delay({step.wait_s:.1f})"] if step.wait_s else []
     code = "\n".join([*lines, "end"])
     variables = [f'      <Local name="{key}" type="{kind}" xsi:type="array" size="1" />' for key, kind in local.items()]
@@ -86,6 +99,24 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step
         "</Programs>",
     ]
     return ("\n".join(text) + "\n").encode("ascii")
+
+
+def _move(step: Step) -> list[str]:
+    """The instructions that go to ``jTo``, or keep it as the point that a circle passes."""
+    if step.kind == "via":
+        return ["pVia=jointToPoint(tPath,world,jTo)"]
+    if step.pace is None:
+        return ["movej(jTo,flange,mNomSpeed)", "waitEndMove()"]
+    if step.kind == "joint":
+        return [f"mPath.vel={step.pace.per_cent}", "movej(jTo,flange,mPath)", "waitEndMove()"]
+    move = "movec(pVia,pTo,tPath,mPath)" if step.kind == "circle" else "movel(pTo,tPath,mPath)"
+    return [
+        "mPath.vel=100",
+        f"mPath.tvel={step.pace.mm_s:.2f}",
+        "pTo=jointToPoint(tPath,world,jTo)",
+        move,
+        "waitEndMove()",
+    ]
 
 
 def _frame(matrix: Array) -> str:

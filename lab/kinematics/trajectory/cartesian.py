@@ -1,16 +1,16 @@
 """Straight lines and circles of the tool in space, with its orientation, as fast as the joints can.
 
 A path is p(s), R(s) for s from 0 to 1. The orientation turns about one fixed axis, evenly with s (Khalil & Dombre 2002,
-section 13.4). The joints follow it by Newton's method from pose to pose; s then runs with that trapezoid of
-speed which is the quickest of all that keep every joint's speed q' ds/dt and acceleration q'' (ds/dt)^2 + q' d2s/dt2
-within its limits.
+section 13.4). The joints follow it by Newton's method from pose to pose; s then runs over time by the quickest law of
+its kind (``pace``) that keeps every joint within its limits. With v, a and j the derivatives of s by time, and q1, q2
+and q3 those of a joint by s, its speed is q1 v, its acceleration q2 v^2 + q1 a and its jerk q3 v^3 + 3 q2 v a + q1 j.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from lab.core import se3
 from lab.core.errors import LabError
@@ -18,16 +18,19 @@ from lab.core.se3 import Array
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
+from lab.kinematics.trajectory.pace import quickest_pace
+from lab.kinematics.trajectory.phases import Trajectory
 
 __all__ = ["CartesianPath", "Feed", "PathMove", "arc", "line", "path_move"]
 
-_COARSE, _NODES = 33, 129  # places on a path at which the joints are solved, one after the other, then all at once
-_FINE = 1025  # places at which the limits are kept
-_TRIED = 100  # shapes of the trapezoid, of which the quickest is taken
+_COARSE = 33  # places on a path at which the joints are solved, one after the other
+_NODES = (129, 513, 2049)  # places at which they are then solved all at once: the fewest that suffice
+_BETWEEN_RAD = 5e-6  # or m: by how much nodes may miss the spline through every second one; that through all is nearer
+_FINE = 1025  # times at which peaks are looked for
 _JUMP = 0.3  # rad or m: between neighbouring nodes a joint that moves more passes a singularity
 _MISSED_M = 1e-8  # m or rad: a pose missed by more is not reached
+_NEAR_M = 1e-6  # m or rad: a pose that is missed by less lies next to one that is reached
 _LEAST_M = 1e-9  # points nearer than this are one
-_TOGETHER = 1 - 1e-12  # of a limit, so that rounding does not pass it
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,11 @@ class CartesianPath:
     def turn_rad(self) -> float:
         """By how much the orientation turns."""
         return float(np.linalg.norm(self.turn))
+
+    def place_of(self, point: Array) -> float:
+        """The s at which an arc passes a point ``(3,)`` m on it."""
+        across, along = (point - self.origin) @ self.sine, (point - self.origin) @ self.cosine
+        return float(np.arctan2(across, along) % (2 * np.pi) / self.angle)
 
     def poses(self, s: Array) -> Array:
         """The poses ``(k, 4, 4)`` (m) at ``s`` ``(k,)``."""
@@ -120,8 +128,7 @@ class PathMove:
         turned: whether its orientation is kept, or free.
         nodes: ``(m,)`` values of s at which the joints were solved.
         joints: ``(m, n)`` there, rad or m.
-        peak: largest ds/dt, 1/s.
-        ramp: d2s/dt2 of the start and, negative, of the end, 1/s^2.
+        pace: s over time, as a trajectory of one joint.
     """
 
     arm: RigidArm
@@ -130,13 +137,12 @@ class PathMove:
     turned: bool
     nodes: Array
     joints: Array
-    peak: float
-    ramp: float
+    pace: Trajectory
 
     @property
     def seconds(self) -> float:
         """How long it takes."""
-        return _seconds(self.peak, self.ramp)
+        return self.pace.seconds
 
     @property
     def end(self) -> Array:
@@ -144,28 +150,27 @@ class PathMove:
         return np.asarray(self.joints[-1])
 
     @cached_property
-    def spline(self) -> CubicSpline:
+    def spline(self) -> BSpline:
         """The joints over s."""
-        return CubicSpline(self.nodes, self.joints)
+        return make_interp_spline(self.nodes, self.joints, k=5)
 
     @cached_property
     def peaks(self) -> tuple[Array, Array]:
         """The largest magnitudes ``(n,)`` of the joints' speeds and accelerations, of those at many times."""
-        s, speed, change = self.along(np.linspace(0.0, self.seconds, _FINE))
-        by_s, twice = self.spline(s, 1), self.spline(s, 2)
-        pull = twice * speed[:, None] ** 2 + by_s * change[:, None]
-        return np.abs(by_s * speed[:, None]).max(axis=0), np.abs(pull).max(axis=0)
+        _, speeds, accelerations = self._followed(np.linspace(0.0, self.seconds, _FINE))
+        return np.abs(speeds).max(axis=0), np.abs(accelerations).max(axis=0)
+
+    @property
+    def peak_jerk(self) -> Array:
+        """The largest magnitudes ``(n,)`` of the joints' jerks, of those at many times; infinite without limits."""
+        if self.pace.jerks is None:
+            return np.full(len(self.end), np.inf)
+        return np.asarray(np.abs(self.jerks_at(np.linspace(0.0, self.seconds, _FINE))).max(axis=0))
 
     def along(self, times: Array) -> tuple[Array, Array, Array]:
         """s, ds/dt and d2s/dt2 ``(k,)`` at times ``(k,)`` since the start; held at both ends."""
-        rising = self.peak / self.ramp
-        t = np.clip(times, 0.0, self.seconds)
-        left = self.seconds - t
-        up, down = 0.5 * self.ramp * t**2, 1 - 0.5 * self.ramp * left**2
-        s = np.select([t < rising, left < rising], [up, down], 0.5 * self.peak * rising + self.peak * (t - rising))
-        speed = np.minimum(np.minimum(self.ramp * t, self.ramp * left), self.peak)
-        change = np.select([t >= self.seconds, t < rising, left <= rising], [0.0, self.ramp, -self.ramp], 0.0)
-        return s, speed, change
+        s, speed, change = (each[:, 0] for each in self.pace.at(times))
+        return np.clip(s, 0.0, 1.0), speed, change
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """Joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
@@ -173,10 +178,24 @@ class PathMove:
         The joint positions are solved for the very poses; speeds and accelerations are those of a spline through the
         nodes.
         """
+        s, speeds, accelerations = self._followed(times)
+        return self.joints_at(s), speeds, accelerations
+
+    def joints_at(self, s: Array) -> Array:
+        """Joint positions ``(k, n)`` at places ``(k,)`` of the path."""
+        return _solved(self.arm, self.values, self.path.poses(s), self.turned, np.asarray(self.spline(s)))[0]
+
+    def jerks_at(self, times: Array) -> Array:
+        """Jerks ``(k, n)`` at times ``(k,)`` since the start."""
+        s, speed, change = (each[:, None] for each in self.along(times))
+        first, second, third = (self.spline(s[:, 0], order) for order in (1, 2, 3))
+        return np.asarray(third * speed**3 + 3 * second * speed * change + first * self.pace.jerks_at(times))
+
+    def _followed(self, times: Array) -> tuple[Array, Array, Array]:
+        """S ``(k,)``, and speeds and accelerations ``(k, n)``."""
         s, speed, change = self.along(times)
-        joints = _solved(self.arm, self.values, self.path.poses(s), self.turned, np.asarray(self.spline(s)))[0]
         by_s, twice = self.spline(s, 1), self.spline(s, 2)
-        return joints, by_s * speed[:, None], twice * speed[:, None] ** 2 + by_s * change[:, None]
+        return s, by_s * speed[:, None], twice * speed[:, None] ** 2 + by_s * change[:, None]
 
 
 def path_move(
@@ -187,39 +206,81 @@ def path_move(
     An arm of fewer than six joints keeps the orientation where it can, and else the position alone.
 
     Args:
-        chain: the joints, with their speeds and accelerations.
+        chain: the joints, with their speeds and accelerations, and their jerks where these are limited.
 
     Raises:
         LabError: the arm does not reach a pose, passes a singularity or a limit, or nothing moves.
     """
     if max(path.length_m, path.turn_rad) < _LEAST_M:
         raise LabError("the path's start and end are the same; leave one out")
-    turned, joints = True, _followed(arm, values, path, start, turned=True)
-    if isinstance(joints, float) and chain.size < FREEDOMS:
-        turned, joints = False, _followed(arm, values, path, start, turned=False)
-    if isinstance(joints, float):
-        raise LabError(f"the tool cannot follow the path beyond {joints:.0%} of it: out of reach, or singular, there")
+    turned, found = True, _joints_on(arm, values, path, start, turned=True)
+    if isinstance(found, _Stop) and chain.size < FREEDOMS:
+        turned, found = False, _joints_on(arm, values, path, start, turned=False)
+    if isinstance(found, _Stop):
+        raise LabError(found.words(path))
+    nodes, joints = found
     _refuse_beyond(chain, joints)
-    nodes = np.linspace(0.0, 1.0, _NODES)
-    peak, ramp = _quickest(chain, path, CubicSpline(nodes, joints), feed)
-    return PathMove(arm, values, path, turned, nodes, joints, peak, ramp)
+    spline = make_interp_spline(nodes, joints, k=5)
+    sizes = (
+        (path.length_m, feed.speed_m_s, feed.acceleration_m_s2),
+        (path.turn_rad, feed.turn_rad_s, feed.turn_rad_s2),
+    )
+    rates = [(speed / size, pull / size) for size, speed, pull in sizes if size > _LEAST_M]
+    return PathMove(arm, values, path, turned, nodes, joints, quickest_pace(chain, spline, rates))
 
 
-def _followed(arm: RigidArm, values: Array, path: CartesianPath, start: Array, *, turned: bool) -> Array | float:
-    """The joints ``(m, n)`` at the nodes; else how far along the path they come."""
+@dataclass(frozen=True)
+class _Stop:
+    """Where the joints cannot follow a path any farther.
+
+    Attributes:
+        s: the last place that they come to.
+        reached: whether the next one is in reach, so that they jump there.
+    """
+
+    s: float
+    reached: bool
+
+    def words(self, path: CartesianPath) -> str:
+        """What is in the way, where, and what to do."""
+        at = ", ".join(f"{1e3 * each + 0.0:.1f}" for each in path.poses(np.array([self.s]))[0, :3, 3])
+        where = f"beyond {self.s:.0%} of it, at x, y, z = {at} mm"
+        if self.reached:
+            return (
+                f"the joints cannot follow the path {where}: it passes a singularity there; move the points away from "
+                "it, start in another configuration, or go on by a joint move"
+            )
+        return (
+            f"the tool cannot follow the path {where}: what comes next is out of reach; move the points nearer, or "
+            "turn the tool less"
+        )
+
+
+def _joints_on(
+    arm: RigidArm, values: Array, path: CartesianPath, start: Array, *, turned: bool
+) -> tuple[Array, Array] | _Stop:
+    """Nodes ``(m,)`` and the joints ``(m, n)`` there; else where they stop."""
     coarse = np.linspace(0.0, 1.0, _COARSE)
     poses, joints = path.poses(coarse), np.empty((_COARSE, len(start)))
     last, before = start, start
     for i, T in enumerate(poses):
         found, missed = _solved(arm, values, T[None], turned, (2 * last - before)[None])
         if missed > _MISSED_M or (i and np.abs(found[0] - last).max() > _JUMP):
-            return float(coarse[max(i - 1, 0)])
+            return _Stop(float(coarse[max(i - 1, 0)]), missed < _NEAR_M)
         before, last = (last if i else found[0]), found[0]
         joints[i] = last
-    nodes = np.linspace(0.0, 1.0, _NODES)
-    found, missed = _solved(arm, values, path.poses(nodes), turned, np.asarray(CubicSpline(coarse, joints)(nodes)))
-    jumps = np.abs(np.diff(found, axis=0)).max(axis=1) > _JUMP
-    return float(nodes[int(np.argmax(jumps))]) if missed > _MISSED_M or jumps.any() else found
+    near, stop = CubicSpline(coarse, joints), 0.0
+    for count in _NODES:
+        nodes = np.linspace(0.0, 1.0, count)
+        every, missed = _solved(arm, values, path.poses(nodes), turned, np.asarray(near(nodes)))
+        jumps = np.abs(np.diff(every, axis=0)).max(axis=1) > _JUMP
+        if missed > _MISSED_M or jumps.any():
+            return _Stop(float(nodes[int(np.argmax(jumps))]), missed < _NEAR_M)
+        off = np.abs(make_interp_spline(nodes[::2], every[::2], k=5)(nodes) - every).max(axis=1)
+        if off.max() < _BETWEEN_RAD:
+            return nodes, every
+        near, stop = make_interp_spline(nodes, every, k=5), float(nodes[int(np.argmax(off))])
+    return _Stop(stop, reached=True)
 
 
 def _solved(arm: RigidArm, values: Array, Ts: Array, turned: bool, near: Array) -> tuple[Array, float]:
@@ -237,33 +298,3 @@ def _refuse_beyond(chain: JointSpec, joints: Array) -> None:
             f"at {row / (len(joints) - 1):.0%} of the path {chain.said_beyond(int(joint), joints[row, joint])}; move "
             "the path, or start in another configuration"
         )
-
-
-def _quickest(chain: JointSpec, path: CartesianPath, spline: CubicSpline, feed: Feed) -> tuple[float, float]:
-    """The peak v of ds/dt and the ramp a of the trapezoid that takes the shortest time.
-
-    A shape is r = v^2 / a, the part of the way on which the speed changes. Times scale: a shape with a = 1 needs
-    accelerations q' + 2 s q'' at its start, r q'' on the way and -q' + 2 (1 - s) q'' at its end, and they grow with a.
-    """
-    s = np.linspace(0.0, 1.0, _FINE)[:, None]
-    first, second = spline(s[:, 0], 1), spline(s[:, 0], 2)
-    rising, falling = np.abs(first + 2 * s * second), np.abs(-first + 2 * (1 - s) * second)
-    pace = [(path.length_m, feed.speed_m_s), (path.turn_rad, feed.turn_rad_s)]
-    pull = [(path.length_m, feed.acceleration_m_s2), (path.turn_rad, feed.turn_rad_s2)]
-    with np.errstate(divide="ignore"):
-        fastest = min(
-            float((chain.speed / np.abs(first)).min()), *(most / size for size, most in pace if size > _LEAST_M)
-        )
-    quickest = min((most / size for size, most in pull if size > _LEAST_M), default=np.inf)
-    found = []
-    for shape in np.linspace(0, 1, _TRIED + 1)[1:]:
-        needed = np.where(s <= shape / 2, rising, np.where(s >= 1 - shape / 2, falling, shape * np.abs(second)))
-        at_corners = np.maximum(rising[s[:, 0] <= shape / 2].max(axis=0), falling[s[:, 0] >= 1 - shape / 2].max(axis=0))
-        most = float((np.maximum(needed.max(axis=0), at_corners) / chain.acceleration).max())
-        ramp = min(_TOGETHER / most, _TOGETHER * fastest**2 / shape, quickest)
-        found.append((float(np.sqrt(shape * ramp)), ramp))
-    return min(found, key=lambda each: _seconds(*each))
-
-
-def _seconds(peak: float, ramp: float) -> float:
-    return 1 / peak + peak / ramp

@@ -7,11 +7,13 @@ Berscheid & Kroeger (2021, ruckig) without a limit of jerk, for several at rest 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.kinematics.trajectory.changes import TINY, shortest_changes, slowing
 
 __all__ = [
     "SLACK",
@@ -28,7 +30,6 @@ __all__ = [
 
 SLACK = 1e-13  # relative: a limit or a duration missed by less is met, but for rounding
 ROUNDS = 100  # of slowing down single stretches, before what is left slows down the whole path
-TINY = 1e-300  # in place of a zero divisor under a zero
 
 Span = tuple[float, float]
 
@@ -116,7 +117,11 @@ class Axis:
         return self.rest / spare if spare > 0 else upper
 
 
-def possible_spans(axes: Sequence[Axis]) -> list[Span]:
+class _OfDurations(Protocol):
+    def spans(self) -> list[Span]: ...
+
+
+def possible_spans(axes: Sequence[_OfDurations]) -> list[Span]:
     """The durations that are possible for all joints, in rising order; the last span has no end."""
     each, found = [axis.spans() for axis in axes], list[Span]()
     for seconds in sorted(low for spans in each for low, _ in spans):
@@ -138,17 +143,20 @@ def lasts(spans: Sequence[Span], seconds: float) -> bool:
     return _end(spans, seconds) >= 0
 
 
-def check_rates(names: Sequence[str], speed: Array, acceleration: Array) -> None:
-    """Refuse largest speeds or accelerations ``(n,)`` of joints that are not finite or not above zero.
+def check_rates(names: Sequence[str], speed: Array, acceleration: Array, jerk: Array | None = None) -> None:
+    """Refuse largest speeds, accelerations or jerks ``(n,)`` of joints that are not above zero, or not finite.
+
+    A joint whose jerk is not limited beside others has an infinite one.
 
     Raises:
         LabError: naming the joint.
     """
-    for what, rates in (("speed", speed), ("acceleration", acceleration)):
+    limits = (("speed", speed), ("acceleration", acceleration), *([] if jerk is None else [("jerk", jerk)]))
+    for what, rates in limits:
         if np.shape(rates) != (len(names),):
             raise LabError(f"largest {what}s have shape {np.shape(rates)}: give one for each of {len(names)} joints")
         for name, rate in zip(names, rates, strict=True):
-            if not 0 < rate < math.inf:
+            if not (0 < rate < math.inf or (what == "jerk" and rate == math.inf)):
                 raise LabError(f"joint {name}: its largest {what} is {rate:g}; give a finite one above zero")
 
 
@@ -239,7 +247,7 @@ def _roots(a: Array, b: Array, c: Array) -> Array:
 
 
 def stretches_and_blends(
-    moved: Array, allowed: Array | float, speed: Array, acceleration: Array
+    moved: Array, allowed: Array | float, speed: Array, acceleration: Array, jerk: Array | None = None
 ) -> tuple[Array, Array]:
     """How to pass near via points from rest to rest: stretches of constant velocity V, joined by parabolic blends.
 
@@ -251,36 +259,48 @@ def stretches_and_blends(
         moved: ``(m - 1, n)`` between the points, no row zero.
         allowed: the errors at the via points ``(n,)``, or one for all.
         speed, acceleration: largest ones ``(n,)``.
+        jerk: largest ones ``(n,)``; a blend is then a double S of speed, which misses its point by less.
 
     Returns:
         dV ``(m, n)`` of the blends; and durations ``(2 m - 1,)``, of blends and stretches in turns.
     """
     far = np.abs(moved)
+    least = np.full(len(speed), math.inf) if jerk is None else jerk
     lasting = (far / speed).max(axis=1)  # from the middle of a blend to that of the next, (m - 1,)
     for _ in range(ROUNDS):
-        _, shortest, longest = _blends(moved, lasting, allowed, acceleration)
-        slower = np.sqrt(np.maximum(shortest / longest, 1.0))  # k times slower: dV / k, and room for k tau
+        changes, longest = _blends(moved, lasting, allowed)
+        slower = _slower(changes, longest, acceleration, least)
         pace = (far / acceleration).max(axis=1) / lasting
         before, after = np.append(0.0, pace), np.append(pace, 0.0)
         lasting *= np.maximum(
             np.where(after >= before, slower, 1.0)[:-1],
             np.where(before >= after, slower, 1.0)[1:],
         )
-    _, shortest, longest = _blends(moved, lasting, allowed, acceleration)
-    lasting *= math.sqrt(max((shortest / longest).max(), 1.0))
-    changes, shortest, blends = _blends(moved, lasting, allowed, acceleration)
-    blends[[0, -1]] = shortest[[0, -1]]
+    changes, longest = _blends(moved, lasting, allowed)
+    lasting *= _slower(changes, longest, acceleration, least).max()
+    changes, blends = _blends(moved, lasting, allowed)
+    blends[[0, -1]] = shortest_changes(*_hardest(changes, acceleration, least))[[0, -1]]
     durations = np.zeros(2 * len(blends) - 1)
     durations[::2], durations[1::2] = blends, np.maximum(lasting - 0.5 * (blends[:-1] + blends[1:]), 0.0)
     return changes, durations
 
 
-def _blends(moved: Array, lasting: Array, allowed: Array | float, acceleration: Array) -> tuple[Array, Array, Array]:
-    """Of m blends dV ``(m, n)``, and their shortest and longest durations ``(m,)``; those at the ends miss nothing."""
+def _slower(changes: Array, longest: Array, acceleration: Array, jerk: Array) -> Array:
+    """How many times slower blends ``(m,)`` have to be: k times slower a change is dV / k, and has room for k tau."""
+    return slowing(*_hardest(changes, acceleration, jerk), longest)
+
+
+def _hardest(changes: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
+    """Of blends ``(m, n)`` the largest |dV| / a and |dV| / j, ``(m,)`` each."""
+    return (np.abs(changes) / acceleration).max(axis=1), (np.abs(changes) / jerk).max(axis=1)
+
+
+def _blends(moved: Array, lasting: Array, allowed: Array | float) -> tuple[Array, Array]:
+    """Of m blends dV ``(m, n)``, and their longest durations ``(m,)``; those at the ends miss nothing."""
     velocities = moved / lasting[:, None]
     still = np.zeros_like(velocities[:1])
     changes = np.diff(np.vstack([still, velocities, still]), axis=0)
     missing = (np.abs(changes) / (8 * allowed)).max(axis=1)
     missing[[0, -1]] = 0.0
     room = np.minimum(np.append(math.inf, lasting), np.append(lasting, math.inf))
-    return changes, (np.abs(changes) / acceleration).max(axis=1), 1 / np.maximum(missing, 1 / room)
+    return changes, 1 / np.maximum(missing, 1 / room)

@@ -1,20 +1,21 @@
 """Trajectories of the joints: moves between points at given speeds, and paths past via points.
 
-Every law is made of phases of constant acceleration, and keeps the chain's limits of joint position, speed and
-acceleration. Joint positions are in rad or m, times in s.
+Every law keeps the chain's limits of joint position, speed and acceleration. It is made of phases of constant
+acceleration; of a chain whose jerks are limited of phases of constant jerk, within these limits, too. Joint positions
+are in rad or m, times in s.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
+from lab.kinematics.trajectory.changes import rounding_seconds
+from lab.kinematics.trajectory.double_s import SmoothAxis, mixed, quickest_smooth_ramps, rest_to_rest_smooth
+from lab.kinematics.trajectory.phases import EXACT, Trajectory, check_within, joined
 from lab.kinematics.trajectory.profiles import (
     SLACK,
     Axis,
@@ -28,125 +29,16 @@ from lab.kinematics.trajectory.profiles import (
 )
 
 __all__ = [
-    "Trajectory",
     "blended",
-    "check_within",
     "common_phases",
     "independent",
-    "joined",
     "own_phases",
     "possible_seconds",
     "through",
 ]
 
-EXACT = 1e-9  # rad or m, or per s: by how much a joint position may pass its limit, or two ends miss each other
-
-Law = Callable[[JointSpec, Array, Array, Array, Array], "Trajectory"]
+Law = Callable[[JointSpec, Array, Array, Array, Array], Trajectory]
 """A move from start to end, at a start speed and an end speed, ``(n,)`` each."""
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """How n joints move in m phases of constant acceleration.
-
-    Attributes:
-        durations: ``(m,)`` s.
-        accelerations: ``(m, n)`` rad/s^2 or m/s^2.
-        start: ``(n,)`` joint positions, rad or m.
-        start_speed: ``(n,)`` rad/s or m/s.
-    """
-
-    durations: Array
-    accelerations: Array
-    start: Array
-    start_speed: Array
-
-    def __post_init__(self) -> None:
-        shape = (len(self.durations), len(self.start))
-        assert self.accelerations.shape == shape and self.start_speed.shape == shape[1:]
-        assert (self.durations >= 0).all() and np.isfinite(self.durations).all()
-        assert all(np.isfinite(values).all() for values in (self.accelerations, self.start, self.start_speed))
-
-    @cached_property
-    def knots(self) -> tuple[Array, Array, Array]:
-        """Times ``(m + 1,)``, joint positions and speeds ``(m + 1, n)`` between the phases and at the ends."""
-        each = self.durations[:, None]
-        speeds = np.cumsum(np.vstack([self.start_speed, self.accelerations * each]), axis=0)
-        moves = (speeds[:-1] + 0.5 * self.accelerations * each) * each
-        return np.append(0.0, np.cumsum(self.durations)), np.cumsum(np.vstack([self.start, moves]), axis=0), speeds
-
-    @property
-    def seconds(self) -> float:
-        """How long it takes."""
-        return float(self.knots[0][-1])
-
-    @property
-    def end(self) -> Array:
-        """Joint positions ``(n,)`` at the end."""
-        return np.asarray(self.knots[1][-1])
-
-    @property
-    def end_speed(self) -> Array:
-        """Speeds ``(n,)`` at the end."""
-        return np.asarray(self.knots[2][-1])
-
-    @property
-    def peak_speed(self) -> Array:
-        """The largest magnitudes ``(n,)`` of the speeds."""
-        return np.asarray(np.abs(self.knots[2]).max(axis=0))
-
-    @property
-    def peaks(self) -> tuple[Array, Array]:
-        """The largest magnitudes ``(n,)`` of the speeds and of the accelerations."""
-        return self.peak_speed, np.asarray(np.abs(self.accelerations).max(axis=0, initial=0.0))
-
-    @property
-    def extremes(self) -> tuple[Array, Array]:
-        """The lowest and the highest joint positions ``(n,)``, where joints turn back between the ends too."""
-        _, positions, speeds = self.knots
-        reverses = speeds[:-1] * speeds[1:] < 0
-        turning = positions[:-1] - 0.5 * speeds[:-1] ** 2 / np.where(reverses, self.accelerations, 1.0)
-        passed = np.vstack([positions, np.where(reverses, turning, positions[:-1])])
-        return passed.min(axis=0), passed.max(axis=0)
-
-    def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """Joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
-
-        Before the start all is as at the start, and after the end as at the end. Between two phases the acceleration
-        is the next one's; from the end on it is zero.
-        """
-        knots, positions, speeds = self.knots
-        held = np.clip(times, 0.0, self.seconds)
-        phase = np.searchsorted(knots, held, side="right") - 1
-        since = (held - knots[phase])[:, None]
-        acceleration = np.vstack([self.accelerations, np.zeros_like(self.start)])[phase]
-        speed = speeds[phase] + acceleration * since
-        return positions[phase] + 0.5 * (speeds[phase] + speed) * since, speed, acceleration
-
-
-def joined(parts: Sequence[Trajectory]) -> Trajectory:
-    """One trajectory after the other.
-
-    Raises:
-        LabError: one begins elsewhere than the one before it ends, or at another speed.
-    """
-    for i, (first, second) in enumerate(pairwise(parts)):
-        for what, end, start in (
-            ("reading", first.end, second.start),
-            ("speed", first.end_speed, second.start_speed),
-        ):
-            j = int(np.argmax(np.abs(end - start)))
-            if abs(end[j] - start[j]) > EXACT:
-                raise LabError(
-                    f"trajectory {i + 2} begins where joint {j + 1} has a {what} of {start[j]:g}, but the one before "
-                    f"it ends at {end[j]:g}; make them the same"
-                )
-    return Trajectory(
-        np.concatenate([part.durations for part in parts]),
-        np.concatenate([part.accelerations for part in parts]),
-        parts[0].start,
-        parts[0].start_speed,
-    )
 
 
 def possible_seconds(
@@ -156,7 +48,8 @@ def possible_seconds(
 
     Args and errors are those of ``own_phases``.
     """
-    return possible_spans(_axes(chain, *_move(chain, start, end, start_speed, end_speed)))
+    move = _move(chain, start, end, start_speed, end_speed)
+    return possible_spans(_axes(chain, *move) if chain.jerk is None else _smooth_axes(chain, *move))
 
 
 def own_phases(
@@ -179,11 +72,22 @@ def own_phases(
             would leave its limits on the way.
     """
     points, speeds = _move(chain, start, end, start_speed, end_speed)
-    axes = _axes(chain, points, speeds)
-    spans = possible_spans(axes)
+    limited, axes = _smooth_axes(chain, points, speeds), _axes(chain, points, speeds)
+    spans = possible_spans(axes if chain.jerk is None else limited)
     lasting = spans[0][0] if seconds is None else seconds
     if not (lasts(spans, lasting) and lasting < math.inf):
         raise LabError(f"the move cannot take {lasting:g} s; give {_told(spans)}")
+    if chain.jerk is None:
+        found = _lasting(chain, axes, points[0], speeds, lasting)
+    else:
+        durations, ramps, jerks = mixed([axis.profiles(lasting) for axis in limited])
+        found = Trajectory(durations, ramps, points[0], speeds[0], jerks)
+    check_within(chain, found)
+    return found
+
+
+def _lasting(chain: JointSpec, axes: Sequence[Axis], start: Array, speeds: Array, lasting: float) -> Trajectory:
+    """The move that takes a duration that is possible for all joints, with the full accelerations."""
     cruises = np.array([axis.cruise(lasting) for axis in axes])
     changes = np.array([cruises - speeds[0], speeds[1] - cruises])
     first, last = np.abs(changes) / chain.acceleration
@@ -193,9 +97,7 @@ def own_phases(
     knots[-1] = lasting
     middle = 0.5 * (knots[:-1] + knots[1:])[:, None]
     signs = np.where(middle < first, np.sign(changes[0]), np.where(middle > slowing, np.sign(changes[1]), 0.0))
-    found = Trajectory(np.diff(knots), signs * chain.acceleration, points[0], speeds[0])
-    check_within(chain, found)
-    return found
+    return Trajectory(np.diff(knots), signs * chain.acceleration, start, speeds[0])
 
 
 def _told(spans: Sequence[Span]) -> str:
@@ -210,13 +112,18 @@ def common_phases(
 ) -> Trajectory:
     """The quickest move whose phases tau, u - tau, tau all joints have in common: straight if at rest at both ends.
 
-    At rest in closed form, else by ``quickest_ramps``, which tries every duration that could be the least one.
-    Args and errors are those of ``own_phases``.
+    At rest in closed form, else by ``quickest_ramps``, which tries every duration that could be the least one; with
+    limits of jerk by ``quickest_smooth_ramps``, which searches. Args and errors are those of ``own_phases``.
     """
     points, (v0, vf) = _move(chain, start, end, start_speed, end_speed)
     moved, limits = points[1] - points[0], (chain.speed, chain.acceleration)
     at_rest = not (v0.any() or vf.any())
-    tau, u = rest_to_rest(moved, *limits) if at_rest else quickest_ramps(moved, v0, vf, *limits)
+    if chain.jerk is None:
+        tau, u = rest_to_rest(moved, *limits) if at_rest else quickest_ramps(moved, v0, vf, *limits)
+    elif at_rest:
+        tau, u = rest_to_rest_smooth(moved, *limits, chain.jerk)
+    else:
+        tau, u = quickest_smooth_ramps(moved, (v0, vf), (*limits, chain.jerk))
     cruise = (moved - 0.5 * (v0 + vf) * tau) / u if u > 0 else v0
     ramps = np.array([cruise - v0, np.zeros_like(v0), vf - cruise])
     found = _in_phases(chain, np.array([tau, u - tau, tau]), ramps, points[0], v0)
@@ -234,17 +141,9 @@ def independent(
     points, speeds = _move(chain, start, end, start_speed, end_speed)
     if speeds.any():
         raise LabError("joints that are not synchronised move from rest to rest; leave out the speeds at the ends")
-    moved = points[1] - points[0]
-    tau, u = (np.array(each) for each in zip(*(
-        rest_to_rest(moved[j : j + 1], chain.speed[j : j + 1], chain.acceleration[j : j + 1])
-        for j in range(chain.size)), strict=True))  # fmt: skip
-    knots = np.unique(np.concatenate([[0.0], tau, u, u + tau]))
-    knots = knots[np.append(True, np.diff(knots) > SLACK * knots[-1])]
-    middle = 0.5 * (knots[:-1] + knots[1:])[:, None]
-    rising, falling = middle < tau, (middle > u) & (middle < u + tau)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        size = np.where(moved != 0, moved / (u * tau), 0.0)
-    return Trajectory(np.diff(knots), np.where(rising, size, np.where(falling, -size, 0.0)), points[0], speeds[0])
+    axes = _smooth_axes(chain, points, speeds)
+    durations, ramps, jerks = mixed([axis.profiles(axis.spans()[0][0]) for axis in axes])
+    return Trajectory(durations, ramps, points[0], speeds[0], None if chain.jerk is None else jerks)
 
 
 def through(chain: JointSpec, points: Array, speeds: Array, law: Law = common_phases) -> Trajectory:
@@ -265,6 +164,7 @@ def through(chain: JointSpec, points: Array, speeds: Array, law: Law = common_ph
 def blended(chain: JointSpec, points: Array, error: Array | float) -> Trajectory:
     """A path that passes near via points, from rest to rest: stretches of constant speed, joined by parabolic blends.
 
+    With limits of jerk the speed changes in double S shapes in these, which miss the point by less.
     A stretch is only as fast as the blends at its ends allow all along, so that a path with sharp turns and a small
     error is quicker if it stops at its via points; and this is not the quickest path of its kind.
 
@@ -283,7 +183,7 @@ def blended(chain: JointSpec, points: Array, error: Array | float) -> Trajectory
     if (still := ~moved.any(axis=1)).any():
         i = int(np.argmax(still))
         raise LabError(f"{_where(i, len(points))} and {_where(i + 1, len(points))} are the same; leave one out")
-    changes, durations = stretches_and_blends(moved, allowed, chain.speed, chain.acceleration)
+    changes, durations = stretches_and_blends(moved, allowed, chain.speed, chain.acceleration, chain.jerk)
     ramps = np.zeros((len(durations), chain.size))
     ramps[::2] = changes
     return _in_phases(chain, durations, ramps, points[0], speeds[0])
@@ -292,32 +192,34 @@ def blended(chain: JointSpec, points: Array, error: Array | float) -> Trajectory
 def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, start_speed: Array) -> Trajectory:
     """A trajectory in which speeds change by ``ramps`` ``(m, n)``, without those that only rounding has made."""
     lasting = durations > SLACK * durations.sum()
-    accelerations = ramps[lasting] / durations[lasting, None]
-    accelerations = np.clip(accelerations, -chain.acceleration, chain.acceleration)  # what rounding has added
-    return Trajectory(durations[lasting], accelerations, start, start_speed)
-
-
-def check_within(chain: JointSpec, trajectory: Trajectory) -> None:
-    """Refuse a trajectory that leaves the limits of the joint positions between its ends.
-
-    Raises:
-        LabError: naming the joint that goes the farthest beyond.
-    """
-    lowest, highest = trajectory.extremes
-    beyond = np.array([chain.lower - lowest, highest - chain.upper])
-    side, j = divmod(int(np.argmax(beyond)), chain.size)
-    if beyond[side, j] > EXACT:
-        ends = f"from {chain.shown(j, trajectory.start[j])} to {chain.shown(j, trajectory.end[j])}"
-        raise LabError(
-            f"on its way {ends} {chain.said_beyond(j, (lowest, highest)[side][j])}; lower its speeds at the ends, or "
-            "move these away from the limit"
-        )
+    each, ramps = durations[lasting], ramps[lasting]
+    rounding = (
+        np.zeros_like(each) if chain.jerk is None else rounding_seconds(each, (np.abs(ramps) / chain.jerk).max(1))
+    )
+    level = ramps / (each - rounding)[:, None]
+    level = np.clip(level, -chain.acceleration, chain.acceleration)  # what rounding has added
+    if chain.jerk is None:
+        return Trajectory(each, level, start, start_speed)
+    rounded = (rounding > 0)[:, None]
+    hard, none = np.where(rounded, level / np.where(rounded, rounding[:, None], 1.0), 0.0), np.zeros_like(level)
+    three = np.stack([rounding, each - 2 * rounding, rounding], axis=1).ravel()
+    kept = three > SLACK * durations.sum()
+    accelerations, jerks = np.stack([none, level, level], axis=1), np.stack([hard, none, -hard], axis=1)
+    shape = (len(three), len(start))
+    return Trajectory(three[kept], accelerations.reshape(shape)[kept], start, start_speed, jerks.reshape(shape)[kept])
 
 
 def _axes(chain: JointSpec, points: Array, speeds: Array) -> list[Axis]:
     """What each joint is to do between two points."""
     rows = np.stack([points[1] - points[0], *speeds, chain.speed, chain.acceleration], axis=1)
     return [Axis(*row) for row in rows.tolist()]
+
+
+def _smooth_axes(chain: JointSpec, points: Array, speeds: Array) -> list[SmoothAxis]:
+    """What each joint is to do between two points, with its largest jerk, infinite where there is none."""
+    jerk = np.full(chain.size, np.inf) if chain.jerk is None else chain.jerk
+    rows = np.stack([points[1] - points[0], *speeds, chain.speed, chain.acceleration, jerk], axis=1)
+    return [SmoothAxis(*row) for row in rows.tolist()]
 
 
 def _move(
@@ -334,7 +236,7 @@ def _checked(chain: JointSpec, points: Sequence[Array] | Array, speeds: Sequence
     Raises:
         LabError: what does not fit or is beyond a limit, and where.
     """
-    check_rates(chain.joint_names, chain.speed, chain.acceleration)
+    check_rates(chain.joint_names, chain.speed, chain.acceleration, chain.jerk)
     if len(points) < 2 or len(speeds) != len(points):
         raise LabError(f"{len(points)} points and {len(speeds)} speeds: give at least two points, and speeds for each")
     for i, rows in enumerate(zip(points, speeds, strict=True)):

@@ -3,7 +3,8 @@
 import numpy as np
 
 from lab.core.se3 import Array
-from lab.kinematics.trajectory.trajectory import Trajectory, through
+from lab.kinematics.trajectory.phases import Trajectory
+from lab.kinematics.trajectory.trajectory import through
 from lab.reproduction.answer import Answer, formula, number
 from lab.reproduction.item import Item
 from lab.reproduction.models import sampled, serial

@@ -110,3 +110,84 @@ def test_joints_that_are_not_synchronised_stop_as_soon_as_they_can() -> None:
         assert end[j] == 0 or abs(found.at(np.array([0.98 * seconds]))[0][0, j] - end[j]) > 1e-6
     with pytest.raises(LabError, match="from rest to rest"):
         independent(chain, start, end, np.full(6, 0.1))
+
+
+def smooth_line(seed: int, *, circle: bool = False):
+    """A move along a line or an arc within random limits, some of them of jerk alone, from a random place."""
+    rng = np.random.default_rng(seed)
+    arm, values, chain, start, _ = set_up("irb120")
+    start = start + rng.uniform(-0.3, 0.3, 6)
+    Ts = arm.tool(np.stack([start, start + rng.uniform(-0.3, 0.3, 6)]), values)[0]
+    via = 0.5 * (Ts[0, :3, 3] + Ts[1, :3, 3]) + rng.uniform(0.005, 0.02, 3)
+    chain = replace(
+        chain,
+        speed=chain.speed * 10 ** rng.uniform(-1, 0, 6),
+        acceleration=chain.acceleration * 10 ** rng.uniform(-1, 0, 6),
+        jerk=chain.acceleration * 10 ** rng.uniform(-0.5, 1.5, 6),
+    )
+    path = arc(Ts[0], via, Ts[1]) if circle else line(*Ts)
+    return path_move(arm, values, chain, path, start, Feed()), chain
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(i, marks=pytest.mark.thorough) for i in range(2, 8))])
+def test_joints_on_a_path_keep_speed_acceleration_and_jerk_by_differences_of_their_positions(seed: int) -> None:
+    """The positions are solved for the poses; what is told of their rates is what their differences say."""
+    move, chain = smooth_line(seed, circle=seed % 2 == 1)
+    step = move.seconds / 2000
+    joints, speeds, accelerations = move.at(np.arange(2001) * step)
+    jerks = move.jerks_at(np.arange(2001) * step)
+    for rates, limit, order in (
+        (speeds, chain.speed, 1),
+        (accelerations, chain.acceleration, 2),
+        (jerks, chain.jerk, 3),
+    ):
+        wide = 2 if order < 3 else 20  # so that Newton's 1e-12 does not show in third differences
+        seen = np.diff(joints[::wide], n=order, axis=0) / (wide * step) ** order
+        assert (np.abs(seen) <= limit * (1 + 1e-3)).all()
+        assert (np.abs(rates) <= limit * (1 + 1e-6)).all()
+        middle = rates[wide * order // 2 :: wide][: len(seen)]
+        off = np.abs(seen - middle) / limit
+        assert np.quantile(off, 0.9) < 0.02  # but for steps at the ends of phases
+    assert np.abs(speeds[[0, -1]]).max() < 1e-12 and np.abs(accelerations[[0, -1]]).max() < 1e-9
+    used = [
+        (peak / limit).max()
+        for peak, limit in zip(
+            (*move.peaks, move.peak_jerk), (chain.speed, chain.acceleration, chain.jerk), strict=True
+        )
+    ]
+    assert 0.995 < max(used) <= 1 + 1e-6  # no faster: a share of a limit is all that is left
+    quicker = [
+        peak * factor / limit
+        for peak, factor, limit in zip(
+            (*move.peaks, move.peak_jerk),
+            (1.01, 1.01**2, 1.01**3),
+            (chain.speed, chain.acceleration, chain.jerk),
+            strict=True,
+        )
+    ]
+    assert max(each.max() for each in quicker) > 1
+
+
+def test_without_a_limit_that_matters_jerk_changes_nothing_and_with_one_it_takes_longer() -> None:
+    arm, values, chain, start, (T0, T1) = set_up("irb120")
+    seconds = [
+        path_move(arm, values, replace(chain, jerk=jerk), line(T0, T1), start, Feed()).seconds
+        for jerk in (None, np.full(6, 1e7), chain.acceleration * 10, chain.acceleration)
+    ]
+    assert seconds[1] == pytest.approx(seconds[0], rel=0.02) and seconds[1] < seconds[2] < seconds[3]
+
+
+def test_a_line_through_a_singularity_is_refused_with_its_place_and_one_beside_it_is_not() -> None:
+    """Axis 5 of a spherical wrist passes zero, where axes 4 and 6 would have to turn at once."""
+    arm, values, chain, *_ = set_up("irb120")
+    start = np.radians([0, 20, -30, 0, 25, 0])
+    T0 = arm.tool(start[None], values)[0][0]
+    for turn, refused in ((np.array([0.02, 0.9, 0.0]), True), (np.array([0.9, 0.1, 0.0]), False)):
+        T1 = se3.pose(se3.exp(-turn) @ T0[:3, :3], T0[:3, 3] + [0.0, 0.0, 0.02])
+        if not refused:
+            assert path_move(arm, values, chain, line(T0, T1), start, Feed()).seconds > 0
+            continue
+        with pytest.raises(
+            LabError, match=r"beyond \d+% of it, at x, y, z = .* mm: it passes a singularity there; move"
+        ):
+            path_move(arm, values, chain, line(T0, T1), start, Feed())

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.trajectory.phases import Trajectory, check_within, joined
 from lab.kinematics.trajectory.profiles import (
     Axis,
     quickest_ramps,
@@ -20,16 +21,7 @@ from lab.kinematics.trajectory.profiles import (
     rest_to_rest_seconds,
     stretches_and_blends,
 )
-from lab.kinematics.trajectory.trajectory import (
-    Trajectory,
-    blended,
-    check_within,
-    common_phases,
-    joined,
-    own_phases,
-    possible_seconds,
-    through,
-)
+from lab.kinematics.trajectory.trajectory import blended, common_phases, own_phases, possible_seconds, through
 
 WIDE = 1e4  # rad: limits that no overshoot reaches
 
