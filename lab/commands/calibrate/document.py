@@ -7,6 +7,7 @@ import numpy as np
 from lab.calibration.identifiability import Direction
 from lab.calibration.identify import ILL_CONDITIONED
 from lab.calibration.observations.kind import ObservationWords
+from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.verdict import Verdict, Word, gate_words, rotation_noise_rad
 from lab.commands.calibrate.figure_blocks import (
     arm_figures,
@@ -53,6 +54,11 @@ __all__ = ["document_of", "parameters_table", "verdict_blocks"]
 _MOST_LISTED = 12  # rows of a table
 _MOST_PARTS = 5  # parameters of a direction
 _MOST_ALIASES = 4
+_EXPLAINED = (
+    "What a group explains is by how much a coordinate of the measured positions would be off without it (root mean "
+    "square), all other parameters fitted anew, and its share of the mean square that geometry alone leaves. "
+    "Groups that can say the same explain little each."
+)
 _VALIDATED = {
     "fresh": "on {count} points at validation poses without noise",
     "holdout": "on {count} points of the hold-out set",
@@ -190,6 +196,7 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
         Paragraph("" if result.fit.remaining is None else result.fit.remaining.words, shown_in=PAGE),
         Paragraph(_truth(result)),
         _model_selection(result),
+        Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=PAGE),
         selection_figure(result),
         Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
@@ -240,12 +247,21 @@ def _model_selection(result: CalibrationResult) -> Table:
             short(1e3 * group.holdout_m) if np.isfinite(group.holdout_m) else "",
             short(group.f_p) if np.isfinite(group.f_p) else "",
             fixed(group.bic, 0) if np.isfinite(group.bic) else "",
+            _explained(result.fit.explained.get(group.name)),
             standing(group),
         )
         for group in result.groups
     )
     kinds = tuple("" if group.chosen else "quiet" for group in result.groups)
-    return Table(("group", "parameters", "hold-out error, mm", "p", "BIC", ""), rows, "Model selection", kinds)
+    explains = Column("explains, mm", PAGE)
+    return Table(
+        ("group", "parameters", "hold-out error, mm", "p", "BIC", explains, ""), rows, "Model selection", kinds
+    )
+
+
+def _explained(found: ExplainedError | None) -> str:
+    """How far predictions would be off without a group, and its share of what geometry alone leaves."""
+    return "" if found is None else f"{short(1e3 * found.size_m)} ({100 * found.share:.2g} %)"
 
 
 def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:

@@ -10,6 +10,7 @@ from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import row_times
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.residual.process import JointProcess, PredictedBy
+from lab.calibration.statistics.explained_error import ExplainedError, explained_errors
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
@@ -78,6 +79,16 @@ class FitReport:
     def remaining(self) -> RemainingError | None:
         """What the remaining error is made of; None where no points were observed, or nothing is left over."""
         return _remaining(self)
+
+    @cached_property
+    def explained(self) -> dict[str, ExplainedError]:
+        """What each group of the model explains; nothing where no points were observed, or beside a process."""
+        found = self.identification
+        if not only_positions(observation_of(found.model)) or found.process is not None:
+            return {}
+        own = {name: [each.name for each in found.model.parameters if each.group == name] for name in self.groups}
+        each = explained_errors(found.model, self.rows, found.values, found.fit.free, own)
+        return {one.group: one for one in each}
 
     @cached_property
     def instrument(self) -> InstrumentNoise | None:

@@ -16,6 +16,7 @@ from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.process import GROUP
+from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.statistics.remaining_error import RemainingError
 from lab.calibration.validation import TruthComparison, Validation
@@ -189,7 +190,7 @@ class CalibrationResult(Result):
             "farthest_link": _distance_to_dict(self.verdict.farthest),
             "model": "+".join(("geometric", *self.fit.groups, *[GROUP] * (self.fit.process is not None))),
             "residual": residual_to_dict(self.fit.process),
-            "groups": [_group_to_dict(group) for group in self.groups],
+            "groups": [_group_to_dict(group, self.fit.explained.get(group.name)) for group in self.groups],
             "adequate": self.fit.adequacy.adequate,
             "adequacy": self.fit.adequacy.words,
             "stiffness_nm_per_rad": {each.joint: each.stiffness for each in self.stiffnesses},
@@ -306,7 +307,7 @@ def _truth_to_dict(result: CalibrationResult, comparison: TruthComparison) -> di
     }
 
 
-def _group_to_dict(group: GroupTrial) -> dict[str, Any]:
+def _group_to_dict(group: GroupTrial, explained: ExplainedError | None) -> dict[str, Any]:
     return {
         "name": group.name,
         "words": said_of_term(group.name),
@@ -315,6 +316,8 @@ def _group_to_dict(group: GroupTrial) -> dict[str, Any]:
         "f_p": number(group.f_p),
         "bic": number(group.bic),
         "chosen": group.chosen,
+        "explains_mm": None if explained is None else number(1e3 * explained.size_m),
+        "explained_share": None if explained is None else number(explained.share),
         "why_not": group.infeasibility_reason,
     }
 
