@@ -29,6 +29,7 @@ __all__ = [
     "GEAR",
     "HOLDOUT",
     "HUMIDITY_PERCENT",
+    "JOINT_SPAN",
     "LENGTH_M",
     "MOTOR_ZERO_DEG",
     "NUMBER_SIZE",
@@ -106,6 +107,7 @@ MOTOR_ZERO_DEG = Range("size of a motor's zero", 0, 1e9, "°", "a motor turns so
 CORRECTION_RAD = Range("size of an angle in calibration.conf", 0, 4, "rad", "a turn is another unit")
 CORRECTION_A_M = Range("size of a length a in calibration.conf", 0, 1, "m", "arms are shorter")
 CORRECTION_D_M = Range("size of a length d in calibration.conf", 0, 1e5, "m", "of parallel axes it can be large")
+JOINT_SPAN = Range("span of a joint's limits", 1e-9, 1e15, "rad, m", "it stands still")
 LENGTH_M = Range("size of a length in a mechanism", 0, 1e6, "m", "robots are shorter")
 DISTANCE_MM = Range("size of a coordinate in a cell", 0, 1e6, "mm", "a cell is smaller than a kilometre")
 REFLECTOR_DEG = Range("half-angle of what a reflector takes", 1e-3, 180, "°", "less sees nothing")

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.ranges import JOINT_SPAN
 from lab.core.se3 import Array
 from lab.kinematics.encoders import Encoders
 
@@ -50,7 +51,7 @@ class JointSpec:
         for name, lower, upper in zip(self.joint_names, self.lower, self.upper, strict=True):
             if not np.isfinite([lower, upper]).all():
                 raise LabError(f"robot '{self.name}', joint {name}: a limit is not finite")
-            if not lower < upper:
+            if upper - lower not in JOINT_SPAN:
                 raise LabError(f"robot '{self.name}', joint {name}: its lower limit is not below the upper one")
 
     @property

@@ -13,6 +13,8 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.load_samples import PayloadSamples
 from lab.core.se3 import Array
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.payload_identification.estimate import LoadEstimate
 from lab.payload_identification.row_shift import Upward, likely_shifts
 
@@ -40,6 +42,13 @@ class ArmSize:
 
     reach_m: float
     mass_kg: float
+
+    @classmethod
+    def of(cls, chain: Chain, loads: Loads | None) -> "ArmSize":
+        """Of an arm by its table and the masses of its links, if these are known."""
+        lengths = np.abs(chain.table[:, [COLUMNS.index("d"), COLUMNS.index("a")]]).sum()
+        slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0).sum()
+        return cls(float(lengths + slides), np.nan if loads is None else float(loads.mass_kg.sum()))
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ def _of_mass(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
             f"{mass:.4g} kg are more than an arm of its size carries ({most:.3g} kg): are torques or forces in {unit}?"
         )
     elif mass + width < 0:
-        yield f"the payload would weigh {mass:.3g} kg"
+        yield f"the payload would weigh {mass:.3g} kg: are loaded and unloaded rows exchanged?"
     elif not mass > width:
         yield (
             f"the mass is {mass:.2g} ± {width:.2g} kg, which no load at all explains as well: was one carried, and are "

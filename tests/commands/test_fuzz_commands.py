@@ -91,7 +91,10 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     },
 }
 CHEAP = ("identify", "inspect a table", "payload", "kinematics", "import", "certify of a run's result.json")
-FOUND = (("compensate of a run's result.json", "compensate of a run's result.json 2"),)  # commands and seeds
+FOUND = (  # commands and seeds
+    ("compensate of a run's result.json", "compensate of a run's result.json 2"),
+    ("workspace", "workspace 1069"),
+)
 
 
 @pytest.fixture(scope="module")

@@ -24,6 +24,7 @@ from lab.kinematics.dynamics.arm_dynamics import ArmDynamics
 from lab.kinematics.dynamics.base_parameters import BaseParameters, random_states
 from lab.kinematics.dynamics.regrouping import Formula, regrouping_formulas
 from lab.payload_identification.estimate import LoadEstimate
+from lab.payload_identification.plausibility import Implausibility
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,6 +66,7 @@ class DynamicsResult(Result):
         samples: what was read; None where only the base parameters were asked for.
         estimate: what was identified of that.
         physical: the nearest parameters that an arm can have; None where not every base parameter was identified.
+        implausible: why arm or load cannot be what they were identified as.
     """
 
     options: DynamicsOptions
@@ -77,6 +79,7 @@ class DynamicsResult(Result):
     estimate: DynamicsEstimate | None
     physical: PhysicalFit | None
     warnings: tuple[str, ...]
+    implausible: tuple[Implausibility, ...] = ()
 
     @cached_property
     def formulas(self) -> tuple[Formula, ...]:
@@ -103,8 +106,8 @@ class DynamicsResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """0 where nothing was measured, or where the residuals are what noise explains; else 1."""
-        return 1 if self.estimate is not None and self.estimate.verdict.adequate is False else 0
+        """0 where nothing was measured, or where the residuals are what noise explains of what can be; else 1."""
+        return 1 if self.implausible or (self.estimate and self.estimate.verdict.adequate is False) else 0
 
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints, SI units: base parameters with their formulas, values and intervals."""
@@ -118,7 +121,8 @@ class DynamicsResult(Result):
             "formulas": {formula.label: formula.words() for formula in self.formulas},
             "without_effect": [base.names[i] for i in base.without_effect],
         }
-        measured = {} if self.estimate is None else estimate_to_dict(self.estimate)
+        strange = {"implausible": [each.words for each in self.implausible]}
+        measured = {} if self.estimate is None else estimate_to_dict(self.estimate) | strange
         bodies = {} if self.physical is None else {"physical": physical_to_dict(base, self.physical)}
         true = {} if self.day is None else {"true": dict(zip(base.labels, self.day.truth.tolist(), strict=True))}
         return described | measured | bodies | true | {"warnings": list(self.warnings)}

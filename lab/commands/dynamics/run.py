@@ -1,5 +1,6 @@
 """The dynamic parameters of an arm: which ones its torques determine, and from a file what they are."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from lab.core.se3 import Array
 from lab.dynamics_identification.estimate import DynamicsEstimate
 from lab.dynamics_identification.identify import identify_dynamics
 from lab.dynamics_identification.physical import nearest_physical_arm
+from lab.dynamics_identification.plausibility import implausible_dynamics
 from lab.dynamics_identification.runs import DynamicModel
 from lab.formats.drives_toml import Drives, drives_in, read_drives
 from lab.formats.load_csv import read_motion, read_mounting
@@ -26,6 +28,7 @@ from lab.formats.toml import read_toml
 from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
 from lab.kinematics.dynamics.base_parameters import base_parameters
 from lab.kinematics.dynamics.rigid_body import LOAD
+from lab.payload_identification.plausibility import ArmSize, Implausibility
 from lab.simulation.link_masses import link_inertias
 from lab.simulation.payload import drawn_mounting
 
@@ -130,15 +133,20 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
         )  # fmt: skip
         if not estimate.identified.any():
             raise LabError("nothing of the arm shows: move its joints, several at a time")
-    bodies = None
+    bodies, links = None, None if robot.loads is None else link_inertias(robot.serial_model)
     if estimate.identified.all():
-        bodies = nearest_physical_arm(
-            model, estimate, None if robot.loads is None else link_inertias(robot.serial_model)
-        )
+        bodies = nearest_physical_arm(model, estimate, links)
     elif options.physical:
         raise LabError("--physical: not every base parameter is identified; move more joints, or leave it out")
-    said = (*described.warnings, *samples.warnings, *_warnings(estimate))
-    return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said)
+    size = ArmSize.of(robot.serial_model.chain, robot.loads)
+    strange = implausible_dynamics(estimate, model, size, None if links is None else _nominal(model, links))
+    said = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
+    return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said, implausible=strange)
+
+
+def _nominal(model: DynamicModel, links: Array) -> Array:
+    """``(b,)`` base parameters by the links' nominal masses ``(J, 10)``, without friction and motors."""
+    return np.asarray(model.base.projection @ model.arm.standard(links, {}))
 
 
 def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
@@ -154,9 +162,9 @@ def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
     return replace(samples, torques=torques, currents=False)
 
 
-def _warnings(estimate: DynamicsEstimate) -> list[str]:
+def _warnings(estimate: DynamicsEstimate, strange: Sequence[Implausibility]) -> list[str]:
     """What a reader of the estimate should be told."""
-    warnings = []
+    warnings = [f"not plausible: {each.words}" for each in strange]
     if estimate.verdict.adequate is False:
         warnings.append(estimate.verdict.words)
     hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]

@@ -22,7 +22,6 @@ from lab.formats.load_csv import read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.dynamics.rigid_body import torque_regressor
 from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.chain import COLUMNS
 from lab.payload_identification.estimate import LoadEstimate
 from lab.payload_identification.from_sag import CompliantArm, from_sag
 from lab.payload_identification.from_torques import from_torques
@@ -95,7 +94,7 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | No
         fitted = _fitted(options, robot, samples, mounting, method)
         strange = implausibilities(
             fitted,
-            _size(robot),
+            ArmSize.of(robot.serial_model.chain, robot.loads),
             samples,
             lambda other: _fitted(options, robot, other, mounting, method),
             lambda joints: arm.flange(joints, arm.nominal(robot.tool))[:, 2, :3],
@@ -188,22 +187,13 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
     joints, unloaded, loaded = _paired(options, data)
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded)
-        strange = implausibilities(fitted, _size(robot))
+        strange = implausibilities(fitted, ArmSize.of(robot.serial_model.chain, robot.loads))
         _refuse_senseless(fitted, strange)
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
     warnings = (*run.warnings, *data.warnings, *_warnings(estimate, strange))
     return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, strange)
-
-
-def _size(robot: Robot) -> ArmSize:
-    """Of what the payload hangs at."""
-    chain = robot.serial_model.chain
-    lengths = np.abs(chain.table[:, [COLUMNS.index("d"), COLUMNS.index("a")]]).sum()
-    slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0).sum()
-    mass = np.nan if robot.loads is None else float(robot.loads.mass_kg.sum())
-    return ArmSize(float(lengths + slides), mass)
 
 
 def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array]:

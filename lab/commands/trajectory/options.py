@@ -11,6 +11,7 @@ from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention
+from lab.core.ranges import OPTION_SIZE, PAYLOAD_KG, POSITIVE_OPTION
 from lab.core.se3 import Array
 from lab.formats.programs.registry import Controller
 from lab.kinematics.joints import JointSpec
@@ -77,11 +78,11 @@ class TrajectoryOptions:
         for flag in ("blend_mm", "blend_deg"):
             if getattr(self, flag) is not None:
                 positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
-        if self.payload_kg is not None and not 0 <= self.payload_kg < np.inf:
-            raise LabError(f"--payload-kg: {self.payload_kg:g}; give zero or more")
+        if self.payload_kg is not None and self.payload_kg not in PAYLOAD_KG:
+            raise LabError(f"--payload-kg: {self.payload_kg:g}; give {PAYLOAD_KG.shown}")
         if self.run is not None and self.tool_mm:
             raise LabError("--tool-mm and --run: the run has the tool that it measured; leave out one")
-        if self.tool_mm and (len(self.tool_mm) != 3 or not np.isfinite(self.tool_mm).all()):
+        if self.tool_mm and (len(self.tool_mm) != 3 or not all(abs(each) in OPTION_SIZE for each in self.tool_mm)):
             raise LabError("--tool-mm: give x,y,z of the tool's point in the last frame, e.g. 0,0,100")
 
     @property
@@ -120,7 +121,7 @@ class TrajectoryOptions:
         for name, given in (("speed", self.speeds), ("acceleration", self.accelerations), ("jerk", self.jerks)):
             if not given:
                 continue
-            if len(given) not in (1, chain.size) or not all(0 < each < np.inf for each in given):
+            if len(given) not in (1, chain.size) or not all(each in POSITIVE_OPTION for each in given):
                 raise LabError(f"--{name}s: give one number above zero for all joints, or {chain.size} of them")
             found[name] = np.broadcast_to(given, chain.size) * scale
         return replace(

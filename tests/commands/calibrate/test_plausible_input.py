@@ -1,5 +1,6 @@
 """Copies of rows count for nothing, and a noise in another unit is refused; measurements as they are pass."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import lab
 from lab.commands.calibrate.plausibility import without_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
 
 
 @pytest.fixture(scope="module")
@@ -54,3 +56,37 @@ def test_a_noise_in_micrometres_is_refused_with_what_it_would_be(day: Measuremen
     with pytest.raises(LabError, match=r"column sigma_mm 5: .* That would be 0\.005 mm"):
         lab.identify(column, robot="scara", holdout=0.2)
     lab.identify(day, robot="scara", noise_mm=0.05, holdout=0.2)
+
+
+def turned(data: Measurements, change: Callable[[Array], Array]) -> Measurements:
+    return replace(data, joints=change(data.joints))
+
+
+def negated(joints: Array) -> Array:
+    return joints * [1, -1, 1, 1]
+
+
+MISTAKES: dict[str, Callable[[Measurements], Measurements]] = {
+    "joint 2 negated": lambda day: turned(day, negated),
+    "joints a row late": lambda day: turned(day, lambda joints: np.roll(joints, 1, axis=0)),
+    "radians taken for degrees": lambda day: turned(day, np.deg2rad),
+    "points in metres taken for mm": lambda day: replace(day, points=day.points / 1e3),
+    "x and y exchanged": lambda day: replace(day, points=day.points[..., [1, 0, 2]]),
+    "half of the rows in another unit": lambda day: replace(
+        day, points=np.where((np.arange(len(day)) % 2 == 0)[:, None, None], day.points, day.points / 1e3)
+    ),
+}
+
+
+def mistaken(robust: bool) -> list[object]:
+    """The cheapest with every change; searches for outliers among nonsense take long."""
+    marks = [pytest.mark.slow if robust else pytest.mark.thorough] * len(MISTAKES)
+    marks[0] = pytest.mark.thorough
+    return [pytest.param(name, robust, marks=mark) for name, mark in zip(MISTAKES, marks, strict=True)]
+
+
+@pytest.mark.parametrize(("mistake", "robust"), [*mistaken(True), *mistaken(False)])
+def test_a_mistake_is_never_good(mistake: str, robust: bool, day: Measurements) -> None:
+    """However many poses --robust would leave out to make the rest fit."""
+    found = lab.identify(MISTAKES[mistake](day), robot="scara", instrument="uniform-8um", robust=robust)
+    assert found.verdict.word == "bad" and found.exit_code == 1

@@ -252,7 +252,7 @@ def test_a_payload_that_bends_nothing_is_refused(tmp_path, capsys) -> None:
     assert code == 0 and seen["tracking"] is None and not (tmp_path / "run" / "corrected.csv").exists()
     for arguments, words in (
         (("--payload-kg", "2"), "nothing bends robot irb120 here; give --run, or a robot with [[link]] sections"),
-        (("--payload-kg", "-2"), "--payload-kg: -2; give zero or more"),
+        (("--payload-kg", "-2"), "--payload-kg: -2; give 0 to 1,000 kg"),
         (("--run", "nowhere", "--tool-mm", "0,0,1"), "--tool-mm and --run: the run has the tool that it measured"),
         (("--run", "nowhere"), "nowhere"),
     ):

@@ -1,0 +1,76 @@
+"""Whether an arm's dynamics can be what they were identified as: its weight, what its torques follow, what it carries.
+
+Least squares explains whatever it is given: torques in another unit give links of tons whose residuals are noise. What
+gravity asks of the arm is compared with what its nominal masses ask, which a wrong unit changes by a thousand and
+another arm of its kind by a few times.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.dynamics_identification.estimate import DynamicsEstimate
+from lab.dynamics_identification.runs import DynamicModel
+from lab.kinematics.dynamics.base_parameters import random_states
+from lab.payload_identification.plausibility import ArmSize, Implausibility, implausibilities
+
+__all__ = ["implausible_dynamics"]
+
+_STATES = 200
+_OTHER_UNIT = 30.0  # times what the nominal masses ask for: no arm of its kind
+_UNEXPLAINED = 0.5  # of what torques change by
+_CHANGES = 1e-9  # of their size: torques that change by less are constant
+_SHOWS = 1e-6  # Nm or N: less gravity is none
+
+
+def implausible_dynamics(
+    found: DynamicsEstimate, model: DynamicModel, arm: ArmSize, nominal: Array | None
+) -> tuple[Implausibility, ...]:
+    """What of an arm's parameters and of its load cannot be.
+
+    Args:
+        arm: what bounds the load.
+        nominal: ``(b,)`` base parameters by the links' nominal masses; None where these are not known.
+    """
+    with np.errstate(all="ignore"):  # what cannot be may overflow
+        said = [Implausibility(words) for words in (*_of_fit(found), *_of_weight(found, model, nominal))]
+        return (*said, *(() if found.load is None else implausibilities(found.load, arm)))
+
+
+def _of_fit(found: DynamicsEstimate) -> Iterator[str]:
+    """Torques that do not follow the motion."""
+    changes = float(np.sqrt(((found.measured - found.measured.mean(axis=0)) ** 2).sum()))
+    left = float(np.sqrt((found.residual**2).sum()))
+    if changes <= _CHANGES * float(np.sqrt((found.measured**2).sum())):
+        yield "the torques do not change along the motion: are they of another record, or of drives that were off?"
+    elif left > _UNEXPLAINED * changes:
+        yield (
+            f"the motion does not explain {100 * left / changes:.2g} % of what the torques change by: are torques and "
+            "positions of the same motion, of the same joints, in the units of their columns?"
+        )
+
+
+def _of_weight(found: DynamicsEstimate, model: DynamicModel, nominal: Array | None) -> Iterator[str]:
+    """What gravity asks, as identified and by the nominal masses; not where it asks next to nothing."""
+    if nominal is None:
+        return
+    seen, expected = (
+        _gravity(model, np.where(found.identified, each, 0.0)) for each in (np.nan_to_num(found.values), nominal)
+    )
+    if expected < _SHOWS or 1 / _OTHER_UNIT < seen / expected < _OTHER_UNIT:
+        return
+    times = seen / expected
+    cause = "are torques in another unit, or is gravity taken out of them?"
+    if 1 / _OTHER_UNIT < times / 1e3 < _OTHER_UNIT:
+        cause = "are torques in Nmm?"
+    yield f"gravity asks {times:.3g} times what it asks of the arm's nominal masses: {cause}"
+
+
+def _gravity(model: DynamicModel, values: Array) -> float:
+    """Root mean square of the drives' torques at rest about their means, which hold the offsets."""
+    joints, _, _ = random_states(model.arm, _STATES, rng_for(0, "structure", 3))
+    still = np.zeros_like(joints)
+    torques = model.torques(values, (joints, still, still))
+    return float(np.sqrt(((torques - torques.mean(axis=0)) ** 2).mean()))
