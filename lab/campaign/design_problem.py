@@ -15,6 +15,7 @@ from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.stations import refuse_idle_stations, stations_in
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, is_isotropic, observing
+from lab.core.limits import STOPS
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
@@ -245,7 +246,8 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     chain = robot.chain
     if options.extend is None:
         return _inputs(robot.model, np.empty((0, chain.size)))
-    rows = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False).only("calibrate")
+    plan = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False, most=STOPS)
+    rows = plan.only("calibrate")
     robot.refuse_beyond_limits(options.extend, rows, MEASURED_SLACK)
     robot.refuse_impossible(options.extend, rows)
     measured = rows.seen.all(axis=1)

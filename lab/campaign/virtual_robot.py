@@ -15,6 +15,7 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.campaign.stations import refuse_idle_stations, station_columns, stations_in
 from lab.core.errors import LabError
+from lab.core.limits import STOPS
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -95,7 +96,8 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
     if options.plan is None:
         joints = random_poses(model, options.poses, rng_for(options.seed, "poses"))
         return joints, _station_columns(robot, options, _seeing(robot, options, joints)), ()
-    plan = read_measurements(options.plan, robot.chain.joint_names, robot.chain.prismatic, points=False)
+    chain = robot.chain
+    plan = read_measurements(options.plan, chain.joint_names, chain.prismatic, points=False, most=STOPS)
     plan = plan.only("calibrate")
     if not len(plan):
         raise LabError(f"{options.plan}: no row has use = calibrate; mark some")

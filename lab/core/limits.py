@@ -29,7 +29,9 @@ __all__ = [
     "NAME",
     "NESTED_ELEMENTS",
     "ORIENTATIONS",
+    "PASSED",
     "PIXELS",
+    "PLACED",
     "PLACES",
     "POSES",
     "PROGRAM_BYTES",
@@ -39,6 +41,7 @@ __all__ = [
     "ROWS",
     "SEED",
     "STARTS",
+    "STOPS",
     "TABLE_BYTES",
     "TARGETS",
     "TEXT_BYTES",
@@ -106,6 +109,9 @@ NAME = Limit("characters of a name", 100, "names are columns, titles and labels"
 JOINTS = Limit("joints of a robot", 40, "the work grows with their cube")
 TARGETS = Limit("targets of a tool", 100, "the work grows with their square")
 POSES = Limit("poses", 100_000, "a robot measures some hundred in a day")
+STOPS = Limit("stops of a plan", 10_000, "every way between them is checked")
+PASSED = Limit("points of a motion", 2_000, "what lies between them is planned and drawn")
+PLACED = Limit("poses of a robot's models", 10_000, "each is told in full, with every solution")
 FIXTURES = Limit("anchors, locations or planes", 100, "each takes some poses of its own")
 READINGS = Limit("readings of a point", 1_000_000, "their mean has no noise left")
 CANDIDATES = Limit("candidates of a plan", 100_000, "2,000 are as good")

@@ -135,13 +135,13 @@ class Measurements:
             self,
             joints=self.joints[index],
             points=self.points[index],
-            ids=tuple(self.ids[i] for i in pick),
-            use=tuple(self.use[i] for i in pick),
-            sessions=tuple(self.sessions[i] for i in pick),
+            ids=tuple(map(self.ids.__getitem__, pick)),
+            use=tuple(map(self.use.__getitem__, pick)),
+            sessions=tuple(map(self.sessions.__getitem__, pick)),
             sigma_m=self.sigma_m[index],
             conditions={name: column[index] for name, column in self.conditions.items()},
-            other={name: tuple(column[i] for i in pick) for name, column in self.other.items()},
-            lines=tuple(self.lines[i] for i in pick) if self.lines else (),
+            other={name: tuple(map(column.__getitem__, pick)) for name, column in self.other.items()},
+            lines=tuple(map(self.lines.__getitem__, pick)) if self.lines else (),
             visits=self._visited.take(index),
         )
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES
+from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES, Limit
 from lab.core.ranges import NUMBER_SIZE
 from lab.core.se3 import Array
 from lab.formats.text_file import read_text
@@ -63,6 +63,7 @@ class CsvTable:
 
     Attributes:
         path: of the file.
+        most: how many rows it may have.
         semicolons: whether these separate the cells.
         decimal: the mark of the first decimal number, and the line and column of that; None before it is read.
         header: names of the columns.
@@ -73,8 +74,8 @@ class CsvTable:
         LabError: the file cannot be read, is empty, or is no table of comma-separated values.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, most: Limit = ROWS) -> None:
+        self.path, self.most = path, most
         self.semicolons = False
         self.decimal: tuple[str, str] | None = None
         self._columns: list[list[_Cells]] = []
@@ -91,7 +92,7 @@ class CsvTable:
         first = text.partition("\n")[0]
         if first.startswith("#"):
             raise LabError(f"{self.path}: line 1 is a comment; begin the file with the header")
-        ROWS(self.path, text.count("\n") - 1)
+        self.most(self.path, text.count("\n") - 1)
         LINE(f"{self.path}: line 1", first)
         if "\t" in first and "," not in first and ";" not in first:
             raise LabError(f"{self.path}: line 1: the columns are separated by tabs; separate them by commas")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lab.core.limits import ROWS, Limit
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, read_measurements
@@ -28,13 +29,18 @@ class JointRows:
     warnings: tuple[str, ...] = ()
 
 
-def holds_targets(path: Path) -> bool:
+def holds_targets(path: Path, most: Limit = ROWS) -> bool:
     """Whether a file has positions of a point (columns that end in ``x_mm`` or ``x_m``), not joint positions alone.
 
+    Args:
+        path: of the file.
+        most: how many rows it may have.
+
     Raises:
-        LabError: it cannot be read.
+        LabError: it cannot be read, or has more rows than ``most``.
     """
-    return any(column in ("x_mm", "x_m") or column.endswith(("_x_mm", "_x_m")) for column in CsvTable(path).header)
+    header = CsvTable(path, most).header
+    return any(column in ("x_mm", "x_m") or column.endswith(("_x_mm", "_x_m")) for column in header)
 
 
 def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> JointRows:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.limits import TARGETS, checked_name
+from lab.core.limits import ROWS, TARGETS, Limit, checked_name
 from lab.core.measurements import Measurements
 from lab.core.ranges import PAYLOAD_KG, SIGMA_MM
 from lab.core.se3 import Array
@@ -118,6 +118,7 @@ def read_measurements(
     *,
     points: bool = True,
     columns: ObservedColumns | None = None,
+    most: Limit = ROWS,
 ) -> Measurements:
     """Read a measurement file, or a plan (``points=False``: the points may be missing).
 
@@ -126,11 +127,12 @@ def read_measurements(
         prismatic: which of them slide: their columns are lengths.
         points: whether a file without any point is refused, where points are observed.
         columns: what is observed; points if not given. Orientations are kept as texts for ``orientations``.
+        most: how many rows it may have.
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
     """
-    reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns())
+    reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns(), most)
     return reader.read(points and reader.observed.positions)
 
 
@@ -139,8 +141,15 @@ class PoseReader(CsvTable):
 
     unknown_are = "kept as they are"
 
-    def __init__(self, path: Path, joint_names: list[str], prismatic: list[bool], observed: ObservedColumns) -> None:
-        super().__init__(path)
+    def __init__(
+        self,
+        path: Path,
+        joint_names: list[str],
+        prismatic: list[bool],
+        observed: ObservedColumns,
+        most: Limit = ROWS,
+    ) -> None:
+        super().__init__(path, most)
         self.joint_names, self.prismatic, self.observed = joint_names, prismatic, observed
         self.warnings: list[str] = []
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.limits import PASSED
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
@@ -67,7 +68,7 @@ def read_path(
     Raises:
         LabError: with the file, and where there is one the line and the column.
     """
-    texts, size = CsvTable(path).texts("move"), len(joint_names)
+    texts, size = CsvTable(path, PASSED).texts("move"), len(joint_names)
     units = ["mm" if slides else "deg" for slides in prismatic]
     speeds = [f"speed_{name}_{unit}_per_s" for name, unit in zip(joint_names, units, strict=True)]
     columns = ObservedColumns(orientations=True, numbers=(*_VELOCITY, *speeds), texts=("move",))

@@ -5,6 +5,7 @@ A case is a class of mistakes times the commands that read such a file or option
 
 import itertools
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -253,6 +254,17 @@ def binary(name: str, commands: tuple[str, ...]) -> list[tuple[str, str, bytes]]
     ]
 
 
+JOINT_ROW, POINT_ROW = "1,2,3\n", "300,10,400\n"
+LONG: dict[str, str] = {
+    "11,000 joint rows": "q1_deg,q2_deg,rail_mm\n" + JOINT_ROW * 11_000,
+    "11,000 points": "x_mm,y_mm,z_mm\n" + POINT_ROW * 11_000,
+}
+WORK_BY_ROWS = (  # whose work for a row is so much that few rows are taken
+    *PATHS,
+    *PLANS,
+    "design --robot arm.toml --extend {} --out never",
+    "calibrate --robot arm.toml --plan {} --out never",
+)
 COMMAND_LINES = (
     "kinematics arm.toml --joints 1,2",
     "kinematics arm.toml --joints 1,nan,3",
@@ -324,6 +336,7 @@ CASES = [
     *binary("hostile.txt", PROGRAMS),
     *binary("hostile.toml", TOMLS),
     *of(TABLES, "hostile.csv", (*PATHS, *MOTIONS, *EXPORTS[:1], *TARGETS)),
+    *of(LONG, "hostile.csv", WORK_BY_ROWS),
     *of(TOML_TEXTS, "hostile.toml", TOMLS),
     *((f"{each}: {command}", command.format(each), b"") for each in SPECIAL for command in
       (*MEASUREMENTS, *ROBOTS, *STUDIES, *RUNS, *CONFIGS, *PATHS, *MOTIONS, *EXPORTS, *PROGRAMS, *TARGETS, *PLANS,
@@ -374,6 +387,18 @@ def refused(name: str, argv: str, content: bytes, folder: Path, capfd: pytest.Ca
     lines = [line for line in err.splitlines() if not line.startswith("lab: warning: ")]
     good = code == 2 and not out and len(lines) == 1 and the_line(err) and after == before
     return None if good else f"{name[:100]}: code {code}, {out[:40]!r}, {err[:200]!r}, {set(after) ^ set(before)}"
+
+
+@pytest.mark.thorough
+def test_more_rows_than_a_work_can_take_are_refused_before_it(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(place)
+    (place / "long.csv").write_text(LONG["11,000 joint rows"])
+    for command in WORK_BY_ROWS:
+        assert run(command.format("long.csv")) == 2
+        assert re.search(r"11,000 [^;]+ are too many; give at most (2|10),000", the_line(capfd.readouterr().err))
+    (place / "long.csv").unlink()
 
 
 @pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.slow) for part in range(1, PARTS))])

@@ -14,6 +14,7 @@ from lab.commands.design.day import MeasuringDayLength
 from lab.commands.result import Result
 from lab.core.errors import LabError
 from lab.core.instruments import observing
+from lab.core.limits import STOPS
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
@@ -116,7 +117,7 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     """
     assert options.check is not None
     chain, warnings = rated(robot.chain)
-    stops = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False)
+    stops = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=STOPS)
     measured = np.array([use != "skip" for use in stops.use])
     if not measured.any():
         raise LabError(f"{options.check}: no stop is to be measured; give the plan.csv of lab design")

@@ -16,6 +16,7 @@ from lab.commands.kinematics.result import KinematicsResult, Reached
 from lab.commands.kinematics.solutions import Solution, Solver, matching
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.limits import PLACED
 from lab.core.se3 import Array
 from lab.formats.joint_csv import holds_targets, read_joints
 from lab.formats.target_csv import read_targets
@@ -119,7 +120,7 @@ class _Model:
         near = np.full(chain.size, np.nan) if self.given is None else self.given
         if options.pose:
             return _Targets(("",), options.wanted, near[None]), ()
-        if options.file is None or not holds_targets(options.file):
+        if options.file is None or not holds_targets(options.file, PLACED):
             return None, ()
         read = read_targets(options.file, chain.joint_names, chain.prismatic, options.orientation)
         near = np.where(np.isfinite(read.joints), read.joints, near)
