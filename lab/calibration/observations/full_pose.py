@@ -123,7 +123,11 @@ class Poses:
 
     def points(self, inputs: Array, values: Array) -> Array:
         """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
-        return self.observe(inputs, values)[0]
+        arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
+        points = self.arm.points(arm_inputs, values[:-3])
+        flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points)
+        rotation = se3.log(np.swapaxes(measured, 1, 2) @ flange @ se3.exp(values[-3:]))
+        return np.concatenate([points, rotation[:, None]], 1)
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``.
@@ -133,11 +137,11 @@ class Poses:
         """
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_inputs, values[:-3])
-        flange, rates = _flange_rotation(self.arm, arm_inputs, values[:-3], jacobian)
+        flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian)
         inverse = np.swapaxes(measured, 1, 2)
         rotation = se3.log(inverse @ flange @ se3.exp(values[-3:]))  # (n, 3)
         rates = np.concatenate([rates, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
-        rows = np.linalg.solve(se3.left_jacobian(rotation), inverse @ rates)
+        rows = np.linalg.solve(se3.left_jacobian(rotation), inverse) @ rates
         wide = np.concatenate([jacobian, np.zeros((*jacobian.shape[:3], 3))], axis=3)
         return np.concatenate([points, rotation[:, None]], 1), np.concatenate([wide, rows[:, None]], 1)
 
@@ -148,8 +152,8 @@ class Poses:
         positions = Observations(observed.inputs[:, :-4], observed.points[:, :-1], whiten)
         arm = initial_guess(self.arm, positions, values[:n])
         rows = np.isfinite(observed.points[:, -1]).all(axis=1)
-        _, jacobian = self.arm.observe(positions.inputs[rows], arm)
-        flange, _ = _flange_rotation(self.arm, positions.inputs[rows], arm, jacobian)
+        inputs = positions.inputs[rows]
+        flange = _flange_rotation(self.arm, inputs, arm, self.arm.points(inputs, arm))
         measured = se3.rotation_from_quaternion(observed.inputs[rows, -4:])
         mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
         return np.concatenate([arm, se3.log(mean)])
@@ -167,7 +171,30 @@ class Poses:
         """None: repeats of a configuration are held out together."""
 
 
-def _flange_rotation(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
+def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) -> Array:
+    """The last frame's rotations ``(n, 3, 3)`` in the instrument's frame.
+
+    A target's position t in the last frame enters its measured position as o + R t: it moves by the frame's axes where
+    t is moved by one.
+
+    Args:
+        arm: the arm, measured by points.
+        inputs: ``(n, joints + conditions)``.
+        values: ``(p,)``.
+        points: ``(n, k, 3)`` of the arm at ``values``.
+    """
+    moved = [arm.points(inputs, there)[:, 0] - points[:, 0] for there in _moved_tools(arm, values)]
+    stretched = np.stack(moved, axis=2)
+    return np.asarray(stretched / np.sqrt((stretched**2).sum(axis=1, keepdims=True)))
+
+
+def _moved_tools(arm: Model, values: Array) -> list[Array]:
+    """The parameters with the first target moved by one along each axis of the last frame."""
+    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
+    return [values + np.eye(len(values))[column] for column in tool]
+
+
+def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
     """The last frame's rotations ``(n, 3, 3)`` and their rates ``(n, 3, p)``, in the instrument's frame.
 
     A target's position t in the last frame enters its measured position as o + R t: the derivatives by t are the
@@ -185,11 +212,11 @@ def _flange_rotation(arm: Model, inputs: Array, values: Array, jacobian: Array) 
     size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
     rotation = stretched / size
     rates = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
-    for axis, column in enumerate(tool):
-        moved = values.copy()
-        moved[column] += 1.0
+    for axis, moved in enumerate(_moved_tools(arm, values)):
         change = arm.observe(inputs, moved)[1][:, 0] - jacobian[:, 0]
-        rates += 0.5 * se3.skew(rotation[..., axis]) @ (change / size[:, :, axis, None])
+        r = 0.5 * rotation[..., axis] / size[..., axis]
+        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+            rates[:, i] += r[:, j, None] * change[:, k] - r[:, k, None] * change[:, j]
     return rotation, rates
 
 
