@@ -16,7 +16,6 @@ from functools import cached_property
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
@@ -92,11 +91,11 @@ class MeasuredRange:
         return np.asarray(tree.query(self._around(joints), k=_NEAREST)[0][:, -1] > reach)
 
     @cached_property
-    def _measured(self) -> tuple[cKDTree, float]:
+    def _measured(self) -> "tuple[scipy.spatial.cKDTree, float]":
         """The measured poses, and how far 95 % of them are from the third of the others."""
         assert self.poses is not None
         around = self._around(self.poses)
-        tree = cKDTree(around)
+        tree = scipy.spatial.cKDTree(around)
         return tree, float(np.quantile(tree.query(around, k=_NEAREST + 1)[0][:, -1], _COVERED))
 
     def _around(self, joints: Array) -> Array:

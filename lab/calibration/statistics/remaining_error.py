@@ -8,8 +8,8 @@ from pose to pose is time's: the mean product of neighbours' residuals over thei
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.validation import configurations
@@ -163,7 +163,7 @@ def _neighbours(joints: Array) -> NDArray[np.int_]:
         return np.empty((0, 2), dtype=np.int_)
     scaled = (joints / np.maximum(joints.std(axis=0), 1e-12))[first]
     asked = _thinned(np.arange(len(first)))
-    nearest = cKDTree(scaled).query(scaled[asked], k=2)[1][:, 1]
+    nearest = scipy.spatial.cKDTree(scaled).query(scaled[asked], k=2)[1][:, 1]
     return np.stack([first[asked], first[nearest]], axis=1)
 
 
