@@ -1,6 +1,7 @@
 """Every command that writes a folder with small inputs, run in forks of the tests' process."""
 
 import os
+import shutil
 import signal
 import sys
 import time
@@ -19,7 +20,7 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.payload import RigidLoad
 from lab.simulation.payload_bench import LoadBench, RunErrors
 
-__all__ = ["COMMANDS", "ended", "forked", "inputs_of_commands", "weighed", "whole"]
+__all__ = ["COMMANDS", "MIGRATE", "ended", "forked", "inputs_of_commands", "older_run", "weighed", "whole"]
 
 STUDY = """\
 name = "small"
@@ -48,6 +49,18 @@ COMMANDS = {
     "reproduce": "reproduce elastic",
     "workspace": "workspace carrier/cartesian --places 200",
 }
+
+
+MIGRATE = "migrate older"  # which writes into the folder that it is given
+
+
+def older_run(folder: Path) -> None:
+    """A run as a lab wrote it that had no schema and no checksums."""
+    shutil.rmtree(folder / "older", ignore_errors=True)
+    shutil.copytree(folder / "day", folder / "older")
+    (folder / "older" / CHECKSUMS).unlink()
+    config = folder / "older" / "config.json"
+    config.write_text(config.read_text().replace('"schema": 1,', "", 1))
 
 
 def inputs_of_commands(folder: Path) -> Path:

@@ -73,11 +73,14 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
 
 def _replace(folder: Path, files: Mapping[str, Any]) -> None:
     """Write the run again with other contents of some of its files."""
+    if strays := sorted(path.name for path in folder.iterdir() if path.is_symlink() or not path.is_file()):
+        raise LabError(f"{folder}: holds {strays[0]}, which is no file of a run; move it elsewhere")
     if Path.cwd().is_relative_to(folder.resolve()):
         raise LabError(f"{folder}: is the working folder, or holds it; go above it")
     try:
         with draft_of(resolved(folder), replacing=True) as draft:
-            shutil.copytree(folder, draft, dirs_exist_ok=True)
+            for path in folder.iterdir():  # copytree would tell of every file that there is no room for
+                shutil.copy2(path, draft / path.name)
             for name, content in files.items():
                 write_json(draft / name, content)
             (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")

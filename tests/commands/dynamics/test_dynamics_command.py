@@ -273,7 +273,7 @@ def test_a_rehearsal_with_drives_writes_currents(tmp_path: Path, capsys: pytest.
         (["--simulate", "--seconds", "0.2"], "--seconds 0.2: give 2 or more"),
         (["--simulate", "--rate-hz", "1e9"], "too many"),
         (["--simulate", "--noise-percent", "-1"], "--noise-percent -1"),
-        (["--simulate", "--rounds", "1000"], "--rounds 1000"),
+        (["--simulate", "--rounds", "1000"], "--rounds: 1,000 rounds"),
     ],
 )
 def test_bad_rehearsals_are_one_line(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
