@@ -26,6 +26,7 @@ __all__ = [
     "LINE",
     "LINE_OF_TEXT",
     "MESH_BYTES",
+    "MOMENTS",
     "NAME",
     "NESTED_ELEMENTS",
     "ORIENTATIONS",
@@ -111,6 +112,7 @@ TARGETS = Limit("targets of a tool", 100, "the work grows with their square")
 POSES = Limit("poses", 100_000, "a robot measures some hundred in a day")
 STOPS = Limit("stops of a plan", 10_000, "every way between them is checked")
 PASSED = Limit("points of a motion", 2_000, "what lies between them is planned and drawn")
+MOMENTS = Limit("times of a motion", 100_000, "each is a row; --step-ms sets how far they are apart")
 PLACED = Limit("poses of a robot's models", 10_000, "each is told in full, with every solution")
 FIXTURES = Limit("anchors, locations or planes", 100, "each takes some poses of its own")
 READINGS = Limit("readings of a point", 1_000_000, "their mean has no noise left")

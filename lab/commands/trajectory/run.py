@@ -13,6 +13,7 @@ from lab.commands.trajectory.options import TrajectoryOptions
 from lab.commands.trajectory.result import TrajectoryResult
 from lab.commands.trajectory.tracked import tracked_arm, tracking_warnings
 from lab.core.errors import LabError
+from lab.core.limits import MOMENTS
 from lab.formats.path_csv import read_path
 from lab.pose_selection.tour import rated
 
@@ -58,6 +59,7 @@ def trajectory(
     legs = planned(points, arm, arm.nominal({"p1": points.tool_m}), chain, rows)
     tracked = tracked_arm(points, robot, known)
     found = TrajectoryResult(points, robot, chain, tuple(legs), (*robot.warnings, *said, *rows.warnings), tracked)
+    MOMENTS(points.points, int(min(found.motion.seconds / (points.step_ms / 1e3), 1e18)))
     refuse_collisions(found)
     if tracked is None or found.tracking is None:
         return found
