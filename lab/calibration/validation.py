@@ -18,6 +18,7 @@ from lab.calibration.stations import few_points_of_a_station
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, setups
+from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -218,7 +219,9 @@ def validate_rows(identification: Identification, test: Measurements) -> Validat
     return Validation("holdout", errors_of(identification, test), rows=test)
 
 
-def validate_folds(identify: Identify, identification: Identification, data: Measurements, seed: int) -> Validation:
+def validate_folds(
+    identify: Identify, identification: Identification, data: Measurements, seed: int, progress: Progress = no_progress
+) -> Validation:
     """Five-fold cross-validation by configuration or fixture; none where a fold would leave too little to fit.
 
     Args:
@@ -226,6 +229,7 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
         identification: of all rows.
         data: the rows ``(n,)``.
         seed: of the split.
+        progress: takes how many folds are done of how many.
     """
     labels, numbers = cv_groups_of(identification.model, data), data.points.shape[2]
     rows = folds(labels, seed)
@@ -255,6 +259,7 @@ def validate_folds(identify: Identify, identification: Identification, data: Mea
         errors = errors_of(part, data.take(test))
         errors.before[:, lost] = errors.after[:, lost] = np.nan  # targets that only this fold's poses measured
         before[test], after[test] = errors.before, errors.after
+        progress(fold + 1, count)
     said = (f"{stuck} of the {count} fits of the cross-validation did not converge: {_CREEPING}",) if stuck else ()
     return Validation("cross-validation", Errors(before, after), said, rows=data)
 

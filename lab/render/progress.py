@@ -54,7 +54,7 @@ def status(work: str) -> Iterator[Stage]:
         def stage(words: str, done: int = 0, of: int = 0) -> None:
             name = words[:_NAMED]
             since = time.monotonic() - begun.setdefault(name, time.monotonic())
-            count = f" ({done} of {of}{time_left(since, done, of)})" if of else ""
+            count = f" ({done:,} of {of:,}{time_left(since, done, of)})" if of else ""
             shown.update(task, description=f"{work}: {words}{count}")
 
         yield stage

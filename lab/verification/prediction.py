@@ -19,6 +19,7 @@ from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel, p_value_of_squares, triangle_of
 from lab.core.measurements import seen_mask
 from lab.core.probabilities import chi2_isf, f_isf
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
@@ -178,10 +179,15 @@ class RefitSolution:
 
 @dataclass(frozen=True)
 class VerificationProblem:
-    """New measurements, weighted by the instrument's noise, against what a run predicts."""
+    """New measurements, weighted by the instrument's noise, against what a run predicts.
+
+    Attributes:
+        progress: takes how many poses were worked out of how many, each time that all are gone through.
+    """
 
     prediction: CalibrationPrediction
     observed: Observations
+    progress: Progress = no_progress
 
     @property
     def numbers(self) -> int:
@@ -194,11 +200,14 @@ class VerificationProblem:
         Raises:
             LabError: the arm cannot be in one of the poses: its loops do not close.
         """
+        done = 0
         for each in self.observed.blocks():
             points, slopes = self.prediction.arm.observe(each.inputs, values)
             if np.isnan(points).any():
                 raise LabError("the calibrated arm cannot be in one of these poses: its loops do not close; calibrate")
             yield each, each.apply(each.points - points), each.apply(slopes)
+            done += len(each.inputs)
+            self.progress(done, len(self.observed.inputs))
 
     def fitted(self, start: Array, directions: Array, at_start: WhitenedSystem | None = None) -> RefitSolution:
         """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.

@@ -15,6 +15,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.refit import dependent_columns
 from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
+from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.verification.change_test import ChangeTest, change_test, explained, freed, split_test
@@ -108,7 +109,11 @@ class Verified:
 
 
 def verify(
-    prediction: CalibrationPrediction, observed: Observations, refit: Sequence[str] = (), poses: Sequence[str] = ()
+    prediction: CalibrationPrediction,
+    observed: Observations,
+    refit: Sequence[str] = (),
+    poses: Sequence[str] = (),
+    progress: Progress = no_progress,
 ) -> Verified:
     """Test new measurements against what a run predicted; where they contradict it, say what has moved.
 
@@ -116,11 +121,12 @@ def verify(
         observed: weighted by a known sigma, or by the one that the run estimated.
         refit: ``base``, ``tool`` or both: fitted anew, so that they cannot be what has moved.
         poses: what each is called; by their numbers where not given.
+        progress: takes how many poses were worked out of how many, each time that all are gone through.
 
     Raises:
         LabError: the measurements are too few for what is to be fitted anew.
     """
-    arm, problem = prediction.arm, VerificationProblem(prediction, observed)
+    arm, problem = prediction.arm, VerificationProblem(prediction, observed, progress)
     anew = refitted(arm, refit)
     fit = problem.placed(prediction.values, anew, refit)
     asked = _structural_rank(prediction, anew) if refit else 0

@@ -74,7 +74,9 @@ def test_held_out_poses_are_not_fitted() -> None:
 def test_cross_validation_judges_every_row_once_and_delivers_from_all() -> None:
     data, _ = campaign(60, 2)
     whole = fitted(data)
-    validation = validate_folds(fitted, whole, data, 0)
+    told: list[tuple[int, int]] = []
+    validation = validate_folds(fitted, whole, data, 0, lambda done, of: told.append((done, of)))
+    assert told == [(fold, 5) for fold in range(1, 6)]
     assert validation.judged_by == "cross-validation" and validation.errors is not None
     assert np.isfinite(validation.errors.after).all()
     residual = np.linalg.norm(whole.residuals, axis=2).mean()

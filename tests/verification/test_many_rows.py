@@ -39,13 +39,18 @@ def new_points(off: bool, poses: int = POSES) -> tuple[CalibrationPrediction, Ob
 def test_a_verification_block_by_block_is_that_of_all_rows(off: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     prediction, seen = new_points(off)
 
+    passed: list[tuple[int, int]] = []
+
     def told() -> Verified:
-        return verify(prediction, seen)
+        passed.clear()
+        return verify(prediction, seen, progress=lambda done, of: passed.append((done, of)))
 
     whole = told()
     monkeypatch.setattr(gauss_newton, "_BLOCK", 6 * 20)
     assert len(list(seen.blocks())) == 5
     parts = told()
+    assert passed[:5] == [(done, POSES) for done in (20, 40, 60, 80, 90)]
+    assert len(passed) == 10 or off  # all rows twice where nothing has changed
     assert whole.good is not off and parts.words == whole.words
     for name in ("statistic", "numbers", "promised_m", "p", "p_of_all"):
         assert getattr(parts, name) == pytest.approx(getattr(whole, name), rel=1e-9)

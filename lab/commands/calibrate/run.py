@@ -43,6 +43,7 @@ from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements
+from lab.core.progress import Progress
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import SessionInfo
@@ -210,16 +211,22 @@ def _of_measurements(
     stage("2 of 3, fitting")
     with error_context(options.file):
         fit = fitter(rows, held)
-    stage("3 of 3, validating")
+    validating = partial(stage, "3 of 3, validating")
+    validating()
     if other is not None:
         validation = _judged_by_file(fitter, fit, other, options)
     else:
-        validation = _judged_by_rows(fitter, fit, rows, held, options)
+        validation = _judged_by_rows(fitter, fit, rows, held, options, validating)
     return _outcome(fitter, fit, validation, options, time.perf_counter() - started)
 
 
 def _judged_by_rows(
-    fitter: Fitter, fit: FitReport, rows: Measurements, held: Measurements | None, options: MeasuredCampaign
+    fitter: Fitter,
+    fit: FitReport,
+    rows: Measurements,
+    held: Measurements | None,
+    options: MeasuredCampaign,
+    progress: Progress,
 ) -> Validation:
     """By all rows held out, else by folds of all rows with the same groups of parameters.
 
@@ -242,7 +249,7 @@ def _judged_by_rows(
         return validation.naming([pose.id for pose in fit.outliers if pose.held_out])
     with error_context(options.file):
         again = partial(fitter.knowing(fit.noise.shared).predicting, groups=fit.groups, held=fit.unshown)
-        validation = validate_folds(again, fit.identification, rows, options.seed)
+        validation = validate_folds(again, fit.identification, rows, options.seed, progress)
         return validation.naming([pose.id for pose in fit.outliers])
 
 

@@ -28,6 +28,7 @@ from lab.commands.verify.result import VerificationResult
 from lab.core.errors import LabError
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
+from lab.core.progress import Progress
 from lab.formats.measurement_csv import read_measurements
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["verify"]
 
 LEAST_SPREAD = 3  # poses whose spread says something
+_PASSES = 2  # times that all rows are gone through where nothing has changed
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
@@ -114,14 +116,28 @@ def _tested(
             f"{options.file}: measured from stations {', '.join(stations)}; verify the rows of each alone, with "
             "--refit base"
         )
-    stage(f"2 of 2, testing {len(rows):,} rows against the prediction")
+    tested = f"2 of 2, testing {len(rows):,} rows, twice or more"
+    stage(tested)
     with _naming(options):
         refuse_noise_beyond(options.noise_mm, rows, (calibrated.result.residual_mm or 0.0) / 1e3, "the run's residuals")
         observations, prediction = _against(calibrated, rows, options)
         _refuse_implausible(prediction, observations)
-        verified = test(prediction, observations, options.refit, [rows.where(i) for i in range(len(rows))])
+        names = [rows.where(i) for i in range(len(rows))]
+        verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
     warnings = tuple(_warnings(calibrated, read, rows, verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
+
+
+def _counted(stage: Stage, words: str) -> Progress:
+    """Shows what is done of all rows as often as they are gone through: twice, or as often as a change asks for."""
+    passed = 0
+
+    def progress(done: int, of: int) -> None:
+        nonlocal passed
+        stage(words, passed * of + done, max(_PASSES, passed + 1) * of)
+        passed += done == of
+
+    return progress
 
 
 def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:

@@ -1,0 +1,11 @@
+"""Who is told how much of some work is done: a bar on a terminal, or nobody."""
+
+from collections.abc import Callable
+
+__all__ = ["Progress", "no_progress"]
+
+Progress = Callable[[int, int], None]  # how many parts are done, of how many
+
+
+def no_progress(done: int, of: int) -> None:
+    """Tell nobody."""
