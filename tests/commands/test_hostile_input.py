@@ -319,6 +319,20 @@ COMMAND_LINES = (
     "compensate --program moves.mod --run run --digits 99",
     "compensate --program moves.mod --run run --frames tool=1,2",
     "compensate --program moves.mod --run run --pulses-per-deg 1,2",
+    "trajectory moves.csv --robot arm.toml --speeds 1e300",
+    "trajectory moves.csv --robot arm.toml --payload-kg 1e300",
+    "workspace arm.toml --places 99",
+    "workspace arm.toml --places 100000000",
+    "workspace arm.toml --orientations 0",
+    "workspace arm.toml --seed -1",
+    "workspace arm.toml --level-mm nan",
+    "workspace arm.toml --tool-mm 1,2",
+    "workspace arm.toml arm.xml --cell folder",
+    "workspace nowhere",
+    "reproduce thesis --exercise --mark good.csv",
+    "reproduce elastic --mark good.csv",
+    "reproduce elastic --mark folder",
+    "reproduce elastic --mark pipe",
 )  # fmt: skip
 
 
