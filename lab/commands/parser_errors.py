@@ -19,6 +19,8 @@ except ImportError:  # of a later tyro
 
 __all__ = ["one_line_errors"]
 
+_OF_SEVERAL_TYPES = "no type matching"  # tyro's words of a value that may be left out, with types as it calls them
+
 
 @contextmanager
 def one_line_errors(program: str, flags: Sequence[str]) -> Iterator[None]:
@@ -56,6 +58,8 @@ def _line(event: Any, flags: Sequence[str]) -> str:
         valid = str(event.argument.lowered.metavar).strip("{}").replace(",", ", ")
         return f"{_name(event.argument)}: '{event.value}' is unknown; give one of {valid}"
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:
+        if str(event.message).startswith(_OF_SEVERAL_TYPES):
+            return f"{_name(event.argument)}: not understood; give {event.argument.lowered.metavar}"
         return f"{_name(event.argument)}: {event.message}"
     return ""
 

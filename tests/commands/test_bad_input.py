@@ -16,6 +16,7 @@ CASES = [
     Case("cli: unknown command", "callibrate", ("callibrate", "--help")),
     Case("cli: identify nothing", "identify", ("identify", "PATH", "--help")),
     Case("cli: unknown flag", "calibrate --bogus 3", ("--bogus", "--help")),
+    Case("cli: frames not whole", "kinematics arm.toml --between a 2", ("--between: not understood; give FIRST LAST",)),
     Case("cli: poses not whole", "calibrate --poses 1.5", ("--poses", "'1.5' is not a whole number")),
     Case("cli: gate not a number", "calibrate --gate-mm wide", ("--gate-mm", "'wide' is not a number")),
     Case("cli: value missing", "calibrate --poses", ("--poses", "value is missing")),
