@@ -7,11 +7,14 @@ joint's measured positions gives one estimate of such a slope, as if the rest of
 measured. Their variance beyond what noise makes of them (Paule & Mandel 1982) is that of the slope beyond the true
 edges, unless a joint's own two say more. Farther out than that tenth is wide a slope changes itself: its integral grows
 as d^1.5, as a random walk's does; and what joints do is bounded, so that no more than one radian of it counts.
+
+What is missing within the range, regions that are left out say (``left_out_regions``). Where the model fails there, its
+effects are believed where they were measured alone: elsewhere what geometry without them lacks is what may be lacking,
+and what they explain counts as unknown, beyond an end as much of it as an outer tenth's width.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
@@ -19,32 +22,34 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
+from lab.calibration.left_out_regions import LinearRows, growth_beyond_cover
 from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.pose_cover import PoseCover
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.validation import configurations
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import evenly
-from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import EXTRAPOLATION
 from lab.kinematics.effects.effect import LEVER_M
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.model import Model
 
-__all__ = ["MeasuredRange", "joint_regions", "measured_range", "position_covariances", "prediction_squares"]
+__all__ = ["MeasuredRange", "measured_range", "position_covariances", "prediction_squares"]
 
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
-_NEAREST = 3  # measured poses that are near a covered one
-_COVERED = 0.95  # of the measured poses are as near to others
-_MOST_NEAR = 4_000  # measured poses among which the near ones are sought
 _MOST = 1.0  # rad or m beyond, that a slope is good for
 _LEAST_EDGE = 1e-3  # rad or m
 _LEAST_POSES = 4  # at an edge: fewer say nothing of a slope
 _FEW_POSES = 2_000  # of an edge, in which so many configurations are looked for
 _SLOPE_POSES = 20_000  # from which slopes are told, where there are more
+_REGION_POSES = 2_000  # from which regions are left out, where there are more
 _LEAST_RANGE = 0.05  # rad or m: a joint that moved less has no edges to speak of
 _LEAST_SLOPES = 4
+_GEOMETRY = ("base", "tool", "link", *CAMPAIGN_SPECIFIC)  # all others are effects that vary with the joints
 _ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
 _TOLERANCE = 1e-8  # of the largest singular value of unit columns
+_TOLD = 1e-2  # of an edge's squares that the fit leaves: an edge that it can follow says nothing of how it leaves it
 
 
 @dataclass(frozen=True)
@@ -53,11 +58,14 @@ class MeasuredRange:
 
     Attributes:
         lower, upper: ``(joints,)`` the smallest and the largest measured position (rad, m of a slide).
-        turning: ``(joints,)`` whether a whole turn leads a joint back to where it was.
+        turning: ``(joints,)`` whether a joint is a hinge.
         edge: ``(joints,)`` the width (rad, m) of the outer tenths that the slopes come from.
         slope: ``(joints,)`` one standard deviation of what a joint is off, as a share of how far it stands beyond; zero
             where the edges of the range say of none.
-        poses: ``(n, joints)`` measured positions; None where only the range is known.
+        growth: one standard deviation (rad, at a lever of a slide) of what every joint is off, for each unit of
+            distance beyond what is covered; zero where regions that are left out say of none.
+        unsure: as much (rad) of what effects explain where nothing near was measured; zero likewise.
+        cover: the measured poses; None where only the range is known.
     """
 
     lower: Array
@@ -65,43 +73,27 @@ class MeasuredRange:
     turning: NDArray[np.bool_]
     edge: Array
     slope: Array
-    poses: Array | None = None
+    growth: float = 0.0
+    unsure: float = 0.0
+    cover: PoseCover | None = None
 
     @property
     def is_worse_beyond(self) -> bool:
-        """Whether the model is known to be worse beyond than its covariance."""
-        return bool(self.slope.any())
+        """Whether the model is known to be worse than its covariance where nothing was measured."""
+        return bool(self.slope.any()) or self.growth > 0
 
     def beyond(self, joints: Array) -> Array:
-        """``(n, joints)`` how far beyond the measured range positions ``(n, joints)`` are; whole turns do not count."""
-        middle = (self.lower + self.upper) / 2
-        away = joints - middle
-        away = np.where(self.turning, np.remainder(away + np.pi, 2 * np.pi) - np.pi, away)
-        beyond = np.abs(away) - (self.upper - self.lower) / 2
+        """``(n, joints)`` how far beyond the measured range positions ``(n, joints)`` are; a whole turn leads away."""
+        beyond = np.maximum(self.lower - joints, joints - self.upper)
         return np.where(beyond > _ROUNDING, beyond, 0.0)
 
     def uncovered(self, joints: Array) -> NDArray[np.bool_]:
-        """``(n,)`` which positions ``(n, joints)`` no measured one is near: a region that nobody measured.
+        """``(n,)`` which positions ``(n, joints)`` no measured one is near: a region that nobody measured."""
+        return np.asarray(self._away(joints) > 0)
 
-        The third nearest measured pose is farther away than that of 95 % of the measured ones, in chords of hinges.
-        """
-        if self.poses is None or len(self.poses) <= _NEAREST:
-            return np.zeros(len(joints), dtype=np.bool_)
-        tree, reach = self._measured
-        return np.asarray(tree.query(self._around(joints), k=_NEAREST)[0][:, -1] > reach)
-
-    @cached_property
-    def _measured(self) -> "tuple[scipy.spatial.cKDTree, float]":
-        """The measured poses, and how far 95 % of them are from the third of the others."""
-        assert self.poses is not None
-        around = self._around(self.poses)
-        tree = scipy.spatial.cKDTree(around)
-        return tree, float(np.quantile(tree.query(around, k=_NEAREST + 1)[0][:, -1], _COVERED))
-
-    def _around(self, joints: Array) -> Array:
-        """Positions ``(n, 2 joints)`` between which distances are chords; a slide's are in units of a lever."""
-        slides = np.where(self.turning, 0.0, joints / LEVER_M)
-        return np.concatenate([np.where(self.turning, np.cos(joints), slides), np.sin(joints) * self.turning], axis=1)
+    def _away(self, joints: Array) -> Array:
+        """``(n,)`` how far positions are beyond what is covered; zero where that is not known."""
+        return np.zeros(len(joints)) if self.cover is None else self.cover.beyond(joints)
 
     def unknown(self, model: Model, inputs: Array, values: Array) -> Array:
         """``(n, k, d, joints)`` one standard deviation of what each joint's unknown error makes of observations.
@@ -111,33 +103,76 @@ class MeasuredRange:
             values: ``(p,)`` of the model.
         """
         size = len(self.lower)
-        beyond = self.beyond(inputs[:, :size])
-        if not (self.is_worse_beyond and beyond.any()):
+        off = self._off(inputs[:, :size]) if self.is_worse_beyond else np.zeros((len(inputs), size))
+        if not off.any():
             return np.zeros((*model.points(inputs, values).shape, size))
-        off = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST)
         return np.asarray(by_joint_positions(model, inputs, values, size) * off[:, None, None, :])
 
+    def _off(self, joints: Array) -> Array:
+        """``(n, joints)`` one standard deviation of what joints are off (rad, m of a slide) at some positions."""
+        beyond, away = self.beyond(joints), self._away(joints)[:, None]
+        sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST)
+        share = np.maximum(np.clip(beyond / self.edge, 0.0, 1.0).max(axis=1, keepdims=True), away > 0)
+        every = (np.minimum(self.growth * away, _MOST)) ** 2 + share * self.unsure**2
+        return np.asarray(np.sqrt(sloped**2 + every * np.where(self.turning, 1.0, LEVER_M) ** 2))
 
-def measured_range(found: Identification, observed: Observations, prismatic: Sequence[bool]) -> MeasuredRange | None:
-    """The range of the fitted poses, with the slope that its edges show; None where no positions were observed.
+
+def measured_range(
+    found: Identification, observed: Observations, prismatic: Sequence[bool], *, slopes: bool = True
+) -> MeasuredRange | None:
+    """The range of the fitted poses, with what edges and regions show; None where no positions were observed.
 
     Args:
         found: the identification.
-        observed: what it comes from, weighed as it was; of very many poses some tell the slope.
+        observed: what it comes from, weighed as it was; of very many poses some tell slopes and regions.
         prismatic: ``(joints,)`` which joints slide.
+        slopes: whether edges are asked; of a process that says itself what it does not know beyond they are not.
     """
     observation = observation_of(found.model)
     if not only_positions(observation):
         return None
-    joints = observed.inputs[:, : len(prismatic)]
-    some = observed.thinned(_SLOPE_POSES)
-    slope = _slopes(found, observation.model, some, some.inputs[:, : len(prismatic)])
+    size, turning = len(prismatic), ~np.array(prismatic, dtype=np.bool_)
+    joints = observed.inputs[:, :size]
+    some, few = observed.thinned(_SLOPE_POSES), observed.thinned(_REGION_POSES)
+    slope = _slopes(found, observation.model, some, some.inputs[:, :size]) if slopes else np.zeros(size)
     low, high = np.quantile(joints, [_EDGE, 1 - _EDGE], axis=0)
     lower, upper = joints.min(axis=0), joints.max(axis=0)
     edge = np.maximum((low - lower + upper - high) / 2, _LEAST_EDGE)
-    near = evenly(len(joints), _MOST_NEAR)
-    poses = joints if near is None else joints[near]
-    return MeasuredRange(lower, upper, ~np.array(prismatic, dtype=bool), edge, slope, poses)
+    growth, unsure = _of_regions(found, observation.model, few, turning)
+    return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, PoseCover.of(joints, turning))
+
+
+def _of_regions(
+    found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """What joints are off beyond what is covered, for each unit of distance, and of what effects explain (rad)."""
+    joints = observed.inputs[:, : len(turning)]
+    rows = _linear_rows(found, model, observed, turning)
+    growth = growth_beyond_cover(rows, joints, turning)
+    lasting = np.array([found.model.parameters[i].group not in _GEOMETRY for i in found.fit.free], dtype=np.bool_)
+    if not (growth and lasting.any()):
+        return growth, 0.0
+    rigid = rows.without(lasting, found.values[list(found.fit.free)][lasting])
+    explained = max(rigid.variance - rows.variance, 0.0)
+    made = float((rows.by_joints**2).sum()) / max(int(rows.numbers.sum()), 1)
+    return max(growth, growth_beyond_cover(rigid, joints, turning)), float(np.sqrt(explained / made)) if made else 0.0
+
+
+def _linear_rows(found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]) -> LinearRows:
+    """The identification's linear problem pose by pose."""
+    free, seen = list(found.fit.free), observed.seen
+    points, jacobian = model.observe(observed.inputs, found.values)
+    moved = by_joint_positions(model, observed.inputs, found.values, len(turning)) * np.where(turning, 1.0, LEVER_M)
+
+    def whole(vectors: Array) -> Array:
+        rows = np.zeros(vectors.shape)
+        rows[seen] = observed.apply(vectors).reshape(-1, *vectors.shape[2:])
+        return rows.reshape(len(rows), -1, *vectors.shape[3:])
+
+    residual = whole(observed.points - points)
+    known = found.extra_residuals(found.values)[1][:, free]
+    numbers = seen.sum(axis=1) * observed.points.shape[2]
+    return LinearRows(whole(jacobian[..., free]), residual, known, whole(moved), numbers, found.sigma_known)
 
 
 def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:
@@ -157,7 +192,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     whole[: len(residual) - len(known)] = observed.apply(columns)
     left = fitted.residual(whole)
     weights = (left**2).sum(axis=0)
-    told = weights > _TOLERANCE * (whole**2).sum(axis=0)
+    told = weights > _TOLD * (whole**2).sum(axis=0)
     if told.sum() < _LEAST_SLOPES:
         return nothing
     estimates = (left.T @ residual)[told] / weights[told]
@@ -210,13 +245,14 @@ def position_covariances(found: Identification, measured: MeasuredRange | None, 
 
     Args:
         found: of points.
-        measured: what the model may lack beyond the joint positions that were measured; a process says so itself.
+        measured: what the model may lack where nothing was measured.
         inputs: ``(n, joints + conditions)``.
     """
     if found.process is not None:
-        return found.process.covariances(inputs)
-    slopes = found.model.observe(inputs, found.values)[1][..., list(found.fit.free)]
-    squares = slopes @ found.covariance @ np.swapaxes(slopes, 2, 3)
+        squares = found.process.covariances(inputs)
+    else:
+        slopes = found.model.observe(inputs, found.values)[1][..., list(found.fit.free)]
+        squares = slopes @ found.covariance @ np.swapaxes(slopes, 2, 3)
     if measured is not None and measured.is_worse_beyond:
         unknown = measured.unknown(found.model, inputs, found.values)
         squares = squares + unknown @ np.swapaxes(unknown, 2, 3)
@@ -242,21 +278,3 @@ def prediction_squares(
         np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0]) for each in (whole, alone)
     )
     return with_range, without
-
-
-def joint_regions(joints: Array, count: int, seed: int) -> NDArray[np.int_]:
-    """``(n,)`` labels of regions of joint space of about as many poses each: halved across the joint that spreads most.
-
-    Args:
-        joints: ``(n, joints)`` rad or m.
-        count: how many; the largest region is halved until there are so many.
-        seed: of the order among regions that are as large.
-    """
-    labels, rng = np.zeros(len(joints), dtype=np.int_), rng_for(seed, "split")
-    for new in range(1, count):
-        sizes = np.bincount(labels) + 0.5 * rng.random(new)
-        part = np.flatnonzero(labels == sizes.argmax())
-        across = int(np.ptp(joints[part], axis=0).argmax())
-        order = part[np.argsort(joints[part, across], kind="stable")]
-        labels[order[len(order) // 2 :]] = new
-    return labels

@@ -13,6 +13,7 @@ import numpy as np
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.tolerance_bound import upper_tolerance_bound
@@ -30,7 +31,6 @@ __all__ = ["MOST_TOLERANCES", "Answer", "Reason", "Verdict", "Word", "gate_words
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the nominal model's: below, it does not change from pose to pose
 LARGEST_CHANGE_M, LARGEST_CHANGE_RAD = 20e-3, np.deg2rad(10)  # of a link: beyond, it is another robot's drawing
 LARGEST_ROTATION_RAD = 50e-3  # of measured orientations' residuals: no probe is that bad, and no calibration needs it
-_MOST_UNCOVERED = 0.5  # of the workspace, where a model is known to lack something and nothing near was measured
 MOST_TOLERANCES = 10.0  # that a link is from its nominal value
 LEAST_GAIN = 0.9  # of the mean error: what is left of more is hardly an improvement
 CLEAR_GAIN = 0.5  # of the mean error: below, a larger maximum is one pose's
@@ -340,9 +340,9 @@ class _Judging:
         off = [each for each in self.distances if each.sure_tolerances > MOST_TOLERANCES]
         if off and not far:
             reasons.append(Reason(_far(off[0]), off[0].tolerances / MOST_TOLERANCES))
-        if (alone := self.workspace.uncovered_share) > _MOST_UNCOVERED:
+        if (alone := self.workspace.uncovered_share) > MOST_UNCOVERED:
             words = f"{100 * alone:.0f} % of the workspace is extrapolated: not covered by measured poses"
-            reasons.append(Reason(words, alone / _MOST_UNCOVERED))
+            reasons.append(Reason(words, alone / MOST_UNCOVERED))
         elif reasons and self.gate_m is not None and predicted <= self.gate_m:
             return Answer("does not matter", f"{said}; {reasons[0].words}"), []
         return Answer("doubtful" if reasons else "holds", said), reasons

@@ -31,6 +31,7 @@ _FILES = {
     "parameters.json",
     "covariance.csv",
     "residual.csv",
+    "fitted_poses.csv",
     "result.json",
     LOAD_FILE,
     "calibrated.xml",

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from lab.calibration.extrapolation import joint_regions, prediction_squares
+from lab.calibration.extrapolation import prediction_squares
 from lab.calibration.observations.options import FitInputs, ObservationOptions
+from lab.calibration.pose_cover import joint_regions
 from lab.calibration.validation import configurations, folds
 from lab.calibration.weights import Noise
 from lab.campaign.observation_kinds import configured_kind

@@ -26,6 +26,8 @@ TAILS = "calibration/noise/tails.py"
 GAUSSIAN = "calibration/residual/process.py"
 KERNELS = "calibration/residual/kernels.py"
 RANGE = "calibration/extrapolation.py"
+COVER = "calibration/pose_cover.py"
+REGIONS = "calibration/left_out_regions.py"
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,10 @@ MUTATIONS = [
     ),
     Mutation(GAUSSIAN, "            - crossed.T\n", "            + crossed.T\n", PROCESS),
     Mutation(KERNELS, "(1 + scaled) * np.exp(-scaled)", "np.exp(-scaled)", PROCESS),
-    Mutation(RANGE, "[0][:, -1] > reach", "[0][:, 0] > reach / 3", BEYOND),
-    Mutation(RANGE, "np.remainder(away + np.pi, 2 * np.pi) - np.pi", "away", BEYOND),
+    Mutation(COVER, "k=_NEAREST)[0][:, -1]", "k=_NEAREST)[0][:, 0] / 3", BEYOND),
+    Mutation(RANGE, "np.maximum(self.lower - joints, joints - self.upper)", "joints - self.upper", BEYOND),
+    Mutation(REGIONS, "inverse @ -removed", "inverse @ removed", BEYOND),
+    Mutation(REGIONS, "inverse @ -removed", "0 * removed", BEYOND),
 ]
 
 

@@ -268,7 +268,8 @@ class Fitter:
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs, self.course)
         warnings += of_joints(found, observations, clean, moves_before(self.data, clean.ids), self.robot.chain.encoders)
         warnings += of_twist(self.robot, found)
-        measured = measured_range(found, observations, self.robot.chain.prismatic)
+        slopes = not self.options.residual  # whose process says itself what it does not know beyond an end
+        measured = measured_range(found, observations, self.robot.chain.prismatic, slopes=slopes)
         if self.options.residual:
             trusted, judged = with_residual(found, clean), NOT_TESTED
             search, tail = replace(search, shared=None), float("inf")  # the process has its own

@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.noise.small_samples import ComponentErrors
+from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.noise import component_errors_from_dict, noise_model_from_dict
-from lab.commands.calibrate.range_dict import measured_range_from_dict
-from lab.commands.calibrate.residual_file import read_residual
+from lab.commands.calibrate.range_dict import POSES_FILE, measured_range_from_dict, read_cover
+from lab.commands.calibrate.residual_file import RESIDUAL_FILE, read_residual
 from lab.commands.calibrate.run_findings import Findings
 from lab.commands.integrity import said_of_edits
 from lab.commands.payload.known_payload import HandLoad, carrying
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Calibrated", "calibrated_by", "folder_of", "read_calibrated"]
 
-_READ = ("config.json", "result.json", "parameters.json", "covariance.csv")
+_READ = ("config.json", "result.json", "parameters.json", "covariance.csv", RESIDUAL_FILE, POSES_FILE)
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
 
 
@@ -61,6 +63,7 @@ class Calibrated:
         load: at the flange, where that was identified.
         estimates: ``(f,)`` of the identified parameters: ``values`` share aliased errors among more of them.
         process: the offsets of its joints that no group explains; None where they were not asked for.
+        cover: the poses that were fitted; None of a run of an older version.
         edits: what is said of its files if they were changed since the run was written.
     """
 
@@ -79,6 +82,7 @@ class Calibrated:
     estimates: Array
     edits: tuple[str, ...] = ()
     process: JointProcess | None = None
+    cover: PoseCover | None = None
 
     def with_targets(self, targets: tuple[str, ...]) -> Arm:
         """The arm with other targets."""
@@ -145,10 +149,21 @@ class Calibrated:
         """How well the variances of these are known; its slopes are of ``identified``."""
         return component_errors_from_dict(self.result.noise_model)
 
-    @property
+    @cached_property
     def measured(self) -> MeasuredRange | None:
         """The joint positions that were fitted, and what the model may lack beyond them."""
-        return measured_range_from_dict(self.result.measured_range, self.robot.chain)
+        result = self.result
+        return measured_range_from_dict(result.measured_range, result.extrapolation, self.robot.chain, self.cover)
+
+    def extrapolated(self, joints: Array) -> NDArray[np.bool_]:
+        """``(n,)`` which positions ``(n, joints)`` no fitted pose is near, where the model is known to lack something.
+
+        Nowhere for a run of an older version, which does not keep its poses.
+        """
+        measured = self.measured
+        if measured is None or not (measured.is_worse_beyond or self.process is not None):
+            return np.zeros(len(joints), dtype=np.bool_)
+        return measured.uncovered(joints)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -210,6 +225,7 @@ def read_calibrated(
     rows = {row.name: row for row in _rows(folder / "parameters.json")}
     covariance = _covariance(folder / "covariance.csv")
     found = _calibrated(folder, robot, rows, covariance, result, config.options, payload, None)
+    found = replace(found, cover=read_cover(folder, robot.chain))
     with _again(folder / "result.json"):  # what is wrong is told before work begins
         _ = found.shared, found.measured, found.component_errors
     return replace(found, edits=said_of_edits(folder, _READ, accept=accept_edited))
@@ -234,7 +250,8 @@ def calibrated_by(
     found = run.identification
     names = tuple(found.model.names[i] for i in found.fit.free)
     given = (names, found.covariance)
-    return _calibrated(folder, robot, rows, given, findings, asdict(run.options), payload, run.fit.process)
+    in_memory = _calibrated(folder, robot, rows, given, findings, asdict(run.options), payload, run.fit.process)
+    return in_memory if run.fit.measured is None else replace(in_memory, cover=run.fit.measured.cover)
 
 
 def folder_of(run: "CalibrationResult | str | Path | None") -> dict[str, str]:

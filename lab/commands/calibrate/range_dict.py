@@ -1,17 +1,31 @@
-"""The measured range of the joint positions, as ``result.json`` holds it."""
+"""The measured range of the joint positions, as ``result.json`` and ``fitted_poses.csv`` of a run hold it."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
+from lab.calibration.pose_cover import PoseCover
 from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.csv_table import CsvTable, write_columns
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["measured_range_from_dict", "measured_range_to_dict"]
+__all__ = [
+    "POSES_FILE",
+    "extrapolation_to_dict",
+    "measured_range_from_dict",
+    "measured_range_to_dict",
+    "read_cover",
+    "said_of_extrapolated",
+    "write_cover",
+]
 
+POSES_FILE = "fitted_poses.csv"
 _KEYS = ("lower", "upper", "edge")
+_GROWTH, _UNSURE = "growth_mrad", "unsure_mrad"
 
 
 def measured_range_to_dict(measured: MeasuredRange | None, chain: JointSpec) -> dict[str, Any] | None:
@@ -28,8 +42,39 @@ def measured_range_to_dict(measured: MeasuredRange | None, chain: JointSpec) -> 
     return found
 
 
-def measured_range_from_dict(content: Mapping[str, Any] | None, chain: JointSpec) -> MeasuredRange | None:
-    """The range that ``measured_range_to_dict`` wrote; None where it wrote none.
+def extrapolation_to_dict(
+    measured: MeasuredRange | None, workspace: tuple[float, float], validation: Array | None, *, process: bool
+) -> dict[str, Any] | None:
+    """What the model may lack where nothing was measured, and how much of workspace and validation lies there.
+
+    Args:
+        workspace: the shares of it that are beyond the measured range, and that no measured pose covers.
+        validation: joint positions ``(n, joints)`` of the validation poses; None without any.
+        process: whether what no group explains is predicted, too: then something is lacking in any case.
+    """
+    if measured is None:
+        return None
+    lacks = process or measured.is_worse_beyond
+    lone = None if validation is None else int((measured.uncovered(validation) & lacks).sum())
+    return {
+        _GROWTH: 1e3 * measured.growth,
+        _UNSURE: 1e3 * measured.unsure,
+        "workspace_beyond_share": workspace[0],
+        "workspace_extrapolated_share": workspace[1],
+        "validation_extrapolated": lone,
+    }
+
+
+def measured_range_from_dict(
+    content: Mapping[str, Any] | None,
+    extrapolation: Mapping[str, Any] | None,
+    chain: JointSpec,
+    cover: PoseCover | None = None,
+) -> MeasuredRange | None:
+    """The range that ``measured_range_to_dict`` and ``extrapolation_to_dict`` wrote; None where they wrote none.
+
+    Args:
+        cover: the fitted poses; None where the run keeps none, as those of older versions.
 
     Raises:
         LabError: it lacks a joint or a number, or limits are the wrong way round.
@@ -41,7 +86,62 @@ def measured_range_from_dict(content: Mapping[str, Any] | None, chain: JointSpec
         for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
     ]
     lower, upper, edge, slope = np.array(rows).T
-    return MeasuredRange(lower, upper, ~np.array(chain.prismatic, dtype=np.bool_), edge, slope)
+    growth, unsure = (_size(extrapolation, key) / 1e3 for key in (_GROWTH, _UNSURE))
+    turning = ~np.array(chain.prismatic, dtype=np.bool_)
+    return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, cover)
+
+
+def said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
+    """That targets or poses are extrapolated, with the first of them; nothing where none is.
+
+    Args:
+        what: the plural of what they are.
+        ids: of those that no fitted pose is near.
+        count: of all.
+    """
+    if not ids:
+        return []
+    return [
+        f"{len(ids)} of {count} {what} are extrapolated: not covered ({ids[0]} first); no pose that the run fitted is "
+        "near, and its model lacks something: what is predicted there says how regions that were left out were missed"
+    ]
+
+
+def write_cover(path: Path, cover: PoseCover, chain: JointSpec) -> None:
+    """A row a fitted pose, of very many so many that they tell as well: joint positions, deg (mm of a slide)."""
+    columns = {}
+    for name, slides, positions in zip(chain.joint_names, chain.prismatic, cover.poses.T, strict=True):
+        unit, factor = _unit(slides)
+        columns[f"{name}_{unit}"] = [f"{value:.9g}" for value in (positions / factor).tolist()]
+    write_columns(path, columns)
+
+
+def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
+    """The poses that a run fitted; None of a run that keeps none.
+
+    Raises:
+        LabError: the file does not hold what a run writes.
+    """
+    path = folder / POSES_FILE
+    if not path.is_file():
+        return None
+    table, columns = CsvTable(path), []
+    for name, slides in zip(chain.joint_names, chain.prismatic, strict=True):
+        unit, factor = _unit(slides)
+        if table.texts(column := f"{name}_{unit}") is None:
+            raise LabError(f"{path}: has no column {column}; run lab calibrate or lab identify again")
+        columns.append(factor * table.numbers(column))
+    return PoseCover(np.stack(columns, axis=1), ~np.array(chain.prismatic, dtype=np.bool_))
+
+
+def _size(content: Mapping[str, Any] | None, key: str) -> float:
+    """A size of what may be lacking; zero where a run says none."""
+    value = None if content is None else content.get(key)
+    if value is None:
+        return 0.0
+    if isinstance(value, bool) or not isinstance(value, float | int) or not value >= 0:
+        raise LabError(f"extrapolation.{key}: {value!r} is to be a number of zero or more")
+    return float(value)
 
 
 def _row(joint: str, content: object, unit: str, factor: float) -> list[float]:

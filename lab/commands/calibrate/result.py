@@ -36,7 +36,12 @@ from lab.commands.calibrate.findings import (
 from lab.commands.calibrate.fit_result import FitReport, Named
 from lab.commands.calibrate.noise import noise_model_to_dict
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.range_dict import measured_range_to_dict
+from lab.commands.calibrate.range_dict import (
+    POSES_FILE,
+    extrapolation_to_dict,
+    measured_range_to_dict,
+    write_cover,
+)
 from lab.commands.calibrate.residual_file import RESIDUAL_FILE, residual_columns, residual_to_dict, write_residual
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
@@ -187,6 +192,7 @@ class CalibrationResult(Result):
             "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
             "remaining_error": _remaining_to_dict(self.fit.remaining),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
+            "extrapolation": self._extrapolation,
             "farthest_link": _distance_to_dict(self.verdict.farthest),
             "model": "+".join(("geometric", *self.fit.groups, *[GROUP] * (self.fit.process is not None))),
             "residual": residual_to_dict(self.fit.process),
@@ -204,6 +210,17 @@ class CalibrationResult(Result):
         if self.comparison is not None:
             result["truth"] = _truth_to_dict(self, self.comparison)
         return result
+
+    @property
+    def _extrapolation(self) -> dict[str, Any] | None:
+        """What ``result.json`` says of where nothing was measured."""
+        workspace, rows = self.verdict.workspace, self.validation.rows
+        return extrapolation_to_dict(
+            self.fit.measured,
+            (workspace.beyond_share, workspace.uncovered_share),
+            None if rows is None else rows.joints,
+            process=self.fit.process is not None,
+        )
 
     def document(self) -> "Document":
         """What a person reads."""
@@ -246,6 +263,8 @@ class CalibrationResult(Result):
             model = self.identification.model
             columns = residual_columns(robot.chain, model.conditions, model.targets)
             write_residual(folder / RESIDUAL_FILE, process, columns)
+        if self.fit.measured is not None and self.fit.measured.cover is not None:
+            write_cover(folder / POSES_FILE, self.fit.measured.cover, robot.chain)
         if observation_of(self.identification.model).positions:  # of a cable or a socket there is nothing to draw
             from lab.commands.calibrate.recording import record
 

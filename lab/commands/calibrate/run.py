@@ -368,8 +368,7 @@ def _outcome(
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
     warnings += of_limits(robot, data)
-    if fit.process is None:
-        warnings += of_validation_beyond(identification, fit.measured, validation.rows)
+    warnings += of_validation_beyond(identification, fit.measured, validation.rows)
     if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:
         warnings += of_several_sessions(fit.rows)
     if validation.errors is not None:

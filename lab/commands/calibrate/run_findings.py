@@ -23,6 +23,7 @@ class Findings:
         noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
         noise_tail_freedom: degrees of freedom of its tails, of Student's t; None where Gaussian's will do.
         measured_range: the joint positions that were fitted (``measured_range_to_dict``); None where it is not known.
+        extrapolation: what the model may lack where nothing was measured (``extrapolation_to_dict``); None likewise.
         residual: sizes of the joints' offsets that no group explains (``residual_to_dict``); None where not fitted.
     """
 
@@ -43,6 +44,7 @@ class Findings:
     noise_model: Mapping[str, Any] | None = None
     noise_tail_freedom: float | None = None
     measured_range: Mapping[str, Any] | None = None
+    extrapolation: Mapping[str, Any] | None = None
     residual: Mapping[str, Any] | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None

@@ -19,6 +19,7 @@ from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.model_words import listed
+from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
@@ -76,15 +77,10 @@ def of_validation_beyond(found: Identification, measured: MeasuredRange | None, 
     """That validation poses are where nothing was measured, and the model knows less."""
     if measured is None or rows is None or not (measured.is_worse_beyond or found.process is not None):
         return []
-    said = []
-    if len(lone := np.flatnonzero(measured.uncovered(rows.joints))):
-        said = [
-            f"{len(lone)} of {len(rows)} validation poses are extrapolated: not covered ({rows.ids[lone[0]]} first); "
-            "no measured pose is near and the model lacks something, so the predicted error says too little there"
-        ]
-    beyond = measured.beyond(rows.joints)
-    outside = np.flatnonzero(beyond.max(axis=1) > _BEYOND)
-    if not (len(outside) and measured.is_worse_beyond):
+    lone = np.flatnonzero(measured.uncovered(rows.joints))
+    said = said_of_extrapolated("validation poses", [rows.ids[i] for i in lone], len(rows))
+    outside = np.flatnonzero(measured.beyond(rows.joints).max(axis=1) > _BEYOND)
+    if not (len(outside) and measured.slope.any()):
         return said
     part = rows.take(outside)
     unknown = measured.unknown(found.model, part.inputs(found.model.conditions), found.values)

@@ -46,7 +46,14 @@ def compensation_document(result: CompensationResult) -> Document:
             Warnings(result.warnings),
             Section(
                 "What became of the targets",
-                (*_totals(result), _failed(result), _other_solutions(result), _near(result), *_moves(result)),
+                (
+                    *_totals(result),
+                    _failed(result),
+                    _other_solutions(result),
+                    _near(result),
+                    _extrapolated(result),
+                    *_moves(result),
+                ),
             ),
             *_program(result),
             Section("How far they were moved", (*_histograms(result), *_map(result))),
@@ -145,6 +152,16 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
 def _near(result: CompensationResult) -> Table:
     rows = tuple((each.id, _distance(each), each.joint) for each in near_singular(result))
     return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=MOST_LISTED)
+
+
+def _extrapolated(result: CompensationResult) -> Table:
+    """The targets that no measured pose is near, with the error to expect there."""
+    rows = tuple(
+        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i]))) for i in np.flatnonzero(result.extrapolated)
+    )
+    return Table(
+        ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=MOST_LISTED
+    )
 
 
 def _distance(near: NearSingular) -> str:

@@ -26,9 +26,10 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     run, rows = result.run, np.flatnonzero(result.found.converged)
     write_json(folder / "config.json", config("compensate", result.options, run.robot.sha256))
     chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
+    marked = {"extrapolated": _yes(result.extrapolated[rows])} if result.extrapolated.any() else {}
     _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_stop_conditions(result)})
     at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
-    _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions(result, rows)})
+    _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions(result, rows), **marked})
     nominal_inverse = run.nominal_inverse(result.target)  # what the corrected targets are for
     exact = run.robot.description_files[-1]
     nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
@@ -77,6 +78,11 @@ def _stop_conditions(result: CompensationResult) -> dict[str, list[Any]]:
         name: [column[rows[pose]] if pose >= 0 else "" for pose in which.tolist()]
         for name, column in result.targets.conditions.items()
     }
+
+
+def _yes(flags: NDArray[np.bool_]) -> list[str]:
+    """Flags in words."""
+    return ["yes" if flag else "no" for flag in flags]
 
 
 def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any]]) -> None:

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.result import Result
@@ -105,14 +107,26 @@ class CompensationResult(Result):
 
     @property
     def _beyond(self) -> tuple[str, ...]:
-        """That targets are beyond the joint positions that were measured."""
-        sizes = self.beyond_m[self.reached]
-        if not (count := int((sizes > 0).sum())):
-            return ()
-        return (
-            f"{count} of {len(sizes)} targets are beyond the joint positions that the run measured: of their expected "
-            f"errors, up to {1e3 * sizes.max():.2g} mm (1σ) is what the model may lack there",
-        )
+        """That targets are where the run measured nothing."""
+        sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
+        said = said_of_extrapolated("targets", ids, len(sizes))
+        if count := int((sizes > 0).sum()):
+            said.append(
+                f"{count} of {len(sizes)} targets are beyond what the run measured: of their expected errors, up to "
+                f"{1e3 * sizes.max():.2g} mm (1σ) is what the model may lack there"
+            )
+        return tuple(said)
+
+    @cached_property
+    def extrapolated(self) -> NDArray[np.bool_]:
+        """``(n,)`` which targets are reached where no fitted pose is near and the model lacks something."""
+        joints = self.arm_inputs[:, : self.run.robot.chain.size]
+        return np.asarray(self.run.extrapolated(joints) & self.found.converged)
+
+    @property
+    def extrapolated_share(self) -> float:
+        """Of the targets that are reached."""
+        return float(self.extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
     def _no_program(self) -> tuple[str, ...]:
@@ -140,6 +154,9 @@ class CompensationResult(Result):
         of_run, run = self.run.result, []
         if of_run.verdict != "good":
             run = [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
+        if self.extrapolated_share > MOST_UNCOVERED:
+            share = f"{100 * self.extrapolated_share:.0f} % of the targets"
+            run.append(f"{share} are extrapolated: not covered by measured poses; measure where the robot is to work")
         moved, usual = self.correction_m[self.reached], self._tolerance_m[self.reached]
         if not (far := moved > MOST_TOLERANCES * usual).any():
             return tuple(run)
@@ -218,6 +235,10 @@ class CompensationResult(Result):
             "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
             "judged_mm": self.validation_mm,
             "schemes_apart_mm": self.scheme_disagreement_mm,
+            "extrapolated": {
+                "share": self.extrapolated_share,
+                "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
+            },
             "near_singular": [_near(each) for each in near_singular(self)],
             "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
             "warnings": list(self.warnings),
@@ -254,6 +275,7 @@ class CompensationResult(Result):
             **joint_columns(chain, self.found.joints[rows]),
             "correction_mm": (1e3 * self.correction_m[rows]).tolist(),
             "predicted_mm": (1e3 * self.predicted_m[rows]).tolist(),
+            "extrapolated": self.extrapolated[rows].tolist(),
         }
 
     def plot(self) -> "Figure":
@@ -291,7 +313,7 @@ class CompensationResult(Result):
         run = self.run
         if run.predicted_by is not None:
             known = np.trace(run.predicted_by.covariances(self.arm_inputs)[:, self.target], axis1=1, axis2=2)
-            return np.asarray(np.sqrt(known + self.load_m**2))
+            return np.asarray(np.sqrt(known + self.load_m**2 + self.beyond_m**2))
         lacking, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
         columns = [run.arm.names.index(name) for name in run.identified]
         rows = (jacobian[..., columns] for jacobian in self._sensitivities())
@@ -301,9 +323,9 @@ class CompensationResult(Result):
 
     @cached_property
     def beyond_m(self) -> Array:
-        """The part ``(n,)`` of the predicted error that comes of joints beyond their measured range (m, RMS)."""
+        """The part ``(n,)`` of the predicted error that is what the model may lack where nothing was measured (m)."""
         run = self.run
-        if run.measured is None or run.process is not None:  # which says by itself what it does not know
+        if run.measured is None:
             return np.zeros(len(self.arm_inputs))
         unknown = run.measured.unknown(run.arm, self.arm_inputs, run.values)[:, self.target]
         return np.asarray(np.sqrt((unknown**2).sum(axis=(1, 2))))

@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.result import Result
@@ -46,6 +48,11 @@ class VerificationResult(Result):
         """Whether the measurements are within the predicted error."""
         return self.verified.good
 
+    @cached_property
+    def extrapolated(self) -> NDArray[np.bool_]:
+        """``(n,)`` which rows no fitted pose is near, where the run's model is known to lack something."""
+        return self.calibrated.extrapolated(self.measurements.joints)
+
     @property
     def exit_code(self) -> int:
         """0 where the arm is within the predicted error, else 1."""
@@ -81,6 +88,10 @@ class VerificationResult(Result):
                 for name, part in (("parameters", found.test.along), ("rest", found.test.rest))
             },
             "observed_mm": self.observed_mm,
+            "extrapolated": {
+                "share": float(self.extrapolated.mean()),
+                "ids": [self.measurements.ids[i] for i in np.flatnonzero(self.extrapolated)],
+            },
             "promised_mm": 1e3 * found.promised_m,
             "moved": list(found.moved),
             "words": found.words,
@@ -97,12 +108,13 @@ class VerificationResult(Result):
         return verification_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """The observed position errors: ``id``, ``target`` and ``error_mm``, a row each; NaN where not measured."""
+        """The observed position errors: ``id``, ``target``, ``error_mm`` (NaN: not measured), ``extrapolated``."""
         ids, targets = self.measurements.ids, self.measurements.targets
         return {
             "id": np.repeat(ids, len(targets)).tolist(),
             "target": [*targets] * len(ids),
             "error_mm": (1e3 * self.verified.errors).ravel().tolist(),
+            "extrapolated": np.repeat(self.extrapolated, len(targets)).tolist(),
         }
 
     def plot(self) -> "Figure":

@@ -15,6 +15,7 @@ from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
@@ -22,6 +23,7 @@ from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.plausibility import refuse_noise_beyond, without_copies
+from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
@@ -124,7 +126,9 @@ def _tested(
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
-    warnings = tuple(_warnings(calibrated, read, rows, verified))
+    lone = [rows.ids[i] for i in np.flatnonzero(calibrated.extrapolated(rows.joints))]
+    said = _warnings(calibrated, read, rows, verified) + said_of_extrapolated("poses", lone, len(rows))
+    warnings = tuple(said + _repeat_where_measured(len(lone), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
@@ -191,7 +195,8 @@ def _against(
                 "own targets; measure one of these, or identify again without residual"
             )
         prediction = CalibrationPrediction(arm, values, free, 0.0 * covariance, dof, strange, tail)
-        return _beside_process(_widened(observations, lacking), calibrated.predicted_by, rows.targets), prediction
+        beside = _beside_process(_widened(observations, lacking), calibrated.predicted_by, rows.targets)
+        return _beyond_range(beside, prediction, calibrated.measured), prediction
     prediction = CalibrationPrediction(arm, values, free, larger * covariance, dof, strange, tail)
     errors = calibrated.component_errors
     if errors is None:
@@ -318,6 +323,16 @@ def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, ve
             f"errors are much smaller than predicted (p = {verified.p_of_all:.6f}): the noise is given too large"
         )
     return said
+
+
+def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[str]:
+    """What to do where a change is found by poses most of which are extrapolated."""
+    if verified.good or lone <= MOST_UNCOVERED * count:
+        return []
+    return [
+        "most of these poses are where the run fitted none, so what its model lacks there may look like a change; "
+        "measure again at poses of the run before the arm is called changed"
+    ]
 
 
 @contextmanager
