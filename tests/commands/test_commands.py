@@ -24,6 +24,7 @@ FILES = {
     "measurements.csv",
     "parameters.json",
     "covariance.csv",
+    "fitted_poses.csv",
     "result.json",
     "calibrated.xml",
     "recording.rrd",
