@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from lab.commands.compensate.result import CompensationResult, NearSingular, near_singular, verdict_of
+from lab.commands.compensate.result import (
+    CompensationResult,
+    NearSingular,
+    extrapolated_targets,
+    near_singular,
+    verdict_of,
+)
 from lab.commands.provenance import provenance_section
 from lab.commands.stops import VIA
 from lab.commands.values import joint_values
@@ -157,7 +163,8 @@ def _near(result: CompensationResult) -> Table:
 def _extrapolated(result: CompensationResult) -> Table:
     """The targets that no measured pose is near, with the error to expect there."""
     rows = tuple(
-        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i]))) for i in np.flatnonzero(result.extrapolated)
+        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i])))
+        for i in np.flatnonzero(extrapolated_targets(result))
     )
     return Table(
         ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=MOST_LISTED

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.commands.compensate.result import CompensationResult
+from lab.commands.compensate.result import CompensationResult, extrapolated_targets
 from lab.commands.run_folder import config, write_json
 from lab.commands.stops import joint_columns
 from lab.core import se3
@@ -26,7 +26,8 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     run, rows = result.run, np.flatnonzero(result.found.converged)
     write_json(folder / "config.json", config("compensate", result.options, run.robot.sha256))
     chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
-    marked = {"extrapolated": _yes(result.extrapolated[rows])} if result.extrapolated.any() else {}
+    lone = extrapolated_targets(result)
+    marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
     _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_stop_conditions(result)})
     at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
     _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions(result, rows), **marked})

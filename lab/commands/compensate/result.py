@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["CompensationResult", "NearSingular", "near_singular", "verdict_of"]
+__all__ = ["CompensationResult", "NearSingular", "extrapolated_targets", "near_singular", "verdict_of"]
 
 
 _BLOCK = 2_000  # targets whose derivatives are held at a time
@@ -108,7 +108,7 @@ class CompensationResult(Result):
     @property
     def _beyond(self) -> tuple[str, ...]:
         """That targets are where the run measured nothing."""
-        sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
+        sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self._extrapolated)]
         said = said_of_extrapolated("targets", ids, len(sizes))
         if count := int((sizes > 0).sum()):
             said.append(
@@ -118,15 +118,15 @@ class CompensationResult(Result):
         return tuple(said)
 
     @cached_property
-    def extrapolated(self) -> NDArray[np.bool_]:
+    def _extrapolated(self) -> NDArray[np.bool_]:
         """``(n,)`` which targets are reached where no fitted pose is near and the model lacks something."""
         joints = self.arm_inputs[:, : self.run.robot.chain.size]
         return np.asarray(self.run.extrapolated(joints) & self.found.converged)
 
     @property
-    def extrapolated_share(self) -> float:
+    def _extrapolated_share(self) -> float:
         """Of the targets that are reached."""
-        return float(self.extrapolated.sum()) / max(len(self.reached), 1)
+        return float(self._extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
     def _no_program(self) -> tuple[str, ...]:
@@ -154,8 +154,8 @@ class CompensationResult(Result):
         of_run, run = self.run.result, []
         if of_run.verdict != "good":
             run = [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
-        if self.extrapolated_share > MOST_UNCOVERED:
-            share = f"{100 * self.extrapolated_share:.0f} % of the targets"
+        if self._extrapolated_share > MOST_UNCOVERED:
+            share = f"{100 * self._extrapolated_share:.0f} % of the targets"
             run.append(f"{share} are extrapolated: not covered by measured poses; measure where the robot is to work")
         moved, usual = self.correction_m[self.reached], self._tolerance_m[self.reached]
         if not (far := moved > MOST_TOLERANCES * usual).any():
@@ -236,8 +236,8 @@ class CompensationResult(Result):
             "judged_mm": self.validation_mm,
             "schemes_apart_mm": self.scheme_disagreement_mm,
             "extrapolated": {
-                "share": self.extrapolated_share,
-                "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
+                "share": self._extrapolated_share,
+                "ids": [self.targets.ids[i] for i in np.flatnonzero(self._extrapolated)],
             },
             "near_singular": [_near(each) for each in near_singular(self)],
             "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
@@ -275,7 +275,7 @@ class CompensationResult(Result):
             **joint_columns(chain, self.found.joints[rows]),
             "correction_mm": (1e3 * self.correction_m[rows]).tolist(),
             "predicted_mm": (1e3 * self.predicted_m[rows]).tolist(),
-            "extrapolated": self.extrapolated[rows].tolist(),
+            "extrapolated": self._extrapolated[rows].tolist(),
         }
 
     def plot(self) -> "Figure":
@@ -367,6 +367,11 @@ class CompensationResult(Result):
     def target(self) -> int:
         """The index of the arm's target that is aimed."""
         return self.run.arm.targets.index(self.targets.tool)
+
+
+def extrapolated_targets(result: CompensationResult) -> NDArray[np.bool_]:
+    """``(n,)`` which targets are reached where no fitted pose is near and the model lacks something."""
+    return result._extrapolated
 
 
 def verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:

@@ -49,7 +49,7 @@ class VerificationResult(Result):
         return self.verified.good
 
     @cached_property
-    def extrapolated(self) -> NDArray[np.bool_]:
+    def _extrapolated(self) -> NDArray[np.bool_]:
         """``(n,)`` which rows no fitted pose is near, where the run's model is known to lack something."""
         return self.calibrated.extrapolated(self.measurements.joints)
 
@@ -89,8 +89,8 @@ class VerificationResult(Result):
             },
             "observed_mm": self.observed_mm,
             "extrapolated": {
-                "share": float(self.extrapolated.mean()),
-                "ids": [self.measurements.ids[i] for i in np.flatnonzero(self.extrapolated)],
+                "share": float(self._extrapolated.mean()),
+                "ids": [self.measurements.ids[i] for i in np.flatnonzero(self._extrapolated)],
             },
             "promised_mm": 1e3 * found.promised_m,
             "moved": list(found.moved),
@@ -114,7 +114,7 @@ class VerificationResult(Result):
             "id": np.repeat(ids, len(targets)).tolist(),
             "target": [*targets] * len(ids),
             "error_mm": (1e3 * self.verified.errors).ravel().tolist(),
-            "extrapolated": np.repeat(self.extrapolated, len(targets)).tolist(),
+            "extrapolated": np.repeat(self._extrapolated, len(targets)).tolist(),
         }
 
     def plot(self) -> "Figure":
