@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lab.core.errors import LabError
+from lab.core.se3 import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,7 +52,7 @@ class Result(ABC):
         """What a person reads: the one document that terminal, page and recording show."""
 
     @abstractmethod
-    def columns(self) -> Mapping[str, Sequence[Any]]:
+    def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """The result's main table by columns of one length, for ``to_frame``; names end in the unit."""
 
     @abstractmethod

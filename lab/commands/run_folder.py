@@ -204,24 +204,33 @@ def _library_versions() -> dict[str, str]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write plain values, indented."""
-    path.write_text(_indented(content, 0) + "\n", encoding="utf-8")
+    """Write plain values, indented; an iterator is a list that is never held whole."""
+    with path.open("w", encoding="utf-8") as file:
+        file.writelines(_indented(content, 0))
+        file.write("\n")
 
 
-def _indented(value: Any, level: int) -> str:
+def _indented(value: Any, level: int) -> Iterator[str]:
     """What ``json.dumps`` with an indent of one writes: that goes item by item in Python, in five times as long.
 
     A mapping or a list of single values is written at once, with line ends between its items.
     """
-    if not isinstance(value, dict | list | tuple) or not value:
-        return json.dumps(value, default=str, allow_nan=False)
+    if not isinstance(value, dict | list | tuple | Iterator) or not value:
+        yield json.dumps(value, default=str, allow_nan=False)
+        return
     inner, outer = "\n" + (level + 1) * " ", "\n" + level * " "
-    items = value.values() if isinstance(value, dict) else value
-    if not any(isinstance(each, dict | list | tuple) for each in items):
-        text = json.dumps(value, separators=("," + inner, ": "), default=str, allow_nan=False)
-        return text[0] + inner + text[1:-1] + outer + text[-1]
-    parts = [_indented(each, level + 1) for each in items]
-    if not isinstance(value, dict):
-        return "[" + inner + ("," + inner).join(parts) + outer + "]"
-    named = [f"{json.dumps(str(name))}: {part}" for name, part in zip(value, parts, strict=True)]
-    return "{" + inner + ("," + inner).join(named) + outer + "}"
+    if not isinstance(value, Iterator):
+        items = value.values() if isinstance(value, dict) else value
+        if not any(isinstance(each, dict | list | tuple | Iterator) for each in items):
+            text = json.dumps(value, separators=("," + inner, ": "), default=str, allow_nan=False)
+            yield text[0] + inner + text[1:-1] + outer + text[-1]
+            return
+    first, last = "{}" if isinstance(value, dict) else "[]"
+    before, end = first + inner, first + last
+    for each in value:
+        yield before
+        if isinstance(value, dict):
+            yield f"{json.dumps(str(each))}: "
+        yield from _indented(value[each] if isinstance(value, dict) else each, level + 1)
+        before, end = "," + inner, outer + last
+    yield end

@@ -1,6 +1,6 @@
 """Joint positions to move to one after the other, as a person, a table and a program take them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from lab.kinematics.joints import JointSpec
 __all__ = ["VIA", "Stops", "joint_columns"]
 
 VIA = "via"  # the purpose of a stop that is only passed
+_BLOCK = 10_000  # stops that are made plain values at a time
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Stops:
         """What each one is for."""
         return tuple(self.purpose if pose >= 0 else VIA for pose in self.which)
 
-    def columns(self, chain: JointSpec) -> Mapping[str, Sequence[Any]]:
+    def columns(self, chain: JointSpec) -> Mapping[str, Sequence[Any] | Array]:
         """``id``, ``stop`` (what each is for), ``station`` where there are several, and joint positions.
 
         These are called ``<joint>_deg`` or ``<joint>_mm``.
@@ -62,15 +63,19 @@ class Stops:
         stations = {"station": list(self.stations)} if self.stations else {}
         return {"id": list(self.names), "stop": list(self.purposes), **stations, **joint_columns(chain, self.joints)}
 
-    def to_list(self, chain: JointSpec) -> list[dict[str, Any]]:
-        """A mapping for each one, by the names of ``columns``."""
+    def rows(self, chain: JointSpec) -> Iterator[dict[str, Any]]:
+        """A mapping for each one, by the names of ``columns``, made as it is asked for."""
         columns = self.columns(chain)
-        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        for first in range(0, len(self.which), _BLOCK):
+            some = (values[first : first + _BLOCK] for values in columns.values())
+            plain = [each.tolist() if isinstance(each, np.ndarray) else each for each in some]
+            for row in zip(*plain, strict=True):
+                yield dict(zip(columns, row, strict=True))
 
 
-def joint_columns(chain: JointSpec, joints: Array) -> dict[str, list[float]]:
+def joint_columns(chain: JointSpec, joints: Array) -> dict[str, Array]:
     """Joint positions ``(n, joints)`` (rad or m) by joint and unit, as people read them: ``<joint>_deg`` or ``_mm``."""
     return {
-        f"{name}_{'mm' if slides else 'deg'}": (1e3 * values if slides else np.rad2deg(values)).tolist()
+        f"{name}_{'mm' if slides else 'deg'}": 1e3 * values if slides else np.rad2deg(values)
         for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True)
     }

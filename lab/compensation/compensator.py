@@ -132,13 +132,22 @@ class Compensator:
             conditions: ``(n, c)``, what the arm's effects ask for.
             reference: ``(n, joints)`` joint positions that say which way to take; NaN where that is free.
         """
-        count, before, found = len(wanted), self.nominal.arm.chain.home, list[Compensation]()
+        count, before, whole = len(wanted), self.nominal.arm.chain.home, dict[str, Any]()
         for first in range(0, max(count, 1), _BLOCK):
             part = np.arange(first, min(first + _BLOCK, count))
             some, before = self._corrected(wanted.take(part), conditions[part], reference[part], before)
-            found.append(some)
+            for name in (each.name for each in fields(Compensation)):
+                values = getattr(some, name)
+                texts = isinstance(values, tuple)
+                if not first:
+                    whole[name] = [] if texts else np.empty((count, *values.shape[1:]), values.dtype)
+                if texts:
+                    whole[name] += values
+                else:
+                    whole[name][part] = values
             self.progress(part.size + first, count)
-        return _joined(found)
+        whole |= {name: tuple(texts) for name, texts in whole.items() if isinstance(texts, list)}
+        return Compensation(**whole)
 
     def _corrected(
         self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array
@@ -240,6 +249,7 @@ class Compensator:
         ended = reach(self.arm, self.values, wanted, joints, conditions, self.nominal.target)
         turned = nearest_whole_turns(chain, ended.joints, start)
         arrived = ended.arrived & (np.linalg.norm(ended.errors[:, :3], axis=1) < MOST_LEFT_OUT_M)
+        start = nearest_whole_turns(chain, start, turned)  # the other schemes end where this one does
         found = Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
                          aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip
         if self.refusals is not None:
@@ -311,18 +321,6 @@ class Compensator:
             missing[~turned, 3:] = 0.0
             apart = np.maximum(apart, np.abs(missing).max(axis=1))
         return apart
-
-
-def _joined(parts: Sequence[Compensation]) -> Compensation:
-    """Targets one after another, which were corrected in parts."""
-    if len(parts) == 1:
-        return parts[0]
-    joined: dict[str, Any] = {}
-    for name in (each.name for each in fields(Compensation)):
-        some = [getattr(part, name) for part in parts]
-        texts = isinstance(some[0], tuple)
-        joined[name] = tuple(text for part in some for text in part) if texts else np.concatenate(some)
-    return Compensation(**joined)
 
 
 def _no_texts(count: int) -> Texts:

@@ -36,6 +36,7 @@ __all__ = [
     "PLACES",
     "POSES",
     "PROGRAM_BYTES",
+    "PROGRAM_TARGETS",
     "READINGS",
     "ROBOTS",
     "ROUNDS",
@@ -97,6 +98,7 @@ TABLE_BYTES = Limit("bytes of a CSV file", 512 * _MIB, "a million rows of three 
 TOML_BYTES = Limit("bytes of a TOML file", _MIB, "descriptions and studies have some KiB")
 TEXT_BYTES = Limit("bytes of a JSON, MJCF or URDF file", 16 * _MIB, "runs and models have less than 1 MiB")
 PROGRAM_BYTES = Limit("bytes of a controller's program", 4 * _MIB, "ten thousand targets have 2 MiB")
+PROGRAM_TARGETS = Limit("targets of a program that is written", 10_000, "a controller loads no larger file")
 MESH_BYTES = Limit("bytes of all meshes and pictures of a robot", 512 * _MIB, "they are held in memory")
 ROWS = Limit("rows of a CSV file", 1_000_000, "a day of measuring has some hundred")
 COLUMNS = Limit("columns of a CSV file", 2_000, "joints, targets and conditions have some ten")

@@ -125,6 +125,23 @@ def test_the_branch_that_is_given_is_kept_and_otherwise_the_nearest_is_taken() -
     assert steps[0] < 0.8 * steps[1]  # one after the other, the nearest way is shorter
 
 
+def test_at_the_end_of_a_joint_with_several_turns_all_schemes_go_a_turn_back() -> None:
+    """There the arm is just beyond the limit where the nominal model is not: it is a whole turn away that both fit."""
+    of = compensator((), 2)
+    chain = of.nominal.arm.chain
+    joints = np.array([0.3, 0.2, 0.1, 0.4, 0.9, 0.0]) + 0.1 * np.random.default_rng(2).uniform(-1, 1, (40, 6))
+    joints[:, 5] = chain.lower[5] + np.linspace(-5e-3, 5e-3, 40)
+    Ts, _ = of.arm.tool(inputs(of, joints), of.values)
+    found = corrected(of, PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.clip(joints, chain.lower, chain.upper))
+    kept = abs(found.uncorrected - joints)[:, 3] < 0.1  # beyond the nominal limit another solution is nearest
+    assert found.converged[kept].all(), set(found.reasons)
+    turns = np.round((found.joints - joints)[kept, 5] / (2 * np.pi))
+    assert set(turns) == {0.0, 1.0}  # some are within the limit as they are
+    for scheme in (found.differential, found.cartesian):
+        np.testing.assert_allclose(scheme[kept], found.joints[kept], atol=1e-6)
+    assert not chain.beyond_limits(found.uncorrected[kept], 1e-9).any()
+
+
 def test_a_path_stays_in_the_branch_that_its_first_target_names() -> None:
     """Far from the readings zero, where another way would be nearer to them."""
     of = compensator((), 14)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.compensate.result import CompensationResult, extrapolated_targets
-from lab.commands.run_folder import config, write_json
 from lab.commands.stops import joint_columns
 from lab.core import se3
+from lab.core.se3 import Array
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.postures import postures_of
 from lab.formats.programs.protocol import TargetMoves
@@ -22,9 +22,8 @@ JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
 
 
 def write_files(folder: Path, result: CompensationResult) -> None:
-    """Write the corrected targets and the calibrated arm in every format, and ``result.json``."""
+    """Write the corrected targets and the calibrated arm in every format."""
     run, rows = result.run, np.flatnonzero(result.found.converged)
-    write_json(folder / "config.json", config("compensate", result.options, run.robot.sha256))
     chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
     lone = extrapolated_targets(result)
     marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
@@ -41,10 +40,9 @@ def write_files(folder: Path, result: CompensationResult) -> None:
             (folder / name).write_text(text, encoding="utf-8")
     if result.program is not None:
         (folder / result.program.name).write_bytes(result.program.content)
-    elif len(rows):
+    elif len(rows) and result.no_program is None:
         for name, content in target_files(run.robot.chain, result.options.controller, _moves(result)).items():
             (folder / name).write_bytes(content)
-    write_json(folder / "result.json", result.to_dict())
 
 
 def _moves(result: CompensationResult) -> TargetMoves:
@@ -69,7 +67,7 @@ def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> di
 
 def _conditions(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
     """What was set at targets."""
-    return {name: column[rows].tolist() for name, column in result.targets.conditions.items()}
+    return {name: column[rows] for name, column in result.targets.conditions.items()}
 
 
 def _stop_conditions(result: CompensationResult) -> dict[str, list[Any]]:
@@ -86,7 +84,7 @@ def _yes(flags: NDArray[np.bool_]) -> list[str]:
     return ["yes" if flag else "no" for flag in flags]
 
 
-def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any]]) -> None:
+def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any] | Array]) -> None:
     """A column says so where nothing was checked."""
     if not result.checked:
         columns = {**columns, "checked": ["no"] * len(columns["id"])}

@@ -19,6 +19,7 @@ from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.result import Result
+from lab.commands.run_folder import config, write_json
 from lab.commands.stops import Stops, joint_columns
 from lab.commands.values import number
 from lab.compensation.compensator import Compensation
@@ -103,7 +104,8 @@ class CompensationResult(Result):
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
         of_program = () if self.program is None else self.program.warnings
-        return (*self.notes, *far, *self._beyond, *self._unchecked, *self._no_program, *of_program)
+        without = () if self.no_program is None else (self.no_program,)
+        return (*self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
 
     @property
     def _beyond(self) -> tuple[str, ...]:
@@ -129,10 +131,11 @@ class CompensationResult(Result):
         return float(self._extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
-    def _no_program(self) -> tuple[str, ...]:
-        """Why there is no program for the controller."""
-        why = None if self.program is not None else refusal(self.run.robot.chain, self.options.controller)
-        return () if why is None else (why,)
+    def no_program(self) -> str | None:
+        """Why there is no program for the controller; None where there is one."""
+        if self.program is not None:
+            return None
+        return refusal(self.run.robot.chain, self.options.controller, len(self.targets))
 
     @property
     def _unchecked(self) -> tuple[str, ...]:
@@ -217,6 +220,12 @@ class CompensationResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        values = self._values
+        return {**values, "stops": list(values["stops"])}
+
+    @property
+    def _values(self) -> dict[str, Any]:
+        """The same, but for the stops, which are given one after the other: a list of a million takes 1 GB."""
         return {
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
@@ -230,7 +239,7 @@ class CompensationResult(Result):
             "failed": [{"id": name, "reason": reason} for name, reason in self.failed],
             "checked": self.checked,
             "other_solution": [{"id": name, "reason": reason} for name, reason in self.passed_over],
-            "stops": self.stops.to_list(self.run.robot.chain),
+            "stops": self.stops.rows(self.run.robot.chain),
             "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
             "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
             "judged_mm": self.validation_mm,
@@ -267,14 +276,14 @@ class CompensationResult(Result):
 
         return compensation_document(self)
 
-    def columns(self) -> Mapping[str, Sequence[Any]]:
+    def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """A row for each target that is reached: id, joint positions (deg or mm), correction and predicted error."""
         rows, chain = self.reached, self.run.robot.chain
         return {
             "id": [self.targets.ids[i] for i in rows],
             **joint_columns(chain, self.found.joints[rows]),
-            "correction_mm": (1e3 * self.correction_m[rows]).tolist(),
-            "predicted_mm": (1e3 * self.predicted_m[rows]).tolist(),
+            "correction_mm": 1e3 * self.correction_m[rows],
+            "predicted_mm": 1e3 * self.predicted_m[rows],
             "extrapolated": self._extrapolated[rows].tolist(),
         }
 
@@ -295,7 +304,9 @@ class CompensationResult(Result):
         """Write tables, programs, the calibrated arm, ``result.json``, ``recording.rrd`` and ``report.html``."""
         from lab.commands.compensate.files import write_files
 
+        write_json(folder / "config.json", config("compensate", self.options, self.run.robot.sha256))
         write_files(folder, self)
+        write_json(folder / "result.json", self._values)
         if len(self.reached):
             from lab.commands.compensate.recording import record_compensation
 

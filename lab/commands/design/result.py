@@ -210,7 +210,7 @@ class DesignResult(Result):
                 for i, (name, T) in enumerate(zip(model.stations, model.Ts_world_station, strict=False))
             ],
             "checked": not self.options.no_check,
-            "stops": self.stops.to_list(self.problem.robot.chain),
+            "stops": list(self.stops.rows(self.problem.robot.chain)),
             "curve_of": "designs" if self.options.curve else "continuous design",
             "curve": [step.to_dict() for step in self.curve],
             **plan_or_refusal(self.problem.robot.chain, self.options.controller, model.stations),
@@ -224,7 +224,7 @@ class DesignResult(Result):
 
         return design_document(self)
 
-    def columns(self) -> Mapping[str, Sequence[Any]]:
+    def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """Every stop of the tour: ``id``, ``stop`` (measure, via), and joint positions in ``_deg`` or ``_mm``."""
         return self.stops.columns(self.problem.robot.chain)
 

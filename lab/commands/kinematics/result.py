@@ -106,17 +106,17 @@ class KinematicsResult(Result):
 
         return kinematics_document(self)
 
-    def columns(self) -> Mapping[str, Sequence[Any]]:
+    def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """A row for each placement: its name, joint positions and the tool's pose, mm and degrees."""
         chain = self.robot.chain
-        table: dict[str, Sequence[Any]] = {"id": [each.name for each in self.placements]}
+        table: dict[str, Sequence[Any] | Array] = {"id": [each.name for each in self.placements]}
         table |= joint_columns(chain, np.array([each.joints for each in self.placements]).reshape(-1, chain.size))
         Ts = np.array([each.T_base_tool for each in self.placements]).reshape(-1, 4, 4)
         for i, axis in enumerate("xyz"):
-            table[f"{axis}_mm"] = [float(value) for value in 1e3 * Ts[:, i, 3]]
+            table[f"{axis}_mm"] = 1e3 * Ts[:, i, 3]
         quaternions = se3.quaternion_from_rotation(Ts[:, :3, :3])
         for i, part in enumerate("wxyz"):
-            table[f"q{part}"] = [float(value) for value in quaternions[:, i]]
+            table[f"q{part}"] = quaternions[:, i]
         return table
 
     def plot(self) -> "Figure":

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from lab.core.errors import LabError, error_context
+from lab.core.limits import PROGRAM_TARGETS
 from lab.formats.programs.fanuc import FanucLs
 from lab.formats.programs.jbi import Jbi
 from lab.formats.programs.krl import Krl
@@ -54,8 +55,10 @@ def language_of(joints: JointSpec, controller: str | None) -> Language | None:
     return None
 
 
-def refusal(joints: JointSpec, controller: str | None) -> str | None:
-    """Why there is no program, in words; None where there is one."""
+def refusal(joints: JointSpec, controller: str | None, targets: int = 0) -> str | None:
+    """Why there is no program to so many targets, in words; None where there is one."""
+    if targets > PROGRAM_TARGETS.most:
+        return f"no program is written: {targets:,} targets, and one has at most {PROGRAM_TARGETS.shown}"
     language = language_of(joints, controller)
     if language is None:
         known = ", ".join(each.name.lower() for each in LANGUAGES)
