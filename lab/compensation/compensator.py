@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from lab.compensation.ik_results import LIMIT_SLACK, Attempts, Texts
 from lab.core.errors import LabError
+from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import SINGULAR_M
@@ -42,12 +43,6 @@ Moved = Callable[
     [NDArray[np.int_], Array, Array], Array
 ]  # rows, their joint positions, what is missing: to new joint positions
 Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why the arm may not be there; "" if it may
-
-Progress = Callable[[int, int], None]
-
-
-def _no_progress(done: int, of: int) -> None:
-    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +107,7 @@ class Compensator:
     values: Array
     refusals: Refusals | None = None
     bound: str = _ASKED_FOR
-    progress: Progress = _no_progress
+    progress: Progress = no_progress
 
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain

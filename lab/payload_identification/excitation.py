@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics
 from lab.payload_identification.fourier_path import (
@@ -33,7 +34,6 @@ __all__ = [
     "PathDesign",
     "PoseDesign",
     "PredictedUncertainty",
-    "Progress",
     "Regressor",
     "design_path",
     "design_poses",
@@ -42,8 +42,6 @@ __all__ = [
 
 Regressor = Callable[[Array, Array, Array], Array]
 """Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: what is read is linear in the p parameters."""
-Progress = Callable[[int, int], None]
-"""How much is done, and how much there is."""
 
 SECONDS, RATE_HZ = 10.0, 1000.0
 _DRAWN, _CANDIDATES = 200, 2000  # random paths and poses
@@ -130,7 +128,7 @@ def design_path(
     rounds: int = 12,
     at_rest: bool = False,
     drawn: int = _DRAWN,
-    progress: Progress = lambda done, all_of_it: None,
+    progress: Progress = no_progress,
 ) -> PathDesign:
     """The path that shows the parameters best, as far as is found; one generator state gives one path.
 

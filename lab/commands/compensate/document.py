@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from lab.commands.compensate.near_singular import NearSingular, near_singular
 from lab.commands.compensate.result import (
     CompensationResult,
-    NearSingular,
     extrapolated_targets,
-    near_singular,
     verdict_of,
 )
 from lab.commands.provenance import provenance_section
@@ -156,7 +155,8 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
 
 
 def _near(result: CompensationResult) -> Table:
-    rows = tuple((each.id, _distance(each), each.joint) for each in near_singular(result))
+    close = near_singular(result.found, result.run.robot.chain, result.targets.ids)
+    rows = tuple((each.id, _distance(each), each.joint) for each in close)
     return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=MOST_LISTED)
 
 

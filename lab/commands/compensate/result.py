@@ -16,6 +16,7 @@ from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.calibrate.range_dict import said_of_extrapolated
+from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.result import Result
@@ -23,7 +24,6 @@ from lab.commands.run_folder import config, write_json
 from lab.commands.stops import Stops, joint_columns
 from lab.commands.values import number
 from lab.compensation.compensator import Compensation
-from lab.compensation.ik_results import NEAR_RAD
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
@@ -36,26 +36,11 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["CompensationResult", "NearSingular", "extrapolated_targets", "near_singular", "verdict_of"]
+__all__ = ["CompensationResult", "extrapolated_targets", "verdict_of"]
 
 
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 _USUAL_TOLERANCES = {"tolerance_mm": 1e3 * TOLERANCE_M, "tolerance_mrad": 1e3 * TOLERANCE_RAD}
-
-
-@dataclass(frozen=True)
-class NearSingular:
-    """A target that is reached within 1 degree of a singularity.
-
-    Attributes:
-        joint: the one that would have to move most to get there.
-        distance: how far (rad; m where that joint slides).
-    """
-
-    id: str
-    joint: str
-    distance: float
-    slides: bool
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -226,6 +211,7 @@ class CompensationResult(Result):
     @property
     def _values(self) -> dict[str, Any]:
         """The same, but for the stops, which are given one after the other: a list of a million takes 1 GB."""
+        chain = self.run.robot.chain
         return {
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
@@ -239,7 +225,7 @@ class CompensationResult(Result):
             "failed": [{"id": name, "reason": reason} for name, reason in self.failed],
             "checked": self.checked,
             "other_solution": [{"id": name, "reason": reason} for name, reason in self.passed_over],
-            "stops": self.stops.rows(self.run.robot.chain),
+            "stops": self.stops.rows(chain),
             "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
             "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
             "judged_mm": self.validation_mm,
@@ -248,7 +234,9 @@ class CompensationResult(Result):
                 "share": self._extrapolated_share,
                 "ids": [self.targets.ids[i] for i in np.flatnonzero(self._extrapolated)],
             },
-            "near_singular": [_near(each) for each in near_singular(self)],
+            "near_singular": [
+                each.to_dict() for each in near_singular(self.found, self.run.robot.chain, self.targets.ids)
+            ],
             "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
             "warnings": list(self.warnings),
             **({} if self.program is None else {"program": self._program_values}),
@@ -388,23 +376,3 @@ def extrapolated_targets(result: CompensationResult) -> NDArray[np.bool_]:
 def verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:
     """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
     return "bad" if result.failed else "doubtful" if result.reasons else "good"
-
-
-def _near(each: NearSingular) -> dict[str, Any]:
-    unit, scale = ("mm", 1e3) if each.slides else ("deg", 180 / np.pi)
-    return {"id": each.id, "joint": each.joint, f"distance_{unit}": scale * each.distance}
-
-
-def near_singular(result: CompensationResult) -> tuple[NearSingular, ...]:
-    """The targets that are reached close to a singularity."""
-    chain, found = result.run.robot.chain, result.found
-    rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD))
-    return tuple(
-        NearSingular(
-            result.targets.ids[i],
-            chain.joint_names[found.singular_joint[i]],
-            float(found.singular_rad[i]),
-            chain.prismatic[found.singular_joint[i]],
-        )
-        for i in rows
-    )
