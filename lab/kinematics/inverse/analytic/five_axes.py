@@ -1,10 +1,10 @@
 """Arms of five joints: all solutions of the poses that they can take, and where others come near, starts for a search.
 
 A pose has six freedoms, and five joints give it five. The shapes that are known here are a planar arm between two
-joints (``five_axes_planar``: two or three parallel axes), and a wrist of two axes that meet on any three joints
-(``five_axes_wrist``); and both held the other way round, at the last frame, which puts the two meeting axes, or the
-planar arm, at the base's end. Each gives candidates by the equations that it needs; those that meet the whole pose, to
-rounding after a few steps of Gauss and Newton, are its solutions.
+joints (``five_axes_planar``: two or three parallel axes), a planar arm after two joints (``five_axes_planar_end``), and
+a wrist of two axes that meet on any three joints (``five_axes_wrist``); and all held the other way round, at the last
+frame, which puts the two meeting axes, or the planar arm, at the base's end. Each gives candidates by the equations
+that it needs; those that meet the whole pose, to rounding after a few steps of Gauss and Newton, are its solutions.
 """
 
 from dataclasses import dataclass, replace
@@ -20,6 +20,7 @@ from lab.core.se3 import Array
 from lab.kinematics.inverse.analytic.determinant import Determinant, determinant
 from lab.kinematics.inverse.analytic.first_joint import Named
 from lab.kinematics.inverse.analytic.five_axes_planar import PlanarMiddle
+from lab.kinematics.inverse.analytic.five_axes_planar_end import PlanarEnd
 from lab.kinematics.inverse.analytic.five_axes_wrist import TwoAxisWrist
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions
 from lab.kinematics.serial.arm import SerialArm
@@ -89,7 +90,7 @@ class FiveAxes:
         axes = Axes.of(chain)
         for backwards in (False, True):
             held = axes.backwards if backwards else axes
-            shape: Shape | None = PlanarMiddle.of(held) or TwoAxisWrist.of(held)
+            shape: Shape | None = PlanarMiddle.of(held) or PlanarEnd.of(held) or TwoAxisWrist.of(held)
             if shape is not None:
                 return cls(chain, SerialArm(chain), shape, backwards)
         return None

@@ -64,6 +64,21 @@ FIVE = {
         "tilting", "craig", "RRPRR", [0, 0, 0, 30, 70], [0, 0.4, 0.25, 0, 0], [0] * 5, [0.1, 0, 0, 0, 0]
     ),
     "gantry": chain_of("gantry", "craig", "PPPRR", [0, -90, -90, 10, 70], [0] * 5, [0, 90, 0, 0, 0], [0.1, 0, 0, 0, 0]),
+    "three parallel at the end": chain_of(  # no two axes meet
+        "end", "craig", "RRRRR", [10, 50, 70, 0, 180], [0, 0.15, 0.1, 0.4, 0.3], [10, 20, 30, 40, 50],
+        [0.3, 0.1, 0.05, 0.02, 0.1],
+    ),
+    "three parallel at the base": chain_of(
+        "base", "craig", "RRRRR", [0, 0, 0, 60, 70], [0, 0.4, 0.3, 0.1, 0.15], [10, 20, 30, 40, 50],
+        [0.3, 0.05, 0.02, 0.1, 0.1],
+    ),
+    "two and three parallel": chain_of(
+        "pairs", "craig", "RRRRR", [0, 0, 70, 0, 0], [0, 0.2, 0.1, 0.4, 0.3], [10] * 5, [0.3, 0.05, 0.02, 0.01, 0.1]
+    ),
+    "planar arm on a hinge and a slide": chain_of(
+        "RP", "craig", "RPRRR", [0, 40, 50, 0, 0], [0, 0.2, 0.1, 0.4, 0.3], [10, 0, 20, 30, 40],
+        [0.1, 0.05, 0.02, 0.01, 0.1],
+    ),
     "axes 1 and 2 meet": chain_of(
         "shoulder", "craig", "RRRRR", [0, -90, 0, -70, 80], [0, 0, 0.4, 0.1, 0.2], [10] * 5, [0.1, 0, 0.1, 0.1, 0.1]
     ),
@@ -307,6 +322,11 @@ def test_a_pose_that_five_axes_cannot_take_is_come_near_to(name: str) -> None:
     exact = inverse.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full((10, 5), np.nan))
     good = exact.gap_m == 0
     assert good.any(axis=1).all() and not exact.tilt_rad[good].any()
+
+
+def test_four_axes_that_may_be_parallel_are_left_to_the_search() -> None:
+    right = chain_of("right", "craig", "RRRRR", [0, 90, 90, 0, 0], [0, 0.15, 0.1, 0.4, 0.3], [0] * 5, [0.1] * 5)
+    assert closed_form_of(right) is None
 
 
 def test_other_shapes_have_none() -> None:
