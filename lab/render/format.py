@@ -39,8 +39,10 @@ def format_magnification(factor: float) -> str:
 
 
 def capital(text: str) -> str:
-    """The text with a capital first letter."""
-    return text[:1].upper() + text[1:]
+    """The text with a capital first letter; the name of a parameter or a file, ``link4.theta``, stays as it is."""
+    first = text.partition(" ")[0]
+    is_name = "." in first.rstrip(".") and not first.endswith(".")
+    return text if is_name else text[:1].upper() + text[1:]
 
 
 def sentence(text: str) -> str:

@@ -75,7 +75,7 @@ class RemainingError:
     @property
     def words(self) -> str:
         """How much is whose, for a person."""
-        said = [f"What remains is {1e3 * self.total_m:.2g} mm a coordinate (root mean square)"]
+        said = [f"What remains is {1e3 * self.total_m:.2g} mm per axis (root mean square)"]
         if np.isfinite(self.instrument_m):
             said.append(f"the instrument makes {1e3 * self.instrument_m:.2g} mm of it")
         if self.shared_m:

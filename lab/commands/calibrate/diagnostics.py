@@ -191,7 +191,8 @@ def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
         axes.vlines(errors[:-1], at[1:] - 0.4, at[:-1] + 0.4, color=INK, linewidth=0.8)
         for place, error, end in zip(at, errors, np.maximum(errors, np.roll(errors, 1)), strict=True):
             right = error if place == at[0] else end
-            axes.annotate(f" {short(error)}", (right, place), va="center", ha="left", fontsize=8)
+            falls_to = "" if place == at[0] else "→ "
+            axes.annotate(f" {falls_to}{short(error)}", (right, place), va="center", ha="left", fontsize=8)
         axes.set_yticks(at, [each.name for each in tried])
         axes.set(xlabel="hold-out error, mm", xlim=(0, 1.18 * errors.max()))
         axes.grid(visible=False, axis="y")

@@ -22,7 +22,7 @@ def comparison_document(result: ComparisonResult) -> Document:
     """Whether anything has moved, what, every difference with its interval, and a picture of the last."""
     changed = any(each.changed for each in result.differences)
     word = "the links have moved" if changed else "no change of the links detected"
-    rate = f"an unchanged arm fails this test {100 * VERIFICATION:g} times in a hundred"
+    rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
     sections = tuple(
         Section(str(run.folder), (Paragraph(_words(result, each)), _table(result, each)))
         for run, each in zip(result.runs[1:], result.differences, strict=True)

@@ -13,7 +13,7 @@ from lab.verification.change_points import ChangePoint
 __all__ = ["trend_document"]
 
 _MOST_DIGITS = 6
-_LEVEL = f"an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years"
+_LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years)"
 
 
 def trend_document(result: TrendResult) -> Document:

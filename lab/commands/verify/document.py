@@ -36,7 +36,7 @@ def verification_document(result: VerificationResult) -> Document:
     """The verdict and its test, the errors, what may have changed, and the minimum detectable change."""
     found, robot = result.verified, result.calibrated.robot
     verdict = "within the predicted error" if found.good else "beyond the predicted error"
-    rate = f"an unchanged arm fails this test {100 * VERIFICATION:g} times in a hundred"
+    rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
     return Document(
         f"{robot.name}: {verdict}",
         (
@@ -87,12 +87,16 @@ def _histogram(result: VerificationResult) -> Figure:
 def _hypotheses(result: VerificationResult) -> Table:
     listed = result.verified.hypotheses
     rows = tuple(
-        (each.words, short(each.chi2), short(each.p), short(each.bic), "yes" if each.explains else "no")
+        (each.words, short(each.chi2), _chance(each.p), short(each.bic), "yes" if each.explains else "no")
         for each in listed
     )
     kinds = tuple("" if each.explains else "quiet" for each in listed)
     columns = ("what may have changed, the best first", "χ² left", "p", Column("BIC"), "explains it")
     return Table(columns, rows, row_kinds=kinds, most_rows=MOST_HYPOTHESES)
+
+
+def _chance(p: float) -> str:
+    return short(p) if p > 0 else "< 1e-300"
 
 
 def _advice(result: VerificationResult) -> tuple[Block, ...]:
