@@ -20,7 +20,7 @@ SQUARE = (4.5, 4.5)  # inches
 VIEWS = {"above": (0, 1), "side": (0, 2)}  # by name the plane of each, as ``svg.view`` has it
 _SEEN_FROM = {"above": "from above", "side": "from the side"}
 _FEW = 25  # lengths, which are shown one by one
-_MANY = 30  # crosses, which are drawn smaller
+_MANY, _HUNDREDS = 30, 200  # crosses, which are drawn smaller: the colours beneath are to be seen
 _LEAST_MM = 1e-12  # of a logarithmic axis
 _LINE = 0.01  # of their width: points that rise less make a line of a view
 
@@ -166,7 +166,7 @@ def _size_map(axes: Axes, shown: SizeMap, plane: tuple[int, int]) -> None:
     tints = _colours(shown, 1e3 * shown.sizes)
     axes.scatter(points[:, 0], points[:, 1], c=tints, s=14, edgecolors=MARK_EDGE, linewidths=0.25, rasterized=True)
     if len(crosses):
-        thin = 1 if len(crosses) < _MANY else 2
+        thin = 1 if len(crosses) < _MANY else 2 if len(crosses) < _HUNDREDS else 4
         axes.scatter(
             crosses[:, 0], crosses[:, 1], marker="x", c=OUTLIER, s=60 / thin**2, linewidths=2 / thin,
             label=shown.cross_means,

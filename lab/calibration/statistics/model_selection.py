@@ -34,6 +34,7 @@ from lab.kinematics.effects.registry import CANDIDATES
 __all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
 
 _GEOMETRY = "geometric"
+_NOT_SIGNIFICANT = "not significant"
 _NO_TERMS: Mapping[str, Effect] = MappingProxyType({})
 _SEARCHES = 6  # of terms, each around what the one before found
 _BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
@@ -348,6 +349,8 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
     p = table.p_value(small, big)
     robust = table.clustered_p(fitted, shown)
     why = objection(table, small, big, max(p, robust) * len(large.groups))
+    if why == _NOT_SIGNIFICANT and p * len(large.groups) < MODEL_GROUPS:
+        why += f": p = {robust:.1g} if errors go together in a pose"
     held = tuple(large.observation.model.names[i] for i in new if i not in shown)
     return GroupTrial(name, len(shown), float(big.errors.mean()), p, big.bic, False, why, held)
 
@@ -356,7 +359,7 @@ def objection(table: NestedModels, small: Score, big: Score, p: float) -> str:
     """What speaks against an extension, with ``p`` of the tests of all groups together; empty if nothing does."""
     fall, error = table.gain(small, big)
     if p >= MODEL_GROUPS:
-        return "not significant"
+        return _NOT_SIGNIFICANT
     if big.bic > small.bic - _BIC_FALL:
         return "BIC does not fall enough" if big.bic < small.bic else "BIC rises"
     return "" if fall > error else "the held-out error does not fall"

@@ -203,7 +203,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         Column("source", PAGE),
         Column("distribution", PAGE),
         "u",
-        Column("µm per unit", PAGE),
+        Column("sensitivity, µm per unit", PAGE),
         "µm",
         "ν",
         "%",
@@ -220,10 +220,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
     )
     drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
     figure = Figure(f"budget-{budget.measurand}-figure", (contributions_picture(budget),), drawing)
-    caption = (
-        "Standard uncertainty u, sensitivity in µm per unit of it, contribution in µm, degrees of freedom ν, share of "
-        "the variance in %"
-    )
+    caption = "Standard uncertainty u, contribution in µm, degrees of freedom ν, share of the variance in %"
     return Table(tuple(columns), rows, caption), Paragraph(words), figure
 
 

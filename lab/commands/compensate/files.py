@@ -14,7 +14,7 @@ from lab.core.se3 import Array
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.postures import postures_of
 from lab.formats.programs.protocol import TargetMoves
-from lab.formats.programs.registry import target_files
+from lab.formats.programs.registry import refusal, target_files
 
 __all__ = ["write_files"]
 
@@ -40,7 +40,7 @@ def write_files(folder: Path, result: CompensationResult) -> None:
             (folder / name).write_text(text, encoding="utf-8")
     if result.program is not None:
         (folder / result.program.name).write_bytes(result.program.content)
-    elif len(rows) and result.no_program is None:
+    elif len(rows) and refusal(chain, result.options.controller, len(result.targets)) is None:
         for name, content in target_files(run.robot.chain, result.options.controller, _moves(result)).items():
             (folder / name).write_bytes(content)
 

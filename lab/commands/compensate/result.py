@@ -89,7 +89,7 @@ class CompensationResult(Result):
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
         of_program = () if self.program is None else self.program.warnings
-        without = () if self.no_program is None else (self.no_program,)
+        without = () if self._no_program is None else (self._no_program,)
         return (*self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
 
     @property
@@ -116,7 +116,7 @@ class CompensationResult(Result):
         return float(self._extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
-    def no_program(self) -> str | None:
+    def _no_program(self) -> str | None:
         """Why there is no program for the controller; None where there is one."""
         if self.program is not None:
             return None

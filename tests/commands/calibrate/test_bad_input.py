@@ -3,6 +3,7 @@
 import errno
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -159,6 +160,10 @@ def fill_disk_at(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
                 def __exit__(self, *error: object) -> None:
                     file.close()
+
+                def writelines(self, pieces: Iterable[str]) -> None:
+                    for piece in pieces:
+                        half(piece)
 
                 write = staticmethod(half)
 
