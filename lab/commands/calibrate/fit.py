@@ -45,7 +45,7 @@ from lab.commands.calibrate.warnings import (
     of_weakness,
 )
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, evenly
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.conditions import CHANGING_WITH_TIME
@@ -59,6 +59,7 @@ __all__ = ["Fitter"]
 
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
+_MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 
 @dataclass(frozen=True)
@@ -260,6 +261,8 @@ class Fitter:
         if self.options.parametric == "auto":
             refused = {name: self.unanswerable(name) for name in CANDIDATES}
             warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in refused.items() if why]
+            if len(rows) > _MOST_CHOSEN_BY:
+                warnings.append(f"groups were chosen by {_MOST_CHOSEN_BY:,} of the {len(rows):,} poses, taken evenly")
         if self.options.prior:
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         warnings += of_nominal(found, self.nominal(found.model))
@@ -303,8 +306,12 @@ class Fitter:
         return other if kept[1] > kept[0] else selection
 
     def _chosen(self, found: Identification, rows: Measurements) -> Selection:
-        """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them."""
-        selection = None
+        """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them.
+
+        Of very many, as many as bound the memory, evenly: each is held with the columns of all groups and waves.
+        """
+        selection, some = None, evenly(len(rows), _MOST_CHOSEN_BY)
+        rows = rows if some is None else rows.take(some)
         for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]

@@ -86,6 +86,18 @@ def test_a_few_poses_that_alone_show_an_effect_are_no_outliers() -> None:
     assert "backlash" in fit.groups and not fit.outliers and len(fit.rows) == 60
 
 
+@pytest.mark.thorough
+def test_of_very_many_poses_some_choose_the_groups_and_all_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lab.commands.calibrate.fit._MOST_CHOSEN_BY", 60)
+    data = simulated(("harmonics",), {"sin1": 2e-4}, random_joints(120, 3), {}, 3)
+    fit = fitter(data, Noise(sigma_m=SIGMA), model="auto")(data)
+    assert fit.groups == ("harmonics",) and len(fit.rows) == len(data)
+    assert "groups were chosen by 60 of the 120 poses, taken evenly" in fit.warnings
+    sigmas = np.sqrt(np.diag(fit.identification.covariance))
+    alone = fitter(data.take(list(range(60))), Noise(sigma_m=SIGMA), model="harmonics")(data.take(list(range(60))))
+    assert np.median(sigmas / np.sqrt(np.diag(alone.identification.covariance))) < 0.8  # twice as many poses say more
+
+
 def test_held_out_poses_that_are_off_are_named() -> None:
     data = simulated((), {}, random_joints(80, 4), {}, 4)
     points = data.points.copy()
