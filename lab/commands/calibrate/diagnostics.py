@@ -64,11 +64,11 @@ def _in_order(result: CalibrationResult, residuals: Array, band: float) -> Pictu
             )  # fmt: skip
         _band(axes, band)
         axes.set(xlabel="time, min" if timed else "pose, in the order of the file", ylabel="residual per axis, mm")
-        axes.legend(loc="upper right", ncols=3, frameon=True, framealpha=0.8)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
 
     outside = 100 * float(np.mean(np.abs(residuals[np.isfinite(residuals)]) > band)) if np.isfinite(band) else 0.0
     label = f"Residuals per axis {'in time' if timed else 'by pose'}: {outside:.0f} % outside the band of 95 % of noise"
-    return axes_picture("residuals-time", label, _WIDE, draw, (0.8, 0.5, 0.15, 0.15))
+    return axes_picture("residuals-time", label, _WIDE, draw, (0.8, 0.5, 0.15, 0.3))
 
 
 def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Picture:
@@ -192,7 +192,7 @@ def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
         for place, error, end in zip(at, errors, np.maximum(errors, np.roll(errors, 1)), strict=True):
             right = error if place == at[0] else end
             falls_to = "" if place == at[0] else "→ "
-            axes.annotate(f" {falls_to}{short(error)}", (right, place), va="center", ha="left", fontsize=8)
+            axes.annotate(f"\u00a0{falls_to}{short(error)}", (right, place), va="center", ha="left", fontsize=8)
         axes.set_yticks(at, [each.name for each in tried])
         axes.set(xlabel="hold-out error, mm", xlim=(0, 1.18 * errors.max()))
         axes.grid(visible=False, axis="y")

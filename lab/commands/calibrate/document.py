@@ -247,21 +247,21 @@ def _model_selection(result: CalibrationResult) -> Table:
             short(1e3 * group.holdout_m) if np.isfinite(group.holdout_m) else "",
             short(group.f_p) if np.isfinite(group.f_p) else "",
             fixed(group.bic, 0) if np.isfinite(group.bic) else "",
-            _explained(result.fit.explained.get(group.name)),
+            *_explained(result.fit.explained.get(group.name)),
             standing(group),
         )
         for group in result.groups
     )
     kinds = tuple("" if group.chosen else "quiet" for group in result.groups)
-    explains = Column("explains, mm", PAGE)
+    explains = Column("explains, mm", PAGE), Column("explains, %", PAGE)
     return Table(
-        ("group", "parameters", "hold-out error, mm", "p", "BIC", explains, ""), rows, "Model selection", kinds
+        ("group", "parameters", "hold-out error, mm", "p", "BIC", *explains, ""), rows, "Model selection", kinds
     )
 
 
-def _explained(found: ExplainedError | None) -> str:
+def _explained(found: ExplainedError | None) -> tuple[str, str]:
     """How far predictions would be off without a group, and its share of what geometry alone leaves."""
-    return "" if found is None else f"{short(1e3 * found.size_m)} ({100 * found.share:.2g} %)"
+    return ("", "") if found is None else (short(1e3 * found.size_m), f"{100 * found.share:.2g}")
 
 
 def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
