@@ -20,7 +20,7 @@ def short(value: float | None, unit: str = "") -> str:
 
 def fixed(value: float, digits: int, *, signed: bool = False) -> str:
     """A number with ``digits`` digits after the point."""
-    return f"{value:{'+' if signed else ''}.{digits}f}".replace("-", "−")
+    return f"{value:{'+' if signed else ''}z.{digits}f}".replace("-", "−")  # z: no −0
 
 
 def digits_of(half_width: float, most: int) -> int:

@@ -21,6 +21,7 @@ def test_a_value_has_two_digits_of_its_interval() -> None:
 
 def test_units_signs_and_capitals() -> None:
     assert short(1.5, "mm") == "1.50 mm" and fixed(-2.0, 2) == "−2.00" and fixed(2.0, 1, signed=True) == "+2.0"
+    assert fixed(-1e-9, 2) == "0.00" and fixed(-1e-9, 2, signed=True) == "+0.00"
     assert capital("link4.theta is off") == "link4.theta is off" and capital("e.g. this") == "E.g. this"
     assert capital("") == "" and sentence("this is one") == "This is one."
     assert format_magnification(20000.0) == "× 20,000" and format_magnification(0.5) == "× 0.5"

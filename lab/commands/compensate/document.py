@@ -40,8 +40,8 @@ MOST_LISTED = 100  # targets, in each table
 def compensation_document(result: CompensationResult) -> Document:
     """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
     failed = len(result.failed)
-    verdict = Badge(f"{failed} not reached" if failed else "all reached", verdict_of(result))
-    count = f"{len(result.reached)} of {len(result.targets)}"
+    verdict = Badge(f"{failed:,} not reached" if failed else "all reached", verdict_of(result))
+    count = f"{len(result.reached):,} of {len(result.targets):,}"
     return Document(
         f"{result.run.robot.name}: {count} targets of {result.targets.tool} corrected",
         (
@@ -79,7 +79,7 @@ def corrections_picture(result: CompensationResult) -> Picture:
 
 
 def _lead(result: CompensationResult) -> str:
-    targets = f"{len(result.targets)} targets for the arm that {result.run.folder} calibrated"
+    targets = f"{len(result.targets):,} targets for the arm that {result.run.folder} calibrated"
     if not len(result.reached):
         return f"{targets}: none of them is reached."
     mean, largest = result.mean_and_max_mm(result.correction_m)
