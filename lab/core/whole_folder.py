@@ -7,6 +7,7 @@ another one is writing.
 import errno
 import hashlib
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -21,10 +22,11 @@ try:
 except ImportError:  # no POSIX: leftovers stay until they are removed by hand
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["CHECKSUMS", "checksum_lines", "draft_of", "edited_files", "held", "is_being_written", "resolved"]
+__all__ = ["CHECKSUMS", "checksum_lines", "draft_of", "edited_files", "held", "is_being_written", "recover", "resolved"]
 
 CHECKSUMS: Final = "SHA256SUMS"  # as sha256sum writes and checks it
 _DRAFT, _ASIDE = "partial", "replaced"
+_LEFT = re.compile(rf"\.(.+)\.(?:{_DRAFT}|{_ASIDE})-[^.]*")
 _BLOCK = 1 << 20
 
 
@@ -90,6 +92,22 @@ def is_being_written(place: Path, but: Path | None = None) -> bool:
                 if not free:
                     return True
     return False
+
+
+def recover(place: Path) -> None:
+    """Put back what killed processes had moved aside of a folder and of those in it, and remove what they left.
+
+    Args:
+        place: absolute.
+
+    Raises:
+        OSError: something cannot be moved.
+    """
+    if place.parent.is_dir():
+        _recover(place)
+    if place.is_dir():
+        for name in sorted({left[1] for path in place.iterdir() if (left := _LEFT.fullmatch(path.name))}):
+            _recover(place / name)
 
 
 def checksum_lines(folder: Path) -> str:
@@ -161,7 +179,11 @@ def _swap(draft: Path, place: Path) -> None:
         except OSError:
             old.rename(place)
             raise
-        shutil.rmtree(old, ignore_errors=True)
+        try:
+            shutil.rmtree(old, ignore_errors=True)
+        except KeyboardInterrupt:  # the new folder stands: what it replaced goes all the same
+            shutil.rmtree(old, ignore_errors=True)
+            raise
 
 
 @contextmanager

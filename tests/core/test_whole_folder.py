@@ -1,6 +1,7 @@
 """A folder is there whole or not at all, and nothing that stood there is lost."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from lab.core.errors import LabError
-from lab.core.whole_folder import checksum_lines, draft_of, edited_files, held, is_being_written
+from lab.core.whole_folder import checksum_lines, draft_of, edited_files, held, is_being_written, recover
 
 WRITER = """\
 import sys, time
@@ -74,6 +75,35 @@ def test_a_run_that_was_moved_aside_when_the_writer_was_killed_comes_back(tmp_pa
         assert (tmp_path / "run" / "a").read_text() == "earlier"
         _ = 1 / 0
     assert names(tmp_path) == [".other.partial-y", "run"] and names(tmp_path / "run") == ["a"]
+
+
+def test_leftovers_of_a_folder_and_of_those_in_it_are_put_back_or_removed(tmp_path: Path) -> None:
+    for name in (".gone.replaced-a_1", ".there.replaced-b", ".there.partial-c", "there", ".hidden"):
+        (tmp_path / name).mkdir()
+    recover(tmp_path)
+    assert names(tmp_path) == [".hidden", "gone", "there"]
+    (tmp_path / ".run.replaced-d").mkdir()
+    recover(tmp_path / "run")
+    assert (tmp_path / "run").is_dir() and not (tmp_path / ".run.replaced-d").exists()
+    recover(tmp_path / "nowhere" / "run")
+
+
+def test_an_interruption_while_what_was_replaced_goes_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain, asked = shutil.rmtree, list[Path]()
+
+    def interrupted(folder: Path, *, ignore_errors: bool = False) -> None:
+        asked.append(folder)
+        if ".replaced-" in folder.name and len(asked) == 1:
+            raise KeyboardInterrupt
+        plain(folder, ignore_errors=ignore_errors)
+
+    (tmp_path / "run").mkdir()
+    monkeypatch.setattr(shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt), draft_of(tmp_path / "run", replacing=True) as draft:
+        (draft / "new").write_text("")
+    assert names(tmp_path) == ["run"] and names(tmp_path / "run") == ["new"]
 
 
 def test_nothing_is_replaced_unless_it_is_said(tmp_path: Path) -> None:

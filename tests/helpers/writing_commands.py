@@ -96,11 +96,17 @@ def weighed(folder: Path) -> None:
 
 
 def forked(work: Callable[[], int], said: Path | None = None) -> int:
-    """The process that does it, silent, or whose words go to a file."""
+    """The process that does it, silent, or whose words go to a file.
+
+    An interruption before it is in its own code waits until then: it would end as the tests' process does.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     if child := os.fork():
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return child
     code = 70
     try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         null = os.open(os.devnull, os.O_RDWR)
         os.dup2(null, 1)
         os.dup2(null if said is None else os.open(said, os.O_RDWR | os.O_CREAT | os.O_TRUNC), 2)

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from lab.commands.migrate.options import MigrateOptions
 from lab.commands.migrate.result import Migrated, MigrationResult
 from lab.commands.run_folder import SCHEMA, write_json
 from lab.core.errors import LabError
-from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, resolved
+from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, recover, resolved
 from lab.formats.structured import read_json
 
 __all__ = ["migrate"]
@@ -26,6 +27,8 @@ def migrate(options: MigrateOptions) -> MigrationResult:
     Raises:
         LabError: the folder holds no run, a run was edited, or a date is given for several runs or instead of another.
     """
+    with suppress(OSError):  # a run that was moved aside by a migration that was killed
+        recover(resolved(options.folder))
     folders = list(_runs(options.folder))
     if options.date is not None and len(folders) > 1:
         raise LabError(f"{options.folder}: holds {len(folders)} runs, and --date is of one; give the folder of that")
