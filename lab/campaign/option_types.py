@@ -1,12 +1,15 @@
 """The types of options that commands share: flags, lists in one argument, and numbers with a plain refusal."""
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, TypeVar
 
 import tyro
 
 from lab.core.errors import LabError
 
 __all__ = ["Flag", "Names", "Numbers", "number", "whole_number"]
+
+_Read = TypeVar("_Read", int, float)
 
 
 def number(text: str) -> float:
@@ -15,10 +18,7 @@ def number(text: str) -> float:
     Raises:
         LabError: it is none.
     """
-    try:
-        return float(text)
-    except ValueError as error:
-        raise LabError(f"'{text}' is not a number") from error
+    return _read(float, text, "a number")
 
 
 def whole_number(text: str) -> int:
@@ -27,10 +27,14 @@ def whole_number(text: str) -> int:
     Raises:
         LabError: it is none.
     """
+    return _read(int, text, "a whole number")
+
+
+def _read(kind: Callable[[str], _Read], text: str, what: str) -> _Read:
     try:
-        return int(text)
+        return kind(text)
     except ValueError as error:
-        raise LabError(f"'{text}' is not a whole number") from error
+        raise LabError(f"'{text}' is not {what}") from error
 
 
 Names = Annotated[

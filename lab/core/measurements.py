@@ -24,6 +24,7 @@ __all__ = [
     "measured",
     "seen_mask",
     "setups",
+    "thinned",
 ]
 
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
@@ -216,6 +217,12 @@ def setups(data: Measurements) -> tuple[tuple[str, str], ...]:
 def evenly(rows: int, most: int) -> NDArray[np.int_] | None:
     """So many of the rows, evenly spaced, where there are more; None where all are no more."""
     return None if rows <= most else np.linspace(0, rows - 1, most).round().astype(np.int_)
+
+
+def thinned(data: Measurements, most: int) -> Measurements:
+    """So many of the rows, evenly spaced; all where there are no more."""
+    some = evenly(len(data), most)
+    return data if some is None else data.take(some)
 
 
 def seen_mask(points: Array) -> NDArray[np.bool_]:

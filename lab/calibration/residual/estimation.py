@@ -17,7 +17,7 @@ from lab.calibration.residual.process import JointProcess, PredictedBy, precisio
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
-from lab.core.measurements import Measurements, evenly
+from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
@@ -84,8 +84,8 @@ def with_residual(found: Identification, data: Measurements) -> Identification:
     spare = 3 * int(data.seen.sum()) - len(found.fit.free)
     if spare < _LEAST_SPARE:
         raise LabError(f"{len(data)} poses are too few for the group residual; measure more, or leave it out")
-    support = _thinned(data, _MOST_NUMBERS // numbers)
-    few = _thinned(support, _MOST_ESTIMATING // numbers)
+    support = thinned(data, _MOST_NUMBERS // numbers)
+    few = thinned(support, _MOST_ESTIMATING // numbers)
     turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)
     known = found.sigma_m**2 if found.sigma_known else None
     variances, upper, p = _variances(_Rows.of(found, found.values, few, turning), known)
@@ -144,12 +144,6 @@ def _replaced(
         residuals=data.points - model.points(data.inputs(model.conditions), whole),
         process=PredictedBy(process, base, values, found.fit.free),
     )
-
-
-def _thinned(data: Measurements, most: int) -> Measurements:
-    """So many of the rows, evenly spaced; all where there are no more."""
-    some = evenly(len(data), most)
-    return data if some is None else data.take(some)
 
 
 def _variances(rows: _Rows, known: float | None) -> tuple[Array, Array, float]:

@@ -45,7 +45,7 @@ from lab.commands.calibrate.warnings import (
     of_weakness,
 )
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements, evenly
+from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.conditions import CHANGING_WITH_TIME
@@ -310,8 +310,7 @@ class Fitter:
 
         Of very many, as many as bound the memory, evenly: each is held with the columns of all groups and waves.
         """
-        selection, some = None, evenly(len(rows), _MOST_CHOSEN_BY)
-        rows = rows if some is None else rows.take(some)
+        selection, rows = None, thinned(rows, _MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in CANDIDATES if not self.unanswerable(name)]
