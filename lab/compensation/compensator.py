@@ -11,6 +11,7 @@ or two joints move the tool on a line or a surface: it is brought to the place t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from lab.compensation.ik_results import LIMIT_SLACK, Attempts, Texts
 from lab.core.errors import LabError
+from lab.core.kept_pieces import Columns, Keep, at_once
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -27,7 +29,7 @@ from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.newton import FREEDOMS, PLACES, PoseTarget, reach, shortest_step, tool_at, within_reach
 
-__all__ = ["CLEAR_RAD", "Compensation", "Compensator", "Refusals"]
+__all__ = ["ASKED_FOR", "CLEAR_RAD", "Compensation", "Compensator", "Refusals"]
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
 MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what is farther off is out of its reach
@@ -35,7 +37,7 @@ _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Ne
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
 _NO_OTHER = "; no other solution of the inverse is free of that and within limits"
-_ASKED_FOR = "the row's joint positions ask for this solution, so leave them empty to have others tried"
+ASKED_FOR = "the row's joint positions ask for this solution, so leave them empty to have others tried"
 _BLOCK = 2_000  # targets that are worked out at a time
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
@@ -97,6 +99,7 @@ class Compensator:
         refusals: why the arm may not stand somewhere; None where nothing is known of what it could touch.
         bound: why no other solution is tried where reference joint positions are given, for people.
         progress: takes how many targets are corrected of how many, as the work goes on.
+        keep: how the targets that are corrected are kept.
 
     Raises:
         LabError: the arm cannot bring its tool to places all around it.
@@ -106,8 +109,9 @@ class Compensator:
     arm: Arm
     values: Array
     refusals: Refusals | None = None
-    bound: str = _ASKED_FOR
+    bound: str = ASKED_FOR
     progress: Progress = no_progress
+    keep: Keep = at_once
 
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
@@ -130,19 +134,28 @@ class Compensator:
         count, before, whole = len(wanted), self.nominal.arm.chain.home, dict[str, Any]()
         for first in range(0, max(count, 1), _BLOCK):
             part = np.arange(first, min(first + _BLOCK, count))
-            some, before = self._corrected(wanted.take(part), conditions[part], reference[part], before)
-            for name in (each.name for each in fields(Compensation)):
-                values = getattr(some, name)
-                texts = isinstance(values, tuple)
+            some = wanted.take(part)
+            of = [some.positions, some.rotations, conditions[part], reference[part], before, self.values]
+            piece = dict(self.keep("targets", of, partial(self._piece, *of[:-1])))
+            before = piece.pop("before")
+            for name, values in piece.items():
+                texts = values.dtype.kind == "U"
                 if not first:
                     whole[name] = [] if texts else np.empty((count, *values.shape[1:]), values.dtype)
                 if texts:
-                    whole[name] += values
+                    whole[name] += values.tolist()
                 else:
                     whole[name][part] = values
             self.progress(part.size + first, count)
         whole |= {name: tuple(texts) for name, texts in whole.items() if isinstance(texts, list)}
         return Compensation(**whole)
+
+    def _piece(self, positions: Array, rotations: Array, conditions: Array, reference: Array, before: Array) -> Columns:
+        """Some targets as arrays by their names, and the joint positions ``before`` the next ones."""
+        some, last = self._corrected(PoseTarget(positions, rotations), conditions, reference, before)
+        columns = {each.name: getattr(some, each.name) for each in fields(Compensation)}
+        texts = {name: np.array(value, dtype=np.str_) for name, value in columns.items() if isinstance(value, tuple)}
+        return columns | texts | {"before": last}
 
     def _corrected(
         self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array

@@ -102,7 +102,8 @@ class JointSpec:
 
     def shown(self, joint: int, value: float) -> str:
         """A joint position (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
-        return f"{1e3 * value:.6g} mm" if self.prismatic[joint] else f"{np.rad2deg(value):.6g}°"
+        said = f"{1e3 * value:.6g} mm" if self.prismatic[joint] else f"{np.rad2deg(value):.6g}°"
+        return said.replace("-", "−")
 
     def said_beyond(self, joint: int, reading: float) -> str:
         """That a joint (from 0) stands beyond its limits, in words."""

@@ -21,13 +21,12 @@ _WRITES = {
 
 @contextmanager
 def nothing_drawn() -> Iterator[None]:
-    """Recordings are empty files, pages have empty pictures, plans write none, and studies have none."""
+    """Recordings are empty files, pages have empty pictures, and studies have none."""
     with pytest.MonkeyPatch.context() as patch:
         for name, function in _WRITES.items():
             module = types.ModuleType(name)
             setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
             patch.setitem(sys.modules, name, module)
         patch.setattr("lab.render.svg.inline_svg", lambda picture: Markup())
-        patch.setattr("lab.commands.design.figures.write_figures", lambda folder, plan: None)
         patch.setattr("lab.commands.study.result.StudyResult.pictures", {})
         yield

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["MOST_DRAWN", "frames_of", "kinematics_document", "placement_pictures", "side_words"]
 
 MOST_DRAWN = 12  # placements in a page's figure
+_SHORT_ENTRY = 14  # characters, of which four stand side by side on a terminal and on a phone
 _NOTHING = 1e-15  # of a determinant (SI): it is zero
 MOST_ROWS = 50  # of a table of placements
 _POSE = ("x, mm", "y", "z", "rx, °", "ry", "rz")
@@ -96,7 +97,8 @@ def _reached(result: KinematicsResult) -> tuple[Block, ...]:
         at = ", ".join(fixed(1e3 * value, 3) for value in each.position)
         turned = "" if np.isfinite(each.rotation).all() else ", the orientation is free"
         missed = "" if each.solutions or np.isnan(each.gap_m) else f", out of reach by {short(1e3 * each.gap_m, 'mm')}"
-        how = "in closed form: there are no others" if each.how == "closed form" else "by search: there may be others"
+        others = f"{each.others} more in other configurations" if each.others else "there are no others"
+        how = f"in closed form: {others}" if each.how == "closed form" else "by search: there may be others"
         name = f"{each.name}: " if each.name else ""
         modes = f"; {each.reassembled} more in another assembly mode" if each.reassembled else ""
         lines.append(f"{name}({at}) mm{turned}: {_counted(len(each.solutions), 'solution')} {how}{modes}{missed}")
@@ -120,8 +122,16 @@ def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     if not result.reached:
         said.append(Table(("", *_POSE), poses, caption, most_rows=MOST_ROWS, rest_in="--json"))
     elif any(configuration or note for _, configuration, note in told):
-        said.append(Table(("", "configuration", ""), told, "", most_rows=MOST_ROWS, rest_in="--json"))
+        said.append(_table_of_configurations(told))
     return tuple(said)
+
+
+def _table_of_configurations(told: Sequence[tuple[str, str, str]]) -> Table:
+    """Name, configuration and remark of each solution, without a column that is empty in all."""
+    heads = ("", "configuration", "remark")
+    kept = [i for i in range(len(heads)) if i == 0 or any(row[i] for row in told)]
+    rows = tuple(tuple(row[i] for i in kept) for row in told)
+    return Table(tuple(heads[i] for i in kept), rows, "", most_rows=MOST_ROWS, rest_in="--json")
 
 
 def _pose_cells(T: Array) -> tuple[str, ...]:
@@ -157,7 +167,7 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
         f"Jacobian in the axes of {axes}, m and rad: velocity of the tool's point, then angular velocity",
     )
     width = f"manipulability {_size(first.manipulability)}"
-    size = "" if first.determinant is None else f", determinant {_size(first.determinant)}"
+    size = "" if first.determinant is None else f", determinant{_part_of(len(names))} {_size(first.determinant)}"
     factors = "; ".join(f"{name} factor {_size(value)}" for name, value in first.factors.items())
     said = f"rank {first.rank} of {min(6, len(names))}, {width}{size}{f' ({factors})' if factors else ''} (m, rad)"
     free = [f"self-motion: {_parts(names, row)}" for row in first.self_motions]
@@ -167,6 +177,11 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
         else []
     )
     return (table, Paragraph(capital(said)), Bullets((*free, *lost)), *_rates(result, first))
+
+
+def _part_of(joints: int) -> str:
+    """Of what part of the Jacobian a determinant is, where it is not of the whole."""
+    return " of the rows by which the closed form solves the pose" if joints < len(_TWIST) else ""
 
 
 def _rates(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
@@ -204,7 +219,7 @@ def _matrix(name: str, T: Array) -> Table:
 
 
 def _letters(result: KinematicsResult) -> tuple[Block, ...]:
-    """Each matrix entry by entry, and what the letters stand for."""
+    """Each matrix, and what the letters stand for."""
     matrices = result.matrices.texts()
     if not matrices:
         return ()
@@ -215,15 +230,19 @@ def _letters(result: KinematicsResult) -> tuple[Block, ...]:
     names = ", ".join(
         f"q{i + 1} is {name}" for i, name in enumerate(result.robot.chain.joint_names) if name != f"q{i + 1}"
     )
-    said = f"c1 is cos q1, s23 is sin(q2 + q3){f'; {names}' if names else ''}"
+    said = f"Here c1 is cos q1, s23 is sin(q2 + q3){f'; {names}' if names else ''}"
     return (
-        Paragraph(capital(f"{said}. {letters}." if letters else f"{said}.")),
-        *(Table(("", ""), _entries(name, rows), name) for name, rows in matrices.items()),
+        Paragraph(f"{said}. {letters}." if letters else f"{said}."),
+        *(_matrix_in_letters(name, rows) for name, rows in matrices.items()),
     )
 
 
-def _entries(name: str, rows: Sequence[Sequence[str]]) -> tuple[Row, ...]:
-    return tuple((f"{name}({i + 1},{j + 1})", rows[i][j]) for i in range(3) for j in range(4))
+def _matrix_in_letters(name: str, rows: Sequence[Sequence[str]]) -> Table:
+    """A matrix as it is written; one with long entries as a list of these."""
+    if max(len(entry) for row in rows for entry in row) <= _SHORT_ENTRY:
+        return Table(("", "", "", ""), tuple(tuple(row) for row in rows), name)
+    entries = tuple((f"{name}({i + 1},{j + 1})", rows[i][j]) for i in range(3) for j in range(4))
+    return Table(("", ""), entries, name)
 
 
 def _figure(result: KinematicsResult) -> Figure:

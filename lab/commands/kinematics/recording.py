@@ -7,17 +7,17 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from lab.commands.kinematics.document import MOST_DRAWN, frames_of, side_words
+from lab.commands.kinematics.document import MOST_DRAWN, frames_of
 from lab.commands.kinematics.result import KinematicsResult
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import FAR, SUMMARY, backdrop, eye, layout, main_view
+from lab.render.recording_layout import SUMMARY, backdrop, eye_on_arm, layout, main_view
 from lab.render.rerun_primitives import Times, draw_legs, draw_shells, markdown, recording_to
 from lab.render.scene import drawn_rows, moved, world_legs
 from lab.render.skeleton import skeleton
 from lab.render.style import RGB_AXES, RGB_CURRENT, RGB_LEG, RGB_ROD
-from lab.simulation.meshes import body_poses, shells
+from lab.simulation.meshes import arm_shells, body_poses
 
 __all__ = ["record_kinematics"]
 
@@ -42,11 +42,11 @@ def record_kinematics(path: Path, result: KinematicsResult) -> None:
         origins = moved(model.T_world_frame0, skeleton(arm, values, joints).origins)
         reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
         bodies, legs = body_poses(model, arm, values, joints), world_legs(model.T_world_frame0, arm, values, joints)
-        draw_shells(recording, at, shells(model), bodies)
+        draw_shells(recording, at, arm_shells(model), bodies)
         draw_legs(recording, at, legs, reach)
         frames = model.T_world_frame0 @ frames_of(arm, values, joints)
         _draw_frames(recording, "world/frames", at, frames, _AXIS * reach)
-        names = [f"{each.name}: {side_words(each.configuration)}".removesuffix(": ") for each in shown[:MOST_DRAWN]]
+        names = [each.name for each in shown[:MOST_DRAWN]]  # its configuration stands in the summary
         for i, name in enumerate(names):
             _stand_beside(recording, result, arm, i, name, reach, {k: T[i] for k, T in bodies.items()}, legs.ends[i])
             _draw_frames(recording, f"{GALLERY}/placement{i + 1}/frames", [], frames[i : i + 1], _AXIS * reach)
@@ -66,7 +66,7 @@ def _stand_beside(
     """One placement in its row of the gallery, with its name above it."""
     under = f"{GALLERY}/placement{i + 1}"
     recording.log(under, rr.Transform3D(translation=(0.0, _APART * reach * i, 0.0)), static=True)
-    draw_shells(recording, [], shells(result.robot.whole.model), {k: T[None] for k, T in bodies.items()}, under)
+    draw_shells(recording, [], arm_shells(result.robot.whole.model), {k: T[None] for k, T in bodies.items()}, under)
     measured = arm.skeleton(arm.chain.home[None], arm.nominal()).measured
     if measured:
         colours = [RGB_LEG if each else RGB_ROD for each in measured]
@@ -93,12 +93,11 @@ def _draw_frames(recording: rr.RecordingStream, entity: str, at: Times, Ts: Arra
 
 def _blueprint(origins: Array, reach: float, count: int) -> rrb.Blueprint:
     """One after the other large, side by side below it, text at hand."""
-    ahead = origins[0, 0] + FAR * reach * np.array([1.0, -1.0, 0.0])
-    single = main_view("One after the other", eye(origins, origins[:, -1], reach, ahead))
+    single = main_view("One after the other", eye_on_arm(origins, origins[:, -1], reach))
     beside = np.concatenate([origins[:1] + np.array([0.0, _APART * reach * i, 0.0]) for i in range(count)])
     middle = beside.reshape(-1, 3).mean(axis=0)
     controls = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=middle + np.array([max(2.2, 1.1 * count) * reach, 0.0, 0.8 * reach]),
+        kind=rrb.Eye3DKind.Orbital, position=middle + np.array([max(2.2, 0.75 * count) * reach, 0.0, 0.8 * reach]),
         look_target=middle, eye_up=(0.0, 0.0, 1.0),
     )  # fmt: skip
     gallery = rrb.Spatial3DView(origin=GALLERY, name="Side by side", eye_controls=controls, background=backdrop())

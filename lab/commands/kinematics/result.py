@@ -39,6 +39,7 @@ class Reached:
         gap_m: how far it is out of reach; NaN where that is not known.
         how: ``closed form``, whose solutions are all, or ``search``.
         reassembled: how many more there are in another assembly mode of a mechanism with loops.
+        others: how many more there are in configurations that were not asked for.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Reached:
     gap_m: float
     how: str
     reassembled: int = 0
+    others: int = 0
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -199,4 +201,5 @@ def _reached(each: Reached) -> dict[str, Any]:
         "out_of_reach_mm": number(1e3 * each.gap_m),
         "by": each.how,
         "in_other_assembly_modes": each.reassembled,
+        "in_other_configurations": each.others,
     }

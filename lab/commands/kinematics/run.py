@@ -165,7 +165,7 @@ class _Model:
             ways += kept.solutions
             ids += [f"{name}-{k + 1}" if several else f"{k + 1}" for k in range(len(numbers))]
             place = poses.positions[i], poses.rotations[i]
-            reached.append(Reached(name, *place, numbers, found.gap_m, found.how, found.reassembled))
+            reached.append(Reached(name, *place, numbers, kept.gap_m, kept.how, kept.reassembled, kept.others))
         rows = np.array([way.joints for way in ways]).reshape(-1, self.robot.chain.size)
         return self.placed(rows, ids, ways), tuple(reached)
 

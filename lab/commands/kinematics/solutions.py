@@ -52,12 +52,14 @@ class PoseSolutions:
         gap_m: how far the pose is out of reach; zero where there is a solution, NaN where that is not known.
         how: ``closed form`` (then these are all) or ``search``.
         reassembled: how many more there are that a mechanism with loops takes in another assembly mode alone.
+        others: how many more there are in configurations that were not asked for.
     """
 
     solutions: tuple[Solution, ...]
     gap_m: float
     how: str
     reassembled: int = 0
+    others: int = 0
 
 
 @dataclass(frozen=True)
@@ -156,18 +158,20 @@ def matching(found: PoseSolutions, asked: tuple[str, ...]) -> PoseSolutions:
     """The solutions of one configuration alone, e.g. ``("elbow+", "wrist-")``.
 
     Raises:
-        LabError: no solution has a side of that name, or what is asked has no sign; the message lists those there are.
+        LabError: no solution has a side of that name, or what is asked has no sign (the message lists those there
+            are), or it is asked for with both.
     """
     known = sorted({name for each in found.solutions for name in each.configuration})
-    sides = {}
+    sides: dict[str, str] = {}
     for each in asked:
         name, sign = each[:-1].strip(), each[-1:].replace("−", "-")
         if sign not in ("+", "-") or (found.solutions and name not in known):
             there = ", ".join(f"{name}+ and {name}-" for name in known) or "none: this robot's solutions have no names"
             raise LabError(f"--of {each}: no configuration is called so; there are {there}")
-        sides[name] = sign
+        if sides.setdefault(name, sign) != sign:
+            raise LabError(f"--of {name}+,{name}-: a solution has one of the two; ask for one, or leave out {name}")
     kept = tuple(s for s in found.solutions if all(s.configuration.get(name) == sign for name, sign in sides.items()))
-    return replace(found, solutions=kept)
+    return replace(found, solutions=kept, others=len(found.solutions) - len(kept))
 
 
 def _turns(mechanism: "Mechanism") -> bool:

@@ -14,12 +14,12 @@ from lab.compensation.elastic_tracking import Tracking
 from lab.kinematics.dynamics.link_loads import link_loads
 from lab.render.bent_links import bent_links
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import FAR, SUMMARY, eye, layout, magnified_view, main_view
+from lab.render.recording_layout import SUMMARY, eye_on_arm, layout, magnified_view, main_view
 from lab.render.rerun_primitives import Times, draw_legs, draw_shells, markdown, recording_to
 from lab.render.scene import drawn_rows, magnification, moved, world_legs
 from lab.render.skeleton import skeleton
-from lab.render.style import RGB_LINKS, RGB_PATH, RGB_ROD
-from lab.simulation.meshes import body_poses, shells
+from lab.render.style import RGB_CURRENT, RGB_LINKS, RGB_PATH, RGB_ROD
+from lab.simulation.meshes import arm_shells, body_poses
 
 __all__ = ["record_trajectory"]
 
@@ -37,24 +37,23 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
     with recording_to(path, result.robot.name, digest.hexdigest()[:32]) as recording:
         origins = moved(model.T_world_frame0, skeleton(arm, values, joints).origins)
         reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
-        draw_shells(recording, at, shells(model), body_poses(model, arm, values, joints))
+        draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, joints))
         draw_legs(recording, at, world_legs(model.T_world_frame0, arm, values, joints), reach)
         tool = moved(model.T_world_frame0, sampled.Ts_base_tool[:, :3, 3])
         recording.log("world/path", rr.LineStrips3D([tool], colors=RGB_PATH, radii=0.002 * reach), static=True)
         factor = _draw_bent_links(recording, at, result, rows, reach)
         every: Times = [rr.TimeColumn("time", duration=sampled.times)]
-        for name, column in zip(
-            arm.chain.joint_names, joint_values(arm.chain.prismatic, sampled.joints).T, strict=True
-        ):
+        columns = joint_values(arm.chain.prismatic, sampled.joints).T
+        for i, (name, column) in enumerate(zip(arm.chain.joint_names, columns, strict=True)):
             recording.send_columns(f"joints/{name}", every, rr.Scalars.columns(scalars=column))
-            recording.log(f"joints/{name}", rr.SeriesLines(names=name, widths=1.5), static=True)
+            lines = rr.SeriesLines(names=name, widths=1.5, colors=RGB_LINKS[i % len(RGB_LINKS)])
+            recording.log(f"joints/{name}", lines, static=True)
         curves = [rrb.TimeSeriesView(origin="joints", name="Joints, ° or mm")]
         if result.tracking is not None:
             curves.append(rrb.TimeSeriesView(origin="errors", name="Errors of the tool, mm"))
             _draw_errors(recording, every, result.tracking)
         recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
-        ahead = origins[0, 0] + FAR * reach * np.array([1.0, -1.0, 0.0])
-        views = [main_view("Robot and path", eye(origins, tool, reach, ahead))]
+        views = [main_view("Robot and path", eye_on_arm(origins, tool, reach))]
         if factor is not None:
             views.append(magnified_view(f"Links: rigid in grey, deflection x {factor:g}", origins, reach))
         text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
@@ -63,11 +62,12 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
 
 def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> None:
     """What the tool misses its path by, over time, in all and by part."""
-    for name, error in {"in all": found.total, **found.parts}.items():
+    for i, (name, error) in enumerate({"in all": found.total, **found.parts}.items()):
         entity = f"errors/{name.replace(' ', '_')}"
         lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
         recording.send_columns(entity, at, rr.Scalars.columns(scalars=lengths))
-        recording.log(entity, rr.SeriesLines(names=name, widths=1.5), static=True)
+        colour = RGB_LINKS[(i - 1) % len(RGB_LINKS)] if i else RGB_CURRENT
+        recording.log(entity, rr.SeriesLines(names=name, widths=1.5, colors=colour), static=True)
 
 
 def _draw_bent_links(

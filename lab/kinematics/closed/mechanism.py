@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.sobol import ScrambledSobol
 from lab.kinematics.closed.configuration import Configuration, Dimensions
 from lab.kinematics.closed.loop_closure import CLOSED_M, LEAST_STEP, SINGULAR, Assembly, Closed, SolvedPoses
 from lab.kinematics.closed.structure import Tree
@@ -248,8 +249,8 @@ class Mechanism(JointSpec):
                 "place rods that are alike or in line otherwise, or describe another position"
             )
         known = SolvedPoses(self.home[None], passive[:, None], sense)
-        sobol = scipy.stats.qmc.Sobol(self.size, scramble=True, rng=rng_for(0, "structure"))
-        left = scipy.stats.qmc.scale(sobol.random(_STATIONS), self.lower, self.upper)
+        even = ScrambledSobol(self.size, rng_for(0, "structure")).points(_STATIONS)
+        left = self.lower + even * (self.upper - self.lower)
         grown = True
         while grown and len(left):
             nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]

@@ -1,4 +1,4 @@
-/* Kinematics in machine code: the walk along serial chains, small linear algebra, and the closed form of the inverse of most arms with six joints.
+/* Kinematics in machine code: the walk along serial chains and small linear algebra; inverse.c has closed forms of inverses.
  *
  * Each function does what the numpy code that its comment names does, in the same order of sums, some poses at a time:
  * numpy's is the reference, and does all where there is no compiler. Contraction to fused operations is off.
@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define VERSION 3 /* which kernels.py takes alone */
+#define VERSION 7 /* which kernels.py takes alone */
 
 #define BLOCK 32      /* poses at a time: what fits the processor's first cache */
 #define PER_LINK 6    /* axes that a link makes: x y of the joint, y z of alpha, z x of beta */
@@ -254,36 +254,58 @@ typedef struct {
     Py_ssize_t coordinate, target, row;
 } Strides;
 
+static void observe_walked(const Arm *arm, const double *values, const Walk *w, int count, double *points,
+                           double *jacobian, const int64_t *slot, Strides at) /* of the poses that were walked */
+{
+    int before = arm->parameters - 3 * arm->targets;
+    const double *tool = values + before;
+    Vector point;
+    for (int k = 0; k < arm->targets; k++) {
+        target_at(w, tool + 3 * k, count, point);
+        for (int j = 0; j < 3; j++)
+            memcpy(points + j * at.coordinate + k * at.target, point[j], count * sizeof(double));
+        if (jacobian == NULL) continue;
+        double *own = jacobian + k * at.target;
+        for (int m = 0; m < before; m++)
+            if (slot[m] >= 0)
+                column(w->motions + m, (const double (*)[BLOCK])point, 1.0, count, own + slot[m] * at.row,
+                       at.coordinate);
+        for (int i = 0; i < 3 * arm->targets; i++) { /* another target's position moves this one nowhere */
+            int64_t row = slot[before + i];
+            for (int j = 0; j < 3 && row >= 0; j++) {
+                double *to = own + row * at.row + j * at.coordinate;
+                if (i / 3 == k)
+                    memcpy(to, w->frame[i % 3][j], count * sizeof(double));
+                else
+                    memset(to, 0, count * sizeof(double));
+            }
+        }
+    }
+}
+
 static void observe_one(const Arm *arm, const double *values, const double *joints, Py_ssize_t n, Walk *w,
                         double *points, double *jacobian, const int64_t *slot, Strides at)
 {
-    const double *tool = values + arm->parameters - 3 * arm->targets;
-    int before = arm->parameters - 3 * arm->targets;
-    Vector point;
     for (Py_ssize_t first = 0; first < n; first += BLOCK) {
         int count = n - first < BLOCK ? (int)(n - first) : BLOCK;
         walk(arm, values, joints + first * arm->links, count, w);
-        for (int k = 0; k < arm->targets; k++) {
-            target_at(w, tool + 3 * k, count, point);
-            for (int j = 0; j < 3; j++)
-                memcpy(points + j * at.coordinate + k * at.target + first, point[j], count * sizeof(double));
-            if (jacobian == NULL) continue;
-            double *own = jacobian + k * at.target + first;
-            for (int m = 0; m < before; m++)
-                if (slot[m] >= 0)
-                    column(w->motions + m, (const double (*)[BLOCK])point, 1.0, count, own + slot[m] * at.row,
-                           at.coordinate);
-            for (int i = 0; i < 3 * arm->targets; i++) { /* another target's position moves this one nowhere */
-                int64_t row = slot[before + i];
-                for (int j = 0; j < 3 && row >= 0; j++) {
-                    double *to = own + row * at.row + j * at.coordinate;
-                    if (i / 3 == k)
-                        memcpy(to, w->frame[i % 3][j], count * sizeof(double));
-                    else
-                        memset(to, 0, count * sizeof(double));
-                }
-            }
+        observe_walked(arm, values, w, count, points + first, jacobian == NULL ? NULL : jacobian + first, slot, at);
+    }
+}
+
+/* How a motion turns the last frame, its axis or nothing, times matrices, to rows `apart` numbers apart. */
+WIDE static void turned_axis(const Motion *motion, const double (*by)[3][BLOCK], int count, double *restrict out,
+                             Py_ssize_t apart)
+{
+    const double (*axis)[BLOCK] = motion->axis;
+    for (int i = 0; i < 3; i++) {
+        double *restrict to = out + i * apart;
+        if (motion->origin == NULL) {
+            memset(to, 0, count * sizeof(double));
+            continue;
         }
+        for (int t = 0; t < count; t++)
+            to[t] = by[i][0][t] * axis[0][t] + by[i][1][t] * axis[1][t] + by[i][2][t] * axis[2][t];
     }
 }
 
@@ -371,6 +393,130 @@ static PyObject *observe(PyObject *self, PyObject *const *args, Py_ssize_t given
     PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
     observe_one(&arm, values, joints, n, &w, points, rows ? jacobian : NULL, slot, at);
     if (state) PyEval_RestoreThread(state);
+    free(w.axes);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
+static void vector_of(double r[3][3], double out[3]) /* se3.log */
+{
+    double q[4];
+    double square[4] = {1 + r[0][0] + r[1][1] + r[2][2], 1 + r[0][0] - r[1][1] - r[2][2],
+                        1 - r[0][0] + r[1][1] - r[2][2], 1 - r[0][0] - r[1][1] + r[2][2]};
+    double skew[3] = {r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]};
+    int pivot = 0;
+    for (int i = 1; i < 4; i++)
+        if (square[i] > square[pivot]) pivot = i;
+    q[0] = pivot ? skew[pivot - 1] : square[0];
+    for (int i = 0; i < 3; i++)
+        q[1 + i] = pivot == 0 ? skew[i] : pivot == 1 + i ? square[pivot] : r[i][pivot - 1] + r[pivot - 1][i];
+    double size = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) * (q[0] < 0 ? -1 : 1);
+    for (int i = 0; i < 4; i++) q[i] /= size;
+    double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), angle = 2 * atan2(sine, q[0]);
+    for (int i = 0; i < 3; i++) out[i] = (sine < 1e-12 ? 2.0 : angle / sine) * q[1 + i];
+}
+
+static void product(double a[3][3], double b[3][3], double out[3][3])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            out[i][j] = 0.0;
+            for (int k = 0; k < 3; k++) out[i][j] += a[i][k] * b[k][j];
+        }
+}
+
+static void turned_back(const double *quaternion, double out[3][3]) /* se3.rotation_from_quaternion, transposed */
+{
+    double size = 0.0, v[3];
+    for (int i = 0; i < 4; i++) size += quaternion[i] * quaternion[i];
+    size = sqrt(size);
+    for (int i = 0; i < 3; i++) v[i] = -quaternion[1 + i] / size;
+    rotation(v, 2 * quaternion[0] / size, 2.0, out);
+}
+
+/* How a small rotation of the predicted frame moves v = log(R_measured' R): J_l(v)^-1 R_measured'. */
+static void error_rates(const double *v, double back[3][3], double out[3][3])
+{
+    double a, b, c, inverse[3][3], s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+    series(s, &a, &b, &c);
+    double half = s < 1e-4 ? (1 + s / 60 * (1 + s / 42)) / 12 : (1 - a / (2 * b)) / s;
+    rotation(v, -0.5, half, inverse);
+    product(inverse, back, out);
+}
+
+/* oriented(shape, sign, values, turn, quaternions, joints, points, jacobian): full_pose.Poses.points and .observe.
+ *
+ * turn (3,), quaternions (n, 4); points (3, k + 1, n) with the rotation's error last, jacobian (p + 3, 3, k + 1, n). */
+static PyObject *oriented(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Arm arm;
+    Walk w;
+    Py_ssize_t p, three, four, read, out, size;
+    if (given != 8 || !read_arm(&held, args[0], args[1], &arm)) return wrong(&held);
+    const double *values, *turn, *quaternions, *joints;
+    double *points, *jacobian;
+    if (!(values = numbers(&held, args[2], 0, 8, &p)) || !(turn = numbers(&held, args[3], 0, 8, &three))
+        || !(quaternions = numbers(&held, args[4], 0, 8, &four)) || !(joints = numbers(&held, args[5], 0, 8, &read))
+        || !(points = numbers(&held, args[6], 1, 8, &out)) || !(jacobian = numbers(&held, args[7], 1, 8, &size)))
+        return wrong(&held);
+    Py_ssize_t n = read / arm.links, many = 1 + (Py_ssize_t)arm.targets, one = 3 * many * n;
+    if (p != arm.parameters || three != 3 || read != n * arm.links || four != 4 * n || out != one
+        || (size && size != (p + 3) * one))
+        return wrong(&held);
+    int64_t *slot = malloc((size_t)p * sizeof(int64_t));
+    if (slot == NULL || !room(&arm, &w)) {
+        free(slot);
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    for (Py_ssize_t i = 0; i < p; i++) slot[i] = i;
+    PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
+    Strides at = {many * n, n, one};
+    int before = arm.parameters - 3 * arm.targets;
+    double a, b, c, tool[3][3], turning[3][3];
+    series(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2], &a, &b, &c);
+    rotation(turn, a, b, tool);
+    rotation(turn, b, c, turning);
+    double rates[3][3][BLOCK];
+    for (Py_ssize_t first = 0; first < n; first += BLOCK) {
+        int count = n - first < BLOCK ? (int)(n - first) : BLOCK;
+        walk(&arm, values, joints + first * arm.links, count, &w);
+        observe_walked(&arm, values, &w, count, points + first, size ? jacobian + first : NULL, slot, at);
+        double *own = size ? jacobian + arm.targets * n + first : NULL;
+        for (int t = 0; t < count; t++) {
+            double back[3][3], frame[3][3], between[3][3], predicted[3][3], v[3], by[3][3], last[3][3];
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) frame[i][j] = w.frame[j][i][t];
+            turned_back(quaternions + 4 * (first + t), back);
+            product(back, frame, between);
+            product(between, tool, predicted);
+            vector_of(predicted, v);
+            for (int i = 0; i < 3; i++) points[i * at.coordinate + arm.targets * n + first + t] = v[i];
+            if (own == NULL) continue;
+            error_rates(v, back, by);
+            product(by, frame, between);
+            product(between, turning, last);
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    rates[i][j][t] = by[i][j];
+                    own[(p + j) * one + i * at.coordinate + t] = last[i][j];
+                }
+        }
+        if (own == NULL) continue;
+        for (int m = 0; m < before; m++)
+            turned_axis(w.motions + m, (const double (*)[3][BLOCK])rates, count, own + m * one, at.coordinate);
+        for (int i = 0; i < 3; i++)
+            for (int m = before; m < p; m++) /* where a target is turns nothing */
+                memset(own + m * one + i * at.coordinate, 0, count * sizeof(double));
+        for (int j = 0; j < 3; j++) /* how the frame is turned moves no target */
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < arm.targets; k++)
+                    memset(jacobian + (p + j) * one + i * at.coordinate + k * n + first, 0, count * sizeof(double));
+    }
+    if (state) PyEval_RestoreThread(state);
+    free(slot);
     free(w.axes);
     let_go(&held);
     Py_RETURN_NONE;
@@ -484,25 +630,13 @@ static PyObject *tool(PyObject *self, PyObject *const *args, Py_ssize_t given)
 
 static void missing_rotation(const double *wanted, const Walk *w, int t, double out[3]) /* se3.log(wanted R') */
 {
-    double r[3][3], q[4];
+    double r[3][3];
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             r[i][j] = 0.0;
             for (int k = 0; k < 3; k++) r[i][j] += wanted[3 * i + k] * w->frame[k][j][t];
         }
-    double square[4] = {1 + r[0][0] + r[1][1] + r[2][2], 1 + r[0][0] - r[1][1] - r[2][2],
-                        1 - r[0][0] + r[1][1] - r[2][2], 1 - r[0][0] - r[1][1] + r[2][2]};
-    double skew[3] = {r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]};
-    int pivot = 0;
-    for (int i = 1; i < 4; i++)
-        if (square[i] > square[pivot]) pivot = i;
-    q[0] = pivot ? skew[pivot - 1] : square[0];
-    for (int i = 0; i < 3; i++)
-        q[1 + i] = pivot == 0 ? skew[i] : pivot == 1 + i ? square[pivot] : r[i][pivot - 1] + r[pivot - 1][i];
-    double size = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) * (q[0] < 0 ? -1 : 1);
-    for (int i = 0; i < 4; i++) q[i] /= size;
-    double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), angle = 2 * atan2(sine, q[0]);
-    for (int i = 0; i < 3; i++) out[i] = (sine < 1e-12 ? 2.0 : angle / sine) * q[1 + i];
+    vector_of(r, out);
 }
 
 static void eliminate(double a[6][7]) /* a x = b with the right side in the last column, where x is left */
@@ -788,168 +922,23 @@ static PyObject *cholesky(PyObject *self, PyObject *const *args, Py_ssize_t give
     return PyBool_FromLong((long)all);
 }
 
-/* ------------------------------------------------------------------------------------------------ the inverse */
-
-#define TINY 1e-13     /* khalil_one_unknown.TINY and .ROUNDING, first_three_joints.BEND */
-#define ROUNDING 1e-12
-#define BEND 0.03
-
-typedef struct { /* in the order of SphericalWrist's numbers */
-    double sign[6], centre[3], root[3], parts[27], rows[9], axis_5[3], axis_6[3];
-    double bend, offset, shoulder[2], upper, upper_bent, fore, fore_bent, turning;
-} Wrist;
-
-/* X sin t + Y cos t = Z: two roots, the gap, and whether t is free. */
-INLINE void type_2(double x, double y, double z, double liked, double root[2], double *gap, unsigned char *free_)
-{
-    double size = sqrt(x * x + y * y), missing = fabs(z) - size;
-    *free_ = size <= TINY;
-    *gap = missing <= ROUNDING * size + TINY ? 0.0 : missing;
-    double height = *gap > 0 ? (z > 0 ? size : z < 0 ? -size : 0.0) : z;
-    double square = (size - fabs(height)) * (size + fabs(height)), rest = square > 0 ? sqrt(square) : 0.0;
-    root[0] = *free_ ? liked : atan2(x * height + y * rest, y * height - x * rest);
-    root[1] = *free_ ? liked : atan2(x * height - y * rest, y * height + x * rest);
-}
-
-/* X sin t + Y cos t = 0: the cosine and the sine of its first root, half a turn before the second. */
-INLINE void across(double x, double y, double liked, double *c, double *s, unsigned char *free_)
-{
-    double size = sqrt(x * x + y * y);
-    *free_ = size <= TINY;
-    *c = *free_ ? cos(liked) : -x / size;
-    *s = *free_ ? sin(liked) : y / size;
-}
-
-/* X cos i + Y cos(i + j) = Z1, X sin i + Y sin(i + j) = Z2, both lengths positive: two pairs of roots. */
-INLINE void type_8(double x, double y, double z1, double z2, double liked, double i[2], double j[2], double *gap,
-                   unsigned char *free_)
-{
-    double reach = sqrt(z1 * z1 + z2 * z2), longest = x + y, shortest = fabs(x - y);
-    double outside = reach - longest, inside = shortest - reach;
-    *gap = outside > inside ? outside : inside;
-    if (*gap <= ROUNDING * longest + TINY) *gap = 0.0;
-    double stretched = -outside * (reach + longest), folded = -inside * (reach + shortest);
-    double corner = 2 * atan2(sqrt(stretched > 0 ? stretched : 0.0), sqrt(folded > 0 ? folded : 0.0));
-    if (*gap > 0) corner = corner < BEND ? BEND : corner > M_PI - BEND ? M_PI - BEND : corner;
-    double along = x + y * cos(corner), across = y * sin(corner);
-    *free_ = reach <= TINY;
-    j[0] = corner;
-    j[1] = -corner;
-    i[0] = *free_ ? liked : atan2(along * z2 - across * z1, along * z1 + across * z2);
-    i[1] = *free_ ? liked : atan2(along * z2 + across * z1, along * z1 - across * z2);
-}
-
-INLINE void times(const double *matrix, int rows, const double *vector, double *out)
-{
-    for (int i = 0; i < rows; i++)
-        out[i] = matrix[3 * i] * vector[0] + matrix[3 * i + 1] * vector[1] + matrix[3 * i + 2] * vector[2];
-}
-
-INLINE double wrapped(double angle)
-{
-    return angle - 2 * M_PI * rint(angle / (2 * M_PI));
-}
-
-/* A vector, split by joint 1's parts, turned back by joint 1 and by the turn about w, along the wrist's axes. */
-INLINE void in_wrist(const Wrist *w, const double split[9], double c1, double s1, double cl, double sl, double out[3])
-{
-    double plane[3], back[3];
-    for (int i = 0; i < 3; i++) plane[i] = split[i] + c1 * split[3 + i] - s1 * split[6 + i];
-    back[0] = cl * plane[0] + sl * plane[1];
-    back[1] = cl * plane[1] - sl * plane[0];
-    back[2] = plane[2];
-    times(w->rows, 3, back, out);
-}
-
-INLINE void inverse_one(const Wrist *w, const double *T, const double *reference, double *joints, double *gaps,
-                        unsigned char *free_)
-{
-    double R[9], position[3], centre[3], split[9], ahead[3], split_5[9], split_6[9], liked[6];
-    for (int i = 0; i < 6; i++) liked[i] = reference ? reference[i] * w->sign[i] : 0.0;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) R[3 * i + j] = T[4 * i + j];
-    times(R, 3, w->centre, centre);
-    for (int i = 0; i < 3; i++) position[i] = centre[i] + T[4 * i + 3] - w->root[i];
-    times(w->parts, 9, position, split);
-    times(R, 3, w->axis_5, ahead);
-    times(w->parts, 9, ahead, split_5);
-    times(R, 3, w->axis_6, ahead);
-    times(w->parts, 9, ahead, split_6);
-    double first[2], gap_1, gap_8, shoulder[2], elbow[2], bent = w->upper_bent, fore_bent = w->fore_bent;
-    unsigned char first_free, shoulder_free, wrist_free;
-    type_2(-split[8], split[5], w->offset - split[2], liked[0], first, &gap_1, &first_free);
-    for (int a = 0; a < 2; a++) {
-        double c1 = cos(first[a]), s1 = sin(first[a]);
-        double e = split[0] + c1 * split[3] - s1 * split[6], f = split[1] + c1 * split[4] - s1 * split[7];
-        type_8(w->upper, w->fore, e - w->shoulder[0], f - w->shoulder[1], liked[1] + bent, shoulder, elbow, &gap_8,
-               &shoulder_free);
-        for (int b = 0; b < 2; b++) {
-            double lifted = shoulder[b] + elbow[b] - fore_bent, cl = cos(lifted), sl = sin(lifted);
-            double five[3], six[3], c4, s4;
-            in_wrist(w, split_6, c1, s1, cl, sl, six);
-            in_wrist(w, split_5, c1, s1, cl, sl, five);
-            across(six[2], six[1], liked[3], &c4, &s4, &wrist_free);
-            double sin_5 = six[1] * s4 - six[2] * c4, fourth = wrist_free ? liked[3] : atan2(s4, c4);
-            double fifth = atan2(sin_5, six[0]);
-            double sixth = atan2(sin_5 * five[0] + six[0] * (five[2] * c4 - five[1] * s4), five[1] * c4 + five[2] * s4);
-            for (int c = 0; c < 2; c++) {
-                int branch = 4 * c + 2 * b + a, turned = c && !wrist_free; /* by half a turn of joint 4 */
-                double *q = joints + 6 * branch;
-                q[0] = first[a];
-                q[1] = shoulder[b] - bent;
-                q[2] = w->turning * (elbow[b] + bent - fore_bent);
-                q[3] = turned ? fourth - M_PI : fourth;
-                q[4] = w->bend + (turned ? -fifth : fifth);
-                q[5] = turned ? sixth - M_PI : sixth;
-                for (int i = 0; i < 6; i++) q[i] = w->sign[i] * wrapped(q[i]);
-                gaps[branch] = gap_1 > gap_8 ? gap_1 : gap_8;
-                unsigned char flags[6] = {first_free, shoulder_free, 0, wrist_free, 0, 0};
-                memcpy(free_ + 6 * branch, flags, 6);
-            }
-        }
-    }
-}
-
-WIDE static void inverse_all(const Wrist *w, Py_ssize_t n, const double *Ts, const double *reference, double *joints,
-                             double *gaps, unsigned char *free_)
-{
-    for (Py_ssize_t i = 0; i < n; i++)
-        inverse_one(w, Ts + 16 * i, reference ? reference + 6 * i : NULL, joints + 48 * i, gaps + 8 * i, free_ + 48 * i);
-}
-
-/* inverse(wrist, Ts, reference or None, joints, gap, free): SphericalWrist.solve on an Elbow; (n, 8, .) are written. */
-static PyObject *inverse(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    (void)self;
-    Views held = {.count = 0};
-    Py_ssize_t size, poses, liked = 0, out, gaps, flags;
-    const double *wrist, *Ts, *reference = NULL;
-    double *joints, *gap;
-    unsigned char *free_;
-    if (given != 6 || !(wrist = numbers(&held, args[0], 0, 8, &size)) || !(Ts = numbers(&held, args[1], 0, 8, &poses))
-        || (args[2] != Py_None && !(reference = numbers(&held, args[2], 0, 8, &liked)))
-        || !(joints = numbers(&held, args[3], 1, 8, &out)) || !(gap = numbers(&held, args[4], 1, 8, &gaps))
-        || !(free_ = numbers(&held, args[5], 1, 1, &flags)))
-        return wrong(&held);
-    Py_ssize_t n = poses / 16;
-    if (size * sizeof(double) != sizeof(Wrist) || poses != 16 * n || out != 48 * n || gaps != 8 * n || flags != 48 * n
-        || (reference && liked != 6 * n))
-        return wrong(&held);
-    PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
-    inverse_all((const Wrist *)wrist, n, Ts, reference, joints, gap, free_);
-    if (state) PyEval_RestoreThread(state);
-    let_go(&held);
-    Py_RETURN_NONE;
-}
+#include "inverse.c"
 
 static PyMethodDef methods[] = {
     {"cholesky", (PyCFunction)(void (*)(void))cholesky, METH_FASTCALL, NULL},
     {"independent", (PyCFunction)(void (*)(void))independent, METH_FASTCALL, NULL},
     {"inverse", (PyCFunction)(void (*)(void))inverse, METH_FASTCALL, NULL},
     {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},
+    {"parallel_pair", (PyCFunction)(void (*)(void))parallel_pair, METH_FASTCALL, NULL},
+    {"planar_frame", (PyCFunction)(void (*)(void))planar_frame, METH_FASTCALL, NULL},
     {"reach", (PyCFunction)(void (*)(void))reach, METH_FASTCALL, NULL},
+    {"oriented", (PyCFunction)(void (*)(void))oriented, METH_FASTCALL, NULL},
+    {"settle", (PyCFunction)(void (*)(void))settle, METH_FASTCALL, NULL},
     {"stacked", (PyCFunction)(void (*)(void))stacked, METH_FASTCALL, NULL},
+    {"three_parallel", (PyCFunction)(void (*)(void))three_parallel, METH_FASTCALL, NULL},
+    {"three_joints", (PyCFunction)(void (*)(void))three_joints, METH_FASTCALL, NULL},
     {"tool", (PyCFunction)(void (*)(void))tool, METH_FASTCALL, NULL},
+    {"two_axes", (PyCFunction)(void (*)(void))two_axes, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };
 

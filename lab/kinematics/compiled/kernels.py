@@ -17,7 +17,7 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["CompiledChain", "machine_code", "solve_positive"]
 
-_VERSION = 3  # of kernels.c: what an earlier build left behind is not taken
+_VERSION = 7  # of kernels.c: what an earlier build left behind is not taken
 Columns = NDArray[np.int64]
 
 
@@ -83,6 +83,23 @@ class CompiledChain:
         self.code.observe(self._shape, self._sign, *given, slot, points, jacobian)
         return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
+    def oriented(
+        self, joints: Array, values: Array, turn: Array, quaternions: Array, *, rates: bool
+    ) -> tuple[Array, Array]:
+        """Positions, then the rotation's error, ``(n, k + 1, 3)``; derivatives ``(n, k + 1, 3, p + 3)``: ``Poses``.
+
+        Args:
+            joints: ``(n, joints)``.
+            turn: ``(3,)`` rotation vector (rad) of the measured frame in the last one.
+            quaternions: ``(n, 4)`` measured.
+            rates: whether derivatives are wanted.
+        """
+        points = np.empty((3, self.targets + 1, len(joints)))
+        jacobian = np.empty((len(values) + 3 if rates else 0, *points.shape))
+        given = (np.ascontiguousarray(each) for each in (values, turn, quaternions, joints))
+        self.code.oriented(self._shape, self._sign, *given, points, jacobian)
+        return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
+
     def by_joints(self, joints: Array, values: Array, slot: Columns) -> Array:
         """Derivatives ``(n, k, 3, joints)`` of the targets by the joint positions: ``SerialArm.joint_jacobian``.
 
@@ -117,6 +134,12 @@ class CompiledChain:
         given = (np.ascontiguousarray(each) for each in (values, start, positions, rotations))
         self.code.reach(self._shape, self._sign, *given, target, joints, errors, steps)
         return joints, errors, steps
+
+    def settle(self, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+        """Candidates ``(n, k, joints)`` and what they miss of poses ``(n, 4, 4)``: ``FiveAxes._settled``."""
+        settled, off = np.array(joints, order="C"), np.empty((*joints.shape[:2], 2))
+        self.code.settle(self._shape, self._sign, values, np.ascontiguousarray(Ts), settled, off)
+        return settled, off
 
     def stacked(self, joints: Array, values: Array, slot: Columns, rows: int) -> tuple[Array, Array]:
         """Positions ``(b, k, 3, n)`` m and derivatives ``(b, rows, k, 3, n)`` of many arms.

@@ -300,6 +300,11 @@ class ShapesNoise(ABC):
     def is_on(self) -> bool:
         """Whether it does anything."""
 
+    @property
+    def is_of_a_tracker(self) -> bool:
+        """Whether it moves the tracker, which not every kind of measurement has."""
+        return False
+
     @abstractmethod
     def shaped(self, noise: Array, rng: np.random.Generator) -> Array:
         """Noise ``(poses, k, 3)`` m from independent noise of the instrument, in the order of the poses."""

@@ -1,4 +1,4 @@
-"""Noise of the instrument that is not what its data sheet says: correlated from pose to pose, or with heavy tails."""
+"""Noise of the instrument that is not what its data sheet says: correlated, with heavy tails, or with a step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +22,14 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
     Attributes:
         correlation: of each number's noise from one pose to the next: an autoregressive process of the first order.
         tail_dof: degrees of freedom of Student's t, which the noise is stretched to by chance; infinite for none.
+        moved_m: how far the base or the tracker moves at once in each set of measurements; their mean stays.
+        moved_after: how many poses are measured before; 0 for half of them.
     """
 
     correlation: float
     tail_dof: float
+    moved_m: float = 0.0
+    moved_after: int = 0
 
     def __post_init__(self) -> None:
         if not 0 <= self.correlation < 1:
@@ -41,10 +45,18 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
     @property
     def is_on(self) -> bool:
         """Whether it changes the noise."""
-        return self.correlation > 0 or bool(np.isfinite(self.tail_dof))
+        return self.correlation > 0 or bool(np.isfinite(self.tail_dof)) or self.is_of_a_tracker
+
+    @property
+    def is_of_a_tracker(self) -> bool:
+        """Whether it moves the tracker, which not every kind of measurement has."""
+        return self.moved_m > 0
 
     def shaped(self, noise: Array, rng: np.random.Generator) -> Array:
-        """Independent noise ``(poses, k, 3)`` m, stretched number by number, then carried on from pose to pose."""
+        """Independent noise ``(poses, k, 3)`` m, stretched by number, carried on from pose to pose, and moved."""
+        return self._carried(noise, rng) + self._moved(len(noise), rng)
+
+    def _carried(self, noise: Array, rng: np.random.Generator) -> Array:
         if np.isfinite(self.tail_dof):
             noise = noise * np.sqrt((self.tail_dof - 2) / rng.chisquare(self.tail_dof, noise.shape))
         if not self.correlation:
@@ -53,6 +65,14 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
         for i in range(1, len(noise)):
             carried[i] = self.correlation * carried[i - 1] + fresh * noise[i]
         return carried
+
+    def _moved(self, poses: int, rng: np.random.Generator) -> Array:
+        """``(poses, 1, 3)`` m against the mean, in a random direction."""
+        if not self.moved_m:
+            return np.zeros((1, 1, 1))
+        after = np.arange(poses) >= (self.moved_after or poses / 2)
+        direction = rng.standard_normal(3)
+        return np.asarray(self.moved_m * (after - after.mean())[:, None, None] * direction / np.linalg.norm(direction))
 
 
 @dataclass(frozen=True)
@@ -63,14 +83,20 @@ class InstrumentNoise(VirtualEffect):
     """Correlation of the instrument's noise from one pose to the next."""
     noise_tail_dof: float = 0.0
     """Give the noise the heavy tails of Student's t with so many degrees of freedom, above 2; 0 for none."""
+    step_mm: float = 0.0
+    """How far the base or the tracker moves at once, unnoticed; the mean over the poses stays where it is."""
+    step_after: int = 0
+    """Poses that are measured before that; 0 for half of them."""
 
     def check(self) -> None:
-        """Refuse a correlation of one, and tails without a variance."""
+        """Refuse a correlation of one, tails without a variance, and the time of a step that there is none of."""
         if not self.noise_correlation < 1:
             raise LabError(f"--noise-correlation {self.noise_correlation:g}: give a correlation from 0 to below 1")
         if self.noise_tail_dof and not self.noise_tail_dof > _LEAST_DOF:
             raise LabError(f"--noise-tail-dof {self.noise_tail_dof:g}: give more than 2 degrees of freedom, e.g. 3")
+        if self.step_after and not self.step_mm:
+            raise LabError(f"--step-after {self.step_after}: give --step-mm, too: how far the base moves there")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """As it is given."""
-        return ShapedNoise(self.noise_correlation, self.noise_tail_dof or np.inf)
+        return ShapedNoise(self.noise_correlation, self.noise_tail_dof or np.inf, self.step_mm / 1e3, self.step_after)

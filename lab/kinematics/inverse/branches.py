@@ -10,7 +10,7 @@ from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.inverse.analytic.select import ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, pose_landmarks, reach, tool_at
+from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, pose_landmarks, reach, shortest_step, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 
@@ -18,11 +18,13 @@ __all__ = ["NominalInverse", "nearest_whole_turns", "ordered"]
 
 SAMPLES = 20_000  # random poses among which a search starts
 SEARCHED = 8  # from the nearest of which
+MORE_SEARCHED = 64  # where none of them leads there
 DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad
 EXCESS_COST = 100.0  # of a joint beyond its limits by 1 rad, beside a move of 1 rad
 GAP_COST = 1e4  # of a pose missed by 1 m
 ALIKE, ALIKE_RAD = 1.1, 1e-6  # a way that misses a rotation by no more than this beyond the best is as good
 TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's could take it
+_FOLLOWED = 3.0  # Newton's steps: near its fold, where it is a parabola, a way moves by at most two of them
 
 
 @dataclass(frozen=True)
@@ -84,12 +86,31 @@ class NominalInverse:
         other = np.setdiff1d(np.arange(len(wanted)), exact)
         if self.closed_form is not None and exact.size:
             ways = self.closed_form.solve(self.last_frames(wanted.take(exact)), joints[exact])
-            rows = np.arange(exact.size)
-            found[exact] = nearest_whole_turns(self.arm.chain, ways.joints[rows, branch[exact]], joints[exact])
-            reached[exact] = ways.gap_m[rows, branch[exact]] == 0
+            if self.closed_form.numbered:
+                rows = np.arange(exact.size)
+                found[exact] = nearest_whole_turns(self.arm.chain, ways.joints[rows, branch[exact]], joints[exact])
+                reached[exact] = ways.gap_m[rows, branch[exact]] == 0
+            else:
+                found[exact], reached[exact] = self._followed(wanted.take(exact), joints[exact], ways)
         if other.size:
             found[other] = self._near(wanted.take(other), joints[other])
         return found, reached
+
+    def _followed(self, wanted: PoseTarget, joints: Array, ways: Solutions) -> tuple[Array, NDArray[np.bool_]]:
+        """The ways ``(n, joints)`` that ``joints`` lead to, where the roots' order says nothing of it; which there are.
+
+        That is the nearest one, if it is about as near as Newton's step says. Otherwise the target lies beyond a fold,
+        where two ways met and ended, and the others belong to other branches.
+        """
+        Ts, J = self.tool(joints)
+        step = np.abs(shortest_step(J, wanted.errors(Ts), wanted.turned)).max(axis=1)
+        turned = nearest_whole_turns(self.arm.chain, ways.joints, joints[:, None])
+        apart = np.where(ways.gap_m == 0, np.abs(turned - joints[:, None]).max(axis=2), np.inf)
+        rows, nearest = np.arange(len(joints)), apart.argmin(axis=1)
+        there = self.tool(turned[rows, nearest])[1]
+        kept = np.sign(np.linalg.det(there[:, :3])) == np.sign(np.linalg.det(J[:, :3]))  # the point's, of three joints
+        reached = np.asarray((apart[rows, nearest] <= _FOLLOWED * step + ALIKE_RAD) & kept)
+        return np.where(reached[:, None], turned[rows, nearest], joints), reached
 
     def _near(self, wanted: PoseTarget, joints: Array) -> Array:
         """Reach targets by Newton's method from ``joints`` ``(n, joints)``."""
@@ -145,29 +166,41 @@ class NominalInverse:
         return Solutions(joints, gap, np.where(np.isfinite(gap), tilt, 0.0), found.free)
 
     def _searched(self, wanted: PoseTarget, reference: Array) -> Solutions:
-        """Newton's method from the reference, and from the nearest of many random poses."""
-        chain = self.arm.chain
-        samples = chain.random_joints(SAMPLES, rng_for(0, "structure"))
-        Ts = self.tool(samples)[0]
-        near = np.empty((len(wanted), SEARCHED), dtype=np.int_)
+        """Newton's method from the reference and the nearest of many random poses; where none leads, from more."""
+        samples = self.arm.chain.random_joints(SAMPLES, rng_for(0, "structure"))
+        Ts, shape = self.tool(samples)[0], (len(wanted), SEARCHED, self.arm.chain.size)
+        free = np.zeros(shape, dtype=np.bool_)
+        found = Solutions(np.zeros(shape), np.full(shape[:2], np.inf), np.full(shape[:2], np.inf), free)
         for turned in (True, False):
             rows = np.flatnonzero(wanted.turned == turned)
-            if rows.size:
-                tree = scipy.spatial.cKDTree(pose_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
+            if not rows.size:
+                continue
+            tree = scipy.spatial.cKDTree(pose_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
+            for starting in (SEARCHED, MORE_SEARCHED):
                 landmarks = pose_landmarks(wanted.positions[rows], wanted.rotations[rows], turned)
-                near[rows] = tree.query(landmarks, k=SEARCHED)[1]
-        starts = samples[near]
-        given = np.isfinite(reference).all(axis=1)
-        starts[given, 0] = reference[given]
-        shape = starts.shape
-        each = wanted.take(np.repeat(np.arange(len(wanted)), SEARCHED))
-        flat = starts.reshape(-1, chain.size)
+                starts = samples[tree.query(landmarks, k=starting)[1]]
+                given = np.isfinite(reference[rows]).all(axis=1)
+                starts[given, 0] = reference[rows[given]]
+                best = self._nearest_ends(wanted.take(rows), starts)
+                for name in ("joints", "gap_m", "tilt_rad"):
+                    getattr(found, name)[rows] = getattr(best, name)
+                rows = rows[~((best.gap_m == 0) & (best.tilt_rad <= ALIKE_RAD)).any(axis=1)]
+                if not rows.size:
+                    break
+        return found
+
+    def _nearest_ends(self, wanted: PoseTarget, starts: Array) -> Solutions:
+        """Where Newton's method ends from starts ``(n, some, joints)``: of each target those that miss it least."""
+        each = wanted.take(np.repeat(np.arange(len(wanted)), starts.shape[1]))
+        flat = starts.reshape(-1, starts.shape[2])
         ended = reach(self.arm, self.values, each, flat, np.empty((len(each), 0)), self.target)
         missed, turned_off = (np.linalg.norm(part, axis=1) for part in (ended.errors[:, :3], ended.errors[:, 3:]))
-        gap = np.where(ended.arrived, 0.0, missed)
-        tilt = turned_off if chain.size < FREEDOMS else np.zeros(len(each))
-        free = np.zeros(shape, dtype=np.bool_)
-        return Solutions(ended.joints.reshape(shape), gap.reshape(shape[:2]), tilt.reshape(shape[:2]), free)
+        gap = np.where(ended.arrived, 0.0, missed).reshape(starts.shape[:2])
+        tilt = (turned_off if starts.shape[2] < FREEDOMS else np.zeros(len(each))).reshape(gap.shape)
+        least = np.sort(np.argsort(gap + tilt, axis=1, kind="stable")[:, :SEARCHED], axis=1)
+        gap, tilt = (np.take_along_axis(part, least, axis=1) for part in (gap, tilt))
+        joints = np.take_along_axis(ended.joints.reshape(starts.shape), least[..., None], axis=1)
+        return Solutions(joints, gap, tilt, np.zeros(joints.shape, dtype=np.bool_))
 
 
 def ordered(

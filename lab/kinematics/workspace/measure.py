@@ -12,11 +12,15 @@ import numpy as np
 import scipy  # its parts are loaded at their first use
 from numpy.typing import NDArray
 
+from lab.core.kept_pieces import Keep, at_once
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.kinematics.workspace.domain import Domain
 from lab.kinematics.workspace.membership import Membership
 
 __all__ = ["Measured", "measured"]
+
+_BLOCK = 20_000  # places that are looked at together, so that memory does not grow with all of them
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,20 @@ class Measured:
         return np.asarray(self.coordinates[rng.choice(rows, count, replace=False, p=chance)])
 
 
-def measured(domain: Domain, membership: Membership, count: int, rng: np.random.Generator) -> Measured:
+def measured(
+    domain: Domain,
+    membership: Membership,
+    count: int,
+    rng: np.random.Generator,
+    progress: Progress = no_progress,
+    keep: Keep = at_once,
+) -> Measured:
     """Measure what is reached of a domain.
 
     Args:
         count: of places, about.
+        progress: told how many places were looked at.
+        keep: how what was found of them is kept, of this robot alone.
     """
     edge = max(round((count / 2) ** (1 / domain.size)), 3)
     shape = (edge,) * domain.size
@@ -60,7 +73,7 @@ def measured(domain: Domain, membership: Membership, count: int, rng: np.random.
     corners = np.stack(np.meshgrid(*[np.arange(edge)] * domain.size, indexing="ij"), axis=-1).reshape(-1, domain.size)
     pairs = domain.low + (corners[:, None] + rng.random((len(corners), 2, domain.size))) * step
     flat = pairs.reshape(-1, domain.size)
-    reached = domain.reached(membership, flat).reshape(-1, 2)
+    reached = _reached(domain, membership, flat, progress, keep).reshape(-1, 2)
     weights = domain.weights(flat).reshape(-1, 2) * step.prod()
     parts = weights * reached
     return Measured(
@@ -71,6 +84,19 @@ def measured(domain: Domain, membership: Membership, count: int, rng: np.random.
     )  # fmt: skip
 
 
+def _reached(
+    domain: Domain, membership: Membership, coordinates: Array, progress: Progress, keep: Keep
+) -> NDArray[np.bool_]:
+    """Which coordinates ``(n, d)`` are reached, looked at in blocks."""
+    reached = np.empty(len(coordinates), dtype=np.bool_)
+    for first in range(0, len(coordinates), _BLOCK):
+        progress(first, len(coordinates))
+        some = coordinates[first : first + _BLOCK]
+        piece = keep("places", [some], lambda some=some: {"reached": domain.reached(membership, some)})  # type: ignore[misc]
+        reached[first : first + _BLOCK] = piece["reached"]
+    return reached
+
+
 def _voids(reached: NDArray[np.bool_], weights: Array, *, mirrored: bool) -> tuple[float, ...]:
     """The sizes of what is enclosed, by cells ``(..., 2)`` none of whose places is reached, and their neighbours.
 
@@ -79,15 +105,17 @@ def _voids(reached: NDArray[np.bool_], weights: Array, *, mirrored: bool) -> tup
     if mirrored:  # what meets z is no border
         reached, weights = (np.concatenate([each[::-1], each], axis=0) for each in (reached, weights))
     empty = ~reached.any(axis=-1)
-    labels, count = scipy.ndimage.label(empty)
+    labels, _ = scipy.ndimage.label(empty)
     inner = np.zeros_like(empty)
     inner[(slice(1, -1),) * empty.ndim] = True
     open_ones = set(np.unique(labels[~inner]).tolist())
-    sizes = []
-    for label in set(range(1, count + 1)) - open_ones:
-        void = labels == label
+    missed, sizes = (weights * ~reached).mean(axis=-1), []
+    for label, box in enumerate(scipy.ndimage.find_objects(labels), start=1):
+        if label in open_ones:
+            continue
+        near = tuple(slice(each.start - 1, each.stop + 1) for each in box)  # inside: it does not meet the border
+        void = labels[near] == label
         if not scipy.ndimage.binary_erosion(void).any():
             continue
-        around = scipy.ndimage.binary_dilation(void)
-        sizes.append(float((weights * ~reached).mean(axis=-1)[around].sum()) / (2 if mirrored else 1))
+        sizes.append(float(missed[near][scipy.ndimage.binary_dilation(void)].sum()) / (2 if mirrored else 1))
     return tuple(sorted(sizes, reverse=True))

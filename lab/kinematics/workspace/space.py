@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.kept_pieces import Keep, at_once
+from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
@@ -160,12 +162,21 @@ def _revolved(vertices: Array, segments: NDArray[np.int_]) -> tuple[Array, NDArr
     return np.stack([x, y, z], axis=2).reshape(-1, 3), quads.reshape(-1, 4)
 
 
-def workspace_of(arm: RigidArm, values: Array, count: int | None, rng: np.random.Generator) -> Workspace:
+def workspace_of(
+    arm: RigidArm,
+    values: Array,
+    count: int | None,
+    rng: np.random.Generator,
+    progress: Progress = no_progress,
+    keep: Keep = at_once,
+) -> Workspace:
     """Measure a robot's workspace.
 
     Args:
         values: parameters ``(p,)`` with one target.
         count: of places that are looked at; by default what takes a few seconds.
+        progress: told how many of them were.
+        keep: how what was found of them is kept, of this robot alone.
 
     Raises:
         LabError: the point stays on a line or a surface, which has no volume.
@@ -173,7 +184,7 @@ def workspace_of(arm: RigidArm, values: Array, count: int | None, rng: np.random
     domain = domain_of(arm, values)
     by_place, by_pose = memberships(arm, values)
     some = _places_in_seconds(arm, by_place) if count is None else count
-    found = measured(domain, by_place, some, rng)
+    found = measured(domain, by_place, some, rng, progress, keep)
     return Workspace(arm, values, domain, by_place, by_pose, found, orientations_of(arm, values))
 
 

@@ -52,6 +52,7 @@ def test_the_eight_solutions_of_the_thesis(capsys) -> None:
     asked = ",".join(f"{name}{sign}" for name, sign in seen["placements"][5]["configuration"].items())
     _, one, _ = run(capsys, "irb120", POSE, "--of", asked)
     assert [each["joints"] for each in one["placements"]] == [seen["placements"][5]["joints"]]
+    assert [of["poses"][0]["in_other_configurations"] for of in (seen, one)] == [0, 7]
 
 
 def test_the_nearest_solution_comes_first(capsys) -> None:
@@ -176,6 +177,7 @@ def test_a_ur_has_all_its_solutions_with_their_configurations(capsys) -> None:
         (("irb120", "--pose", "1,2,3,1,1,0,0"), "quaternion's norm is 1.41421"),
         (("irb120", "--joints", "nan,0,0,0,0,0"), "--joints nan: give finite numbers"),
         (("irb120", POSE, "--of", "knee+"), "--of knee+: no configuration is called so; there are elbow+ and elbow-"),
+        (("irb120", POSE, "--of", "elbow+,elbow-"), "a solution has one of the two; ask for one"),
         (("irb120", "--of", "elbow+"), "--of chooses among solutions"),
         (("irb120", "--rates", "1,1,1,1,1,1", "--twist", "1,1,1,1,1,1"), "each other's answer"),
         (("irb120", "--between", "4", "9"), "give two frames of 0 to 6"),

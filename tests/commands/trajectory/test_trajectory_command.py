@@ -195,7 +195,7 @@ def test_what_the_arm_touches_on_its_way_is_refused_and_where(tmp_path) -> None:
     cell.write_text(post.format(1400))
     assert lab.trajectory(line, cell=str(cell)).checked
     cell.write_text("[joints.q1]\nlower_deg = -5\nupper_deg = 5\n")
-    with pytest.raises(LabError, match=r"joint q1 is at .* beyond its limits of -5"):
+    with pytest.raises(LabError, match=r"joint q1 is at .* beyond its limits of −5"):
         lab.trajectory(line, cell=str(cell))
 
 

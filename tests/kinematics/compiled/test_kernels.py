@@ -2,19 +2,27 @@
 
 import importlib
 import importlib.util
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.robots import ROOT
+from helpers.robots import ROOT, chain_of
 
+from lab.calibration.observations.full_pose import Poses
 from lab.campaign.robot import load_robot
+from lab.core import se3
 from lab.kinematics.compiled import kernels
 from lab.kinematics.gauge import independent_columns
+from lab.kinematics.inverse.analytic.five_axes import FiveAxes
+from lab.kinematics.inverse.analytic.protocol import Solutions
 from lab.kinematics.inverse.analytic.spherical_wrist import SphericalWrist
+from lab.kinematics.inverse.analytic.three_joints import ThreeJoints
+from lab.kinematics.inverse.analytic.three_parallel import ThreeParallel
 from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
+from lab.kinematics.serial.chain import Chain
 
 ROUNDING = 1e-14  # m, rad or their quotients: of some dozens of products of numbers of about one
 
@@ -53,6 +61,28 @@ def test_every_walk_is_that_of_numpy(name: str, poses: int, monkeypatch: pytest.
     for here, there in zip(found, expected, strict=True):
         assert here.shape == there.shape
         assert np.abs(here - there).max(initial=0.0) < ROUNDING
+
+
+@compiled
+@pytest.mark.parametrize("name", ["irb120", "rx130", "scara", "versatran"])
+def test_oriented_poses_are_those_of_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With orientations that are missed by nothing, by little and by half a turn, in quaternions of any length."""
+    fast, slow = (Poses(arm, "p1", 1.0) for arm in both(name, ("p1", "p3"), monkeypatch))
+    rng = np.random.default_rng(5)
+    joints, values = some(fast.arm, 90, rng)
+    values = np.append(values, rng.standard_normal(3))
+    predicted = fast.arm.flange(joints, values[:-3])[:, :3, :3] @ se3.exp(values[-3:])
+    off = rng.choice([0.0, 1e-5, 1e-3, 1.0, 3.14], (90, 1)) * unit(rng.standard_normal((90, 3)))
+    quaternions = rng.uniform(-2, 2, (90, 1)) * se3.quaternion_from_rotation(predicted @ se3.exp(off))
+    inputs = np.concatenate([joints, quaternions], axis=1)
+    found = [fast.points(inputs, values), *fast.observe(inputs, values)]
+    for here, there in zip(found, [slow.points(inputs, values), *slow.observe(inputs, values)], strict=True):
+        assert np.abs(here - there).max() < 10 * ROUNDING
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Of length one."""
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 @compiled
@@ -148,6 +178,164 @@ def test_all_inverse_solutions_are_those_of_numpy(name: str, monkeypatch: pytest
         assert np.minimum(turn, 2 * np.pi - turn).max() < 1e-9  # rad: some poses are near a singularity
         assert np.abs(fast.gap_m - slow.gap_m).max() < ROUNDING and (slow.gap_m[100:200] > 0).mean() > 0.2
         assert (fast.free == slow.free)[20:].all() and not fast.tilt_rad.any()
+
+
+KINDS = {kinds: chain_of(kinds, "craig", kinds, [0, 50, 70], [0.1, 0.2, 0.3], [10, 20, 30], [0.3, 0.1, 0.2])
+         for kinds in map("".join, itertools.product("RP", repeat=3))}  # fmt: skip
+KINDS |= {
+    "anthropomorphic": chain_of("a", "craig", "RRR", [0, 90, 0], [0, 0, 0.5], [0] * 3, [0.3, 0, 0]),
+    "SCARA": chain_of("r", "craig", "RRP", [0, 0, 0], [0, 0.4, 0.3], [0] * 3, [0.3, 0, 0]),
+    "axes 1 and 2 parallel": chain_of("p", "craig", "RRR", [0, 0, 90], [0, 0.4, 0.2], [0] * 3, [0.3, 0.1, 0]),
+}
+
+
+def each_has_its_like(chain: Chain, some: Solutions, others: Solutions) -> None:
+    """Every joint positions that reach a pose are among the others', in any order; near a double root to 1e-6."""
+    apart = some.joints[:, :, None] - others.joints[:, None]
+    apart -= np.where(chain.prismatic, 0.0, 2 * np.pi) * np.round(apart / (2 * np.pi))
+    apart = np.where((others.gap_m == 0)[:, None], np.abs(apart).max(axis=3), np.inf).min(axis=2)[some.gap_m == 0]
+    assert apart.max() < 1e-6 and np.quantile(apart, 0.99) < 1e-9
+
+
+@compiled
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("name", KINDS)
+def test_all_solutions_of_three_joints_are_those_of_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some places are out of reach: the nearest is numpy's in both."""
+    chain, rng = KINDS[name], np.random.default_rng(6)
+    form, arm = ThreeJoints.of(chain, np.array([0.25, 0.03, 0.02])), SerialArm(chain)
+    assert form is not None
+    joints = rng.uniform(-1, 1, (60, 3)) * np.where(chain.prismatic, 0.8, np.pi)
+    Ts = arm.flange(joints, arm.nominal())
+    Ts[50:, :3, 3] *= 4.0
+    fast = form.solve(Ts, joints)
+    with monkeypatch.context() as without:
+        without.setattr("lab.kinematics.inverse.analytic.three_joints.machine_code", lambda: None)
+        slow = form.solve(Ts, joints)
+    each_has_its_like(chain, fast, slow)
+    each_has_its_like(chain, slow, fast)
+    lost = (slow.gap_m > 0).all(axis=1)
+    for here, there in ((fast.gap_m, slow.gap_m), (fast.tilt_rad, slow.tilt_rad), (fast.joints, slow.joints)):
+        np.testing.assert_array_equal(here[lost], there[lost])
+    assert not lost[:50].any() and (lost.any() or "P" in name)
+    np.testing.assert_allclose(fast.tilt_rad[:50].min(axis=1), slow.tilt_rad[:50].min(axis=1), atol=1e-9)
+
+
+@compiled
+def test_a_hinge_of_three_joints_is_free_as_numpy_says() -> None:
+    chain = chain_of("c", "craig", "RPP", [0, 0, -90], [0] * 3, [0] * 3, [0.3, 0, 0.1])
+    form = ThreeJoints.of(chain, np.zeros(3))
+    assert form is not None
+    T = np.eye(4)
+    T[2, 3] = 0.5
+    fast, slow = form.solve(T[None], np.array([[0.7, 0, 0]])), form._solved(T[None], np.array([[0.7, 0, 0]]), True)
+    assert fast.free.any() and np.array_equal(fast.free, slow.free) and np.allclose(fast.joints[..., 0], 0.7)
+    code = kernels.machine_code()
+    assert code is not None
+    with pytest.raises(ValueError, match="belong"):
+        code.three_joints(np.zeros(5), T[None], None, fast.joints, fast.gap_m, fast.tilt_rad, fast.free)
+
+
+UR = chain_of(  # axis 2 not square to axis 1, axes 3 and 4 against it, axis 4 off axis 5
+    "ur", "craig", "RRRRRR", [0, 70, 180, 180, 90, -90], [0.1, 0.1, 0.5, 0.4, 0.05, 0], [10, 20, 30, 40, 50, 60],
+    [0.3, 0.05, 0.1, 0.1, 0.1, 0.1],
+)  # fmt: skip
+
+
+@compiled
+def test_all_solutions_of_three_parallel_axes_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the same order, reached or not, and where the wrist is straight and joint 6 is free."""
+    form, rng = ThreeParallel.of(UR), np.random.default_rng(5)
+    assert form is not None
+    joints, arm = UR.random_joints(300, rng), SerialArm(UR)
+    joints[:20, 4] = -form.bend
+    Ts = arm.flange(joints, arm.nominal())
+    Ts[100:200, :3, 3] *= 1.7  # mostly out of reach
+    for liked in (0.0, rng.standard_normal((300, 6))):
+        fast = form.solve(Ts, liked)
+        with monkeypatch.context() as without:
+            without.setattr("lab.kinematics.inverse.analytic.three_parallel.machine_code", lambda: None)
+            slow = form.solve(Ts, liked)
+        turn = np.abs(fast.joints - slow.joints)
+        exactly = (slow.free == fast.free).all(axis=(1, 2))
+        assert np.minimum(turn, 2 * np.pi - turn)[20:].max() < 1e-9 and exactly[20:].all()
+        assert np.abs(fast.gap_m - slow.gap_m)[20:].max() < ROUNDING and (slow.gap_m[100:200] > 0).mean() > 0.2
+        again = arm.flange(fast.joints.reshape(-1, 6), arm.nominal()).reshape(300, 8, 4, 4)
+        missed = np.abs(again - Ts[:, None]).max(axis=(2, 3))[fast.gap_m == 0]
+        assert missed.max() < 1e-9 and (fast.gap_m[:20] == 0).any(axis=1).all() and fast.free[:20, :, 5].any()
+
+
+FIVE = {
+    "planar arm": chain_of("p", "craig", "RRRRR", [0, 70, 180, 0, 60], [0.1, 0.05, 0.4, 0.3, 0.02],
+                           [10, 20, 30, 40, 50], [0.3, 0.05, 0.02, 0.01, 0.1]),
+    "wrist": chain_of("w", "craig", "RRRRR", [0, -90, 0, -90, 90], [0, 0.05, 0.6, 0.1, 0], [0] * 5, [0, 0, 0, 0.6, 0]),
+    "held at its end": chain_of("b", "craig", "RRPRR", [0, -90, 0, -70, 80], [0, 0, 0.4, 0.1, 0.2], [10] * 5,
+                                [0.1] * 5),
+}  # fmt: skip
+
+
+SHAPES = FIVE | {
+    "on a track": chain_of("t", "craig", "PRRRR", [30, 40, 0, 0, 90], [0, 0.05, 0.4, 0.3, 0.05], [0] * 5, [0.1] * 5),
+    "planar end": chain_of("e", "craig", "RRRRR", [10, 50, 70, 0, 180], [0, 0.15, 0.1, 0.4, 0.3], [10, 20, 30, 40, 50],
+                           [0.3, 0.1, 0.05, 0.02, 0.1]),
+    "two and three parallel": chain_of("2", "craig", "RRRRR", [0, 180, 70, 0, 0], [0, 0.2, 0.1, 0.4, 0.3], [10] * 5,
+                                       [0.3, 0.05, 0.02, 0.01, 0.1]),
+    "planar base": chain_of("r", "craig", "RRRPR", [10, 0, 0, 40, 50], [0.1, 0.3, 0.4, 0.1, 0.2], [10, 20, 30, 0, 50],
+                            [0.1] * 5),
+    "axes 1 and 2 parallel": chain_of("1", "craig", "RRRRR", [0, 0, 70, 90, 110], [0, 0.2, 0.4, 0.15, 0.3],
+                                      [10, 20, 30, 40, 50], [0.3, 0.05, 0.1, 0.02, 0.1]),
+    "axes 3 and 4 parallel": chain_of("3", "craig", "RRRRR", [0, 50, 70, 180, 110], [0, 0.2, 0.4, 0.15, 0.3],
+                                      [10, 20, 30, 40, 50], [0.3, 0.05, 0.1, 0.02, 0.1]),
+    "wrist on a SCARA": chain_of("s", "craig", "RRPRR", [0, 0, 0, 30, 70], [0, 0.4, 0.25, 0, 0], [0] * 5,
+                                 [0.1, 0, 0, 0, 0]),
+}  # fmt: skip
+
+
+@compiled
+@pytest.mark.parametrize("name", SHAPES)
+def test_all_solutions_of_five_axes_are_those_of_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where P is on the axis of a hinge, which brings more candidates, and where free joints are liked."""
+    chain, rng = SHAPES[name], np.random.default_rng(9)
+    fast, arm = FiveAxes.of(chain), SerialArm(chain)
+    assert fast is not None
+    joints = rng.uniform(-1, 1, (40, 5)) * np.where(chain.prismatic, 0.8, np.pi)
+    if name == "wrist on a SCARA":
+        joints[:3, 1] = np.pi
+        joints[:3, 1] += [0, 1e-9, 1e-7]
+    Ts = arm.flange(joints, arm.nominal())
+    found = fast.solve(Ts, joints)
+    with monkeypatch.context() as without:
+        for module in ("inverse.analytic.five_axes_pair", "inverse.analytic.five_axes_planar",
+                       "inverse.analytic.five_axes_wrist", "inverse.analytic.three_joints", "serial.arm"):  # fmt: skip
+            without.setattr(f"lab.kinematics.{module}.machine_code", lambda: None)
+        slow = FiveAxes.of(chain)
+        assert slow is not None
+        expected = slow.solve(Ts, joints)
+    assert (found.gap_m == 0).any(axis=1).all() and np.isfinite(found.joints).all()
+    each_has_its_like(chain, found, expected)
+    each_has_its_like(chain, expected, found)
+    alike = np.abs(found.joints - expected.joints).max(axis=(1, 2)) < 1e-7
+    assert np.array_equal(found.free[alike], expected.free[alike])
+
+
+@compiled
+@pytest.mark.parametrize("name", FIVE)
+def test_candidates_of_five_axes_settle_as_numpy_s_do(name: str) -> None:
+    """Solutions, what is near one, what is far off, and what is at a singularity."""
+    form, rng = FiveAxes.of(FIVE[name]), np.random.default_rng(7)
+    assert form is not None
+    compiled = form.arm.compiled(np.zeros(1), np.zeros(1))
+    assert compiled is not None
+    joints = rng.uniform(-2, 2, (90, 5))
+    Ts = form.arm.flange(joints, form.arm.nominal())
+    off = rng.choice([0.0, 1e-12, 1e-6, 1e-3, 1.0], (90, 4, 1))
+    start = joints[:, None] + off * rng.standard_normal((90, 4, 5))
+    fast, fast_off = compiled.settle(form._values, Ts, start)
+    slow, slow_off = form._settled(Ts, start.copy())
+    assert np.abs(fast - slow).max() < 1e-9 and np.abs(fast_off - slow_off).max() < 1e-11
+    assert fast_off[off[..., 0] < 0.1].max() < 1e-9 < np.median(fast_off[off[..., 0] == 1.0])
+    with pytest.raises(ValueError, match="belong"):
+        compiled.settle(form._values, Ts[:-1], start)
 
 
 @compiled

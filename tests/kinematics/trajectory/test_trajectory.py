@@ -463,12 +463,12 @@ def test_a_blended_path_without_via_points_is_the_quickest_straight_move() -> No
 @pytest.mark.parametrize(
     ("move", "said"),
     [
-        (([0, 0], [0.5, 1.2]), r"the end: joint q2 is at 1200 mm, beyond its limits of -1000 mm to 1000 mm"),
-        (([-1.5, 0], [0, 0]), r"the start: joint q1 is at -85.9437°, beyond its limits of -57.2958° to 57.2958°"),
+        (([0, 0], [0.5, 1.2]), r"the end: joint q2 is at 1200 mm, beyond its limits of −1000 mm to 1000 mm"),
+        (([-1.5, 0], [0, 0]), r"the start: joint q1 is at −85.9437°, beyond its limits of −57.2958° to 57.2958°"),
         (([0, 0, 0], [0, 0]), r"the start: readings have shape \(3,\); give 2 of them"),
         (([0, 0], [math.nan, 0]), r"the end: readings are not all finite"),
         (([0, 0], [0, 0], [1.1, 0]), r"the start: joint q1 is to move at 63.0254°/s; its largest speed is 57.2958°/s"),
-        (([0, 0], [0, 0], [0, 0], [0, -3]), r"the end: joint q2 is to move at -3000 mm/s; .* 2000 mm/s"),
+        (([0, 0], [0, 0], [0, 0], [0, -3]), r"the end: joint q2 is to move at −3000 mm/s; .* 2000 mm/s"),
         (([0, 0], [0, 0], [0, 0], [0]), r"the end: speeds have shape \(1,\)"),
         (([0, 0], [0, 0], [0, math.inf]), r"the start: speeds are not all finite"),
         (([0, 0.9], [0, 0.9], [0, 1], [0, -1]), r"on its way from 900 mm to 900 mm joint q2 is at 1025 mm, beyond"),

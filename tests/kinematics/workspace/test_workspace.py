@@ -11,6 +11,7 @@ from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.workspace import measure
 from lab.kinematics.workspace.boundary import boundary
 from lab.kinematics.workspace.domain import anyhow, domain_of
 from lab.kinematics.workspace.measure import measured
@@ -53,6 +54,18 @@ def test_the_standard_error_is_that_of_many_runs() -> None:
     runs = [measured(domain, by_place, 400, np.random.default_rng(seed)) for seed in range(40)]
     off = np.array([(each.size - VOLUMES["spherical"]) / each.standard_error for each in runs])
     assert abs(off.mean()) < 4 / np.sqrt(40) and 0.6 < off.std() < 1.5
+
+
+def test_places_are_looked_at_in_blocks_that_change_nothing(monkeypatch) -> None:
+    arm, values = carrier("anthropomorphic")
+    domain, (by_place, _) = domain_of(arm, values), memberships(arm, values)
+    told: list[tuple[int, int]] = []
+    whole = measured(domain, by_place, 400, np.random.default_rng(0))
+    monkeypatch.setattr(measure, "_BLOCK", 150)
+    parts = measured(domain, by_place, 400, np.random.default_rng(0), lambda done, of: told.append((done, of)))
+    np.testing.assert_array_equal(parts.reached, whole.reached)
+    assert whole.reached.any() and not whole.reached.all() and parts.size == whole.size
+    assert told == [(first, len(whole.reached)) for first in range(0, len(whole.reached), 150)] and len(told) > 2
 
 
 @pytest.mark.thorough

@@ -1,12 +1,14 @@
 """Arms of five joints: all solutions of the poses that they can take, and where others come near, starts for a search.
 
 A pose has six freedoms, and five joints give it five. The shapes that are known here are a planar arm between two
-joints (``five_axes_planar``: two or three parallel axes), a planar arm after two joints (``five_axes_planar_end``), and
-a wrist of two axes that meet on any three joints (``five_axes_wrist``); and all held the other way round, at the last
-frame, which puts the two meeting axes, or the planar arm, at the base's end. Each gives candidates by the equations
+joints (``five_axes_planar``: two or three parallel axes), a planar arm after two joints (``five_axes_planar_end``), a
+wrist of two axes that meet on any three joints (``five_axes_wrist``), and hinges of which two neighbouring axes are
+parallel (``five_axes_pair``); and all held the other way round, at the last frame, which puts the two meeting axes, the
+planar arm or the pair at the base's end. Each gives candidates by the equations
 that it needs; those that meet the whole pose, to rounding after a few steps of Gauss and Newton, are its solutions.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -19,10 +21,11 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.inverse.analytic.determinant import Determinant, determinant
 from lab.kinematics.inverse.analytic.first_joint import Named
+from lab.kinematics.inverse.analytic.five_axes_pair import ParallelPair
 from lab.kinematics.inverse.analytic.five_axes_planar import PlanarMiddle
 from lab.kinematics.inverse.analytic.five_axes_planar_end import PlanarEnd
 from lab.kinematics.inverse.analytic.five_axes_wrist import TwoAxisWrist
-from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Candidates, Solutions
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
@@ -33,6 +36,7 @@ _NEAR = 1e-2  # of a pose (m, rad): a candidate farther off is no solution
 _EXACTLY = 1e-13
 _REACHED = 1e-11
 _SAME = 1e-7
+_CHUNK = 4096  # poses at a time: what fits the processor's cache
 
 
 class Shape(Protocol):
@@ -47,11 +51,15 @@ class Shape(Protocol):
         """How many candidates a pose has."""
 
     @property
+    def repeats(self) -> bool:
+        """Whether a few steps may lead two candidates of any pose to one solution."""
+
+    @property
     def centre(self) -> Array:
         """The point ``(3,)`` of the last frame (m) that the determinant is of."""
 
-    def candidates(self, Ts: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Positions ``(k, 5, n)`` along the axes for poses ``(n, 4, 4)``, and which joints are free.
+    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+        """Candidates for poses ``(n, 4, 4)``, those together that have as many.
 
         Args:
             liked: ``(5, n)`` what free joints take.
@@ -81,18 +89,20 @@ class FiveAxes:
     backwards: bool
     by_point: bool = False
     exact_only: bool = True
+    numbered: bool = False
 
     @classmethod
     def of(cls, chain: Chain) -> "FiveAxes | None":
         """The closed form of a nominal model; None where its shape has none."""
         if chain.size != 5:
             return None
-        axes = Axes.of(chain)
-        for backwards in (False, True):
-            held = axes.backwards if backwards else axes
-            shape: Shape | None = PlanarMiddle.of(held) or PlanarEnd.of(held) or TwoAxisWrist.of(held)
-            if shape is not None:
-                return cls(chain, SerialArm(chain), shape, backwards)
+        forwards = Axes.of(chain)
+        for kinds in ((PlanarMiddle, PlanarEnd, TwoAxisWrist), (ParallelPair,)):
+            for backwards, held in ((False, forwards), (True, forwards.backwards)):
+                shapes: Iterator[Shape | None] = (kind.of(held) for kind in kinds)
+                shape = next((each for each in shapes if each is not None), None)
+                if shape is not None:
+                    return cls(chain, SerialArm(chain), shape, backwards)
         return None
 
     @property
@@ -131,16 +141,30 @@ class FiveAxes:
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``. Of poses that the arm cannot take the gap and the tilt are those of candidates."""
-        count = len(Ts_frame0_last)
+        count, shape = len(Ts_frame0_last), (len(Ts_frame0_last), self.branches)
         liked = np.broadcast_to(reference, (count, 5)) * self.chain.sign
-        wanted = se3.inverse(Ts_frame0_last) if self.backwards else Ts_frame0_last
-        found, free = self.shape.candidates(wanted, (liked[:, ::-1] if self.backwards else liked).T)
-        found, free = found.transpose(2, 0, 1), free.transpose(2, 0, 1)
+        whole = Solutions(
+            np.empty((*shape, 5)), np.empty(shape), np.empty(shape), np.empty((*shape, 5), dtype=np.bool_)
+        )
+        for start in range(0, count, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            Ts, near = Ts_frame0_last[part], liked[part]
+            held = (se3.inverse(Ts), near[:, ::-1].T) if self.backwards else (Ts, near.T)
+            for rows, joints, free in self.shape.candidates(*held):
+                found = self._judged(Ts[rows], joints.transpose(2, 0, 1), free.transpose(2, 0, 1))
+                for name in ("joints", "gap_m", "tilt_rad", "free"):
+                    getattr(whole, name)[part][rows] = getattr(found, name)
+        return whole
+
+    def _judged(self, Ts: Array, joints: Array, free: NDArray[np.bool_]) -> Solutions:
+        """The solutions of poses ``(n, 4, 4)`` among candidates ``(n, k, 5)``, made exact."""
         if self.backwards:
-            found, free = found[:, :, ::-1], free[:, :, ::-1]
-        hinges = ~np.array(self.chain.prismatic)
-        joints, off = self._settled(Ts_frame0_last, found * self.chain.sign)
-        joints[..., hinges] -= 2 * np.pi * np.round(joints[..., hinges] / (2 * np.pi))
+            joints, free = joints[:, :, ::-1], free[:, :, ::-1]
+        compiled = self.arm.compiled(joints, Ts)
+        if compiled is None:
+            joints, off = self._settled(Ts, joints * self.chain.sign)
+        else:
+            joints, off = compiled.settle(self._values, Ts, joints * self.chain.sign)
         return self._best(joints, off, free)
 
     def _missing(self, Ts: Array, joints: Array) -> tuple[Array, Array]:
@@ -176,6 +200,8 @@ class FiveAxes:
             size[rows] = np.linalg.norm(missing.reshape(-1, 2, 3), axis=2)
             going = np.abs(missing).max(axis=1) > _EXACTLY
             rows, missing, jacobian = rows[going], missing[going], jacobian[going]
+        hinges = ~np.array(self.chain.prismatic)
+        flat[:, hinges] -= 2 * np.pi * np.round(flat[:, hinges] / (2 * np.pi))
         return flat.reshape(joints.shape), off
 
     @cached_property
@@ -189,16 +215,25 @@ class FiveAxes:
         gap, tilt, size = off[..., 0], off[..., 1], off.max(axis=2)
         meets = size <= np.where(size.min(axis=1, keepdims=True) <= _REACHED, _REACHED, EXACT)  # EXACT at singularities
         gap, tilt = np.where(meets, 0.0, gap), np.where(meets, 0.0, tilt)
-        if many <= self.branches:
+        few = many <= self.branches
+        if few and not self.shape.repeats:
             return Solutions(joints, gap, tilt, free)
-        turns, rows = np.where(self.chain.prismatic, 0.0, 2 * np.pi), np.arange(count)[:, None]
-        order = np.argsort(size, axis=1, kind="stable")  # of two that are the same the better one counts
-        joints, gap, tilt, free = joints[rows, order], gap[rows, order], tilt[rows, order], free[rows, order]
-        again = np.zeros((count, many), dtype=np.bool_)
-        for i in range(1, many):
+        some = np.flatnonzero(meets.sum(axis=1) > 1) if few else np.arange(count)
+        order = np.argsort(size[some], axis=1, kind="stable")  # of two that are the same the better one counts
+        again = np.zeros((some.size, many), dtype=np.bool_)
+        np.put_along_axis(again, order, self._again(np.take_along_axis(joints[some], order[..., None], axis=1)), axis=1)
+        gap[some] = np.where(again, np.inf, gap[some])
+        if few:
+            return Solutions(joints, gap, tilt, free)
+        rows = np.arange(count)[:, None]
+        kept = np.lexsort((size, again), axis=1)[:, : self.branches]
+        return Solutions(joints[rows, kept], gap[rows, kept], tilt[rows, kept], free[rows, kept])
+
+    def _again(self, joints: Array) -> NDArray[np.bool_]:
+        """Which of candidates ``(n, k, 5)`` are one of those before, but for whole turns."""
+        turns, again = np.where(self.chain.prismatic, 0.0, 2 * np.pi), np.zeros(joints.shape[:2], dtype=np.bool_)
+        for i in range(1, joints.shape[1]):
             between = joints[:, :i] - joints[:, i : i + 1]
             between = np.abs(between - turns * np.round(between / (2 * np.pi))).max(axis=2)
             again[:, i] = (between < _SAME).any(axis=1)
-        kept = np.argsort(again, axis=1, kind="stable")[:, : self.branches]
-        gap = np.where(again, np.inf, gap)
-        return Solutions(joints[rows, kept], gap[rows, kept], tilt[rows, kept], free[rows, kept])
+        return again

@@ -6,19 +6,24 @@ between axis 5 and w (both equations of type 2, of which the one that says more 
 about w are what is left of the rotation, and joints 2 to 4 the planar arm's.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.inverse.analytic.first_joint import FirstJoint, Named, turned_back
 from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, type_2
 from lab.kinematics.inverse.analytic.planar_joints import PlanarJoints
-from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, plane_across
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Candidates, plane_across
 
-__all__ = ["PlanarMiddle"]
+__all__ = ["PlanarFrame", "PlanarMiddle", "candidates_of", "compiled_frame"]
+
+PlanarFrame = tuple[Array, NDArray[np.bool_]]  # see PlanarMiddle._frame
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,7 @@ class PlanarMiddle:
     joints: PlanarJoints
     start: Array
     centre: Array
+    repeats: bool = False
 
     @classmethod
     def of(cls, axes: Axes) -> "PlanarMiddle | None":
@@ -58,8 +64,18 @@ class PlanarMiddle:
         """See ``Shape``."""
         return (1 if self.axes.prismatic[0] else 2) * self.joints.roots
 
-    def candidates(self, Ts: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
         """See ``Shape``."""
+        frame = compiled_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, liked)
+        yield candidates_of(self.joints, (0, 4), (1, 2, 3), frame or self._frame(Ts, liked), liked)
+
+    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
+        """What joints 1 and 5 leave to the planar arm.
+
+        Returns:
+            ``(5, m, n)``: positions of joints 1 and 5, the turn about w, and the place (m) in the plane; and ``(n,)``
+            where joint 1 is free.
+        """
         plane, root = self.column.plane, self.column.root
         R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
         lever = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3] - root).T
@@ -75,14 +91,23 @@ class PlanarMiddle:
         fifth = _turn_about(a, M[..., 2, :])
         left = M @ se3.exp(-fifth[..., None] * a)
         phi = np.arctan2(left[..., 1, 0] - left[..., 0, 1], left[..., 0, 0] + left[..., 1, 1])
-        wide = np.broadcast_to(liked[1:4, None], (3, *first.shape))
-        values, _, free = self.joints.solve(e + 1j * f, phi, wide)  # (roots, 3, m, n)
-        out = np.empty((self.joints.roots, 5, *first.shape))
-        out[:, 0], out[:, 1:4], out[:, 4] = first, values, fifth
-        frees = np.zeros(out.shape, dtype=np.bool_)
-        frees[:, 0], frees[:, 1:4] = free_1, free
-        count = first.shape[1]
-        return out.transpose(0, 2, 1, 3).reshape(-1, 5, count), frees.transpose(0, 2, 1, 3).reshape(-1, 5, count)
+        return np.stack([first, fifth, phi, e, f]), free_1[0]
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled frame asks of the arm."""
+        axes, back = self.axes, self.axes.T_frame0_last[:3, :3]
+        a5, plane = axes.directions[4], self.column.plane
+        parts = (
+            [float(axes.prismatic[0])], axes.directions[:2], axes.origins[:2], plane, plane @ back, self.centre,
+            back.T @ a5, plane @ a5, self.start, [self._size, 0.0, 0.0, 0.0],
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part) for part in parts])
+
+    @property
+    def _size(self) -> float:
+        """Of the arm (m)."""
+        return max(float(np.abs(self.axes.origins - self.axes.origins[0]).max()), 1e-3)
 
     def _first(self, lever: Array, axis_5: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joint 1 ``(m, n)`` by what says most of it, and where it is free."""
@@ -90,7 +115,7 @@ class PlanarMiddle:
         offset = float(w @ (self.start - self.column.root))
         if self.axes.prismatic[0]:
             return ((w @ lever - offset) / (w @ self.column.axis))[None], np.zeros((1, lever.shape[1]), dtype=np.bool_)
-        size = max(float(np.abs(self.axes.origins - self.axes.origins[0]).max()), 1e-3)
+        size = self._size
         equations = []
         for vector, height in ((lever / size, offset / size), (axis_5, float(w @ self.axes.directions[4]))):
             along, across, quarter = self.column.split(vector)
@@ -118,6 +143,36 @@ class PlanarMiddle:
         """See ``Shape``: of joints 1 to 4, the place and the turn about w, in the frame of joint 1."""
         hinge = next(i for i in (1, 2, 3) if not self.axes.prismatic[i])
         return np.concatenate([jacobian[:3, :4], (jacobian[3:, hinge] @ jacobian[3:, :4])[None]])
+
+
+def compiled_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> PlanarFrame | None:
+    """What two joints leave to a planar arm, in machine code; None where there is none."""
+    if (code := machine_code()) is None or Ts.dtype != np.float64:
+        return None
+    found, free = np.empty((5, roots, len(Ts))), np.empty(len(Ts), dtype=np.bool_)
+    code.planar_frame(numbers, np.ascontiguousarray(Ts), np.ascontiguousarray(liked[:2].T), found, free)
+    return found, free
+
+
+def candidates_of(
+    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: PlanarFrame, liked: Array
+) -> Candidates:
+    """Candidates of all poses, as ``Shape`` has them, by a planar arm and the two other joints.
+
+    Args:
+        two, three: which joints they are.
+        liked: ``(5, n)``.
+    """
+    (first, second, phi, e, f), free_1 = frame
+    values, _, free = arm.solve(e + 1j * f, phi, np.broadcast_to(liked[list(three), None], (3, *first.shape)))
+    out = np.empty((first.shape[1], arm.roots, first.shape[0], 5))  # (n, roots, m, 5)
+    out[..., two[0]], out[..., two[1]] = first.T[:, None], second.T[:, None]
+    frees = np.zeros(out.shape, dtype=np.bool_)
+    frees[..., two[0]] = free_1[:, None, None]
+    for i, joint in enumerate(three):
+        out[..., joint], frees[..., joint] = values[:, i].transpose(2, 0, 1), free[i].T[:, None]
+    shape = (len(out), -1, 5)
+    return slice(None), out.reshape(shape).transpose(1, 2, 0), frees.reshape(shape).transpose(1, 2, 0)
 
 
 def _turn_about(axis: Array, seen: Array) -> Array:

@@ -7,18 +7,20 @@ of a hinge and a slide after it the direction says the hinge, and the height the
 planar arm's.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.inverse.analytic.determinant import Term
 from lab.kinematics.inverse.analytic.first_joint import Named
+from lab.kinematics.inverse.analytic.five_axes_planar import PlanarFrame, candidates_of, compiled_frame
 from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, type_2
 from lab.kinematics.inverse.analytic.planar_joints import PlanarJoints
-from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, plane_across
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Candidates, plane_across
 
 __all__ = ["PlanarEnd"]
 
@@ -37,6 +39,7 @@ class PlanarEnd:
     plane: Array
     start: Array
     centre: Array
+    repeats: bool = False
 
     @classmethod
     def of(cls, axes: Axes) -> "PlanarEnd | None":
@@ -87,8 +90,13 @@ class PlanarEnd:
         """See ``Shape``."""
         return (1 if self.axes.prismatic[1] else 2) * self.joints.roots
 
-    def candidates(self, Ts: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
         """See ``Shape``."""
+        frame = compiled_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, liked)
+        yield candidates_of(self.joints, (0, 1), (2, 3, 4), frame or self._frame(Ts, liked), liked)
+
+    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
+        """What joints 1 and 2 leave to the planar arm, as ``PlanarMiddle`` has it; neither is free."""
         R, place = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T, Ts[:, :3, 3].T
         first, second = self._first_two(R @ self.plane[2], place, liked)  # (m, n)
         back, axes = np.broadcast_to(R, (*first.shape, 3, 3)), self.axes
@@ -100,13 +108,18 @@ class PlanarEnd:
         M = self.plane @ back @ self.plane.T
         phi = np.arctan2(M[..., 1, 0] - M[..., 0, 1], M[..., 0, 0] + M[..., 1, 1])
         e, f, _ = np.tensordot(self.plane, at, 1)
-        values, _, free = self.joints.solve(e + 1j * f, phi, np.broadcast_to(liked[2:, None], (3, *first.shape)))
-        out = np.empty((self.joints.roots, 5, *first.shape))
-        out[:, 0], out[:, 1], out[:, 2:] = first, second, values
-        frees = np.zeros(out.shape, dtype=np.bool_)
-        frees[:, 2:] = free
-        count = first.shape[1]
-        return out.transpose(0, 2, 1, 3).reshape(-1, 5, count), frees.transpose(0, 2, 1, 3).reshape(-1, 5, count)
+        return np.stack([first, second, phi, e, f]), np.zeros(len(Ts), dtype=np.bool_)
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled frame asks of the arm."""
+        axes, kind = self.axes, 4.0 if self.axes.prismatic[1] else 3.0 if self._sum else 2.0
+        nothing, back = np.zeros(3), self.plane @ self.axes.T_frame0_last[:3, :3]
+        parts = (
+            [kind], axes.directions[:2], axes.origins[:2], self.plane, back, nothing, nothing, nothing, self.start,
+            [1.0, *self._turned_part(axes.directions[0])],
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part) for part in parts])
 
     def _first_two(self, seen: Array, place: Array, liked: Array) -> tuple[Array, Array]:
         """Joints 1 and 2 ``(m, n)`` that turn w to directions ``(n, 3)``.

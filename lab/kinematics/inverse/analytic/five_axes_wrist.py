@@ -5,17 +5,20 @@ joint 4 turns axis 5, and joint 5 what is left. Where P comes onto a hinge's axi
 angle between axes 4 and 5 does, by an equation of type 2.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.inverse.analytic.first_joint import Carrier, Named
 from lab.kinematics.inverse.analytic.first_three_joints import Elbow, Lift, Telescope
 from lab.kinematics.inverse.analytic.khalil_one_unknown import TINY, type_2
-from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, meeting_point
+from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Candidates, meeting_point
 from lab.kinematics.inverse.analytic.three_joints import ThreeJoints
 
 __all__ = ["TwoAxisWrist"]
@@ -37,6 +40,7 @@ class TwoAxisWrist:
     three: ThreeJoints
     start: Array
     centre: Array
+    repeats: bool = False
 
     @classmethod
     def of(cls, axes: Axes) -> "TwoAxisWrist | None":
@@ -58,20 +62,53 @@ class TwoAxisWrist:
         """See ``Shape``."""
         return self.three.branches if self.carrier is None else 2 * self.carrier.elbows
 
-    def candidates(self, Ts: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """See ``Shape``."""
+    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+        """See ``Shape``: where P is on a hinge's axis there are more of them."""
         R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
         place = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3]).T
         first, free = self._placed(place, liked[:3])  # (k, 3, n)
-        first, free = self._by_rotation(R, first, free)
+        compiled = self._compiled(Ts, first)
+        found, near = (self._wrist(R, first), self._near(first)) if compiled is None else compiled
+        if not near.any():
+            yield slice(None), found, _with_wrist(free)
+            return
+        away, there = np.flatnonzero(~near), np.flatnonzero(near)
+        yield away, found[..., away], _with_wrist(free[..., away])
+        first, free = self._by_rotation(R[there], first[..., there], free[..., there])
+        yield there, self._wrist(R[there], first), _with_wrist(free)
+
+    def _wrist(self, R: Array, first: Array) -> Array:
+        """Candidates ``(k, 5, n)`` by their first three joints: axis 4 turns axis 5, which turns what is left."""
         back = self._turned(first).swapaxes(2, 3) @ R  # (k, n, 3, 3)
         a4, a5 = self.axes.directions[3:]
         fourth = _turn_between(a4, np.broadcast_to(a5, back.shape[:-1]), back @ a5)
         left = se3.exp(-fourth[..., None] * a4) @ back
-        across = np.cross(a5, np.eye(3)[np.argmin(np.abs(a5))])
-        fifth = _turn_between(a5, np.broadcast_to(across, back.shape[:-1]), left @ across)
-        out = np.concatenate([first, fourth[:, None], fifth[:, None]], axis=1)
-        return out, np.concatenate([free, np.zeros_like(free[:, :2])], axis=1)
+        fifth = _turn_between(a5, np.broadcast_to(self._across, back.shape[:-1]), left @ self._across)
+        return np.concatenate([first, fourth[:, None], fifth[:, None]], axis=1)
+
+    @property
+    def _across(self) -> Array:
+        """A direction across axis 5."""
+        a5 = self.axes.directions[4]
+        return np.asarray(np.cross(a5, np.eye(3)[np.argmin(np.abs(a5))]))
+
+    def _compiled(self, Ts: Array, first: Array) -> tuple[Array, NDArray[np.bool_]] | None:
+        """``_wrist`` and ``_near`` in machine code; None where there is none."""
+        if (code := machine_code()) is None or Ts.dtype != np.float64:
+            return None
+        count = first.shape[2]
+        out, near = np.empty((count, len(first), 5)), np.empty(count, dtype=np.bool_)
+        out[:, :, :3] = first.transpose(2, 0, 1)
+        code.two_axes(self._numbers, np.ascontiguousarray(Ts), out, near)
+        return out.transpose(1, 2, 0), near
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled wrist asks of the arm."""
+        back, axes = self.axes.T_frame0_last[:3, :3].T, self.axes
+        vectors = (self.start, back @ axes.directions[4], back @ self._across, self._across)
+        parts = (axes.prismatic[:3], axes.directions, axes.origins[:3], *vectors)
+        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
     def _placed(self, place: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Joints 1 to 3 ``(k, 3, n)`` that bring P to places ``(3, n)``."""
@@ -107,6 +144,14 @@ class TwoAxisWrist:
             free = np.concatenate([free, *flags])
         return first, free
 
+    def _near(self, first: Array) -> NDArray[np.bool_]:
+        """``(n,)`` where P is on the axis of a hinge in one of the candidates."""
+        near = np.zeros(first.shape[2], dtype=np.bool_)
+        for joint in (0, 1):
+            if not self.axes.prismatic[joint]:
+                near |= self._on_axis(joint, first).any(axis=0)
+        return near
+
     def _on_axis(self, joint: int, first: Array) -> NDArray[np.bool_]:
         """``(k, n)`` where P, carried by the joints after it, is on a hinge's axis."""
         at = np.broadcast_to(self.start[:, None], (3, first.shape[0] * first.shape[2]))
@@ -138,6 +183,11 @@ class TwoAxisWrist:
     def rows(self, jacobian: Array) -> Array:
         """See ``Shape``: of joints 1 to 3, the place."""
         return jacobian[:3, :3]
+
+
+def _with_wrist(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What is free ``(k, 5, n)`` of all joints, of which the last two never are."""
+    return np.concatenate([free, np.zeros_like(free[:, :2])], axis=1)
 
 
 def _turn_between(axis: Array, start: Array, end: Array) -> Array:

@@ -39,6 +39,7 @@ class PlanarArm:
     point: Array
     height: float
     exact_only: bool = False
+    numbered: bool = True
 
     @classmethod
     def of(cls, chain: Chain, point: Array) -> "PlanarArm | None":

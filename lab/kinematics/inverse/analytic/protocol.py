@@ -12,8 +12,10 @@ from lab.kinematics.inverse.analytic.determinant import Determinant
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["EXACT", "Axes", "ClosedForm", "Solutions", "in_plane", "meeting_point", "plane_across"]
+__all__ = ["EXACT", "Axes", "Candidates", "ClosedForm", "Solutions", "in_plane", "meeting_point", "plane_across"]
 
+# Some poses, and positions (k, 5, n) along the axes that may reach them, with which joints are free there
+Candidates = tuple[slice | NDArray[np.int_], Array, NDArray[np.bool_]]
 EXACT = 1e-9  # m or rad: by how much a nominal model may miss the shape that is asked for
 
 
@@ -50,6 +52,10 @@ class ClosedForm(Protocol):
     @property
     def exact_only(self) -> bool:
         """Whether poses that the arm cannot take are not answered by the nearest: their solutions are candidates."""
+
+    @property
+    def numbered(self) -> bool:
+        """Whether a branch keeps its number as the pose moves: not where the branches are roots in no lasting order."""
 
     @property
     def determinant(self) -> Determinant:

@@ -49,6 +49,7 @@ class Scara:
     branches: int = 2
     by_point: bool = False
     exact_only: bool = False
+    numbered: bool = True
     moved: str = "all displacements and the turn about the axes"
 
     @classmethod

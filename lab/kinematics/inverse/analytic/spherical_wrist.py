@@ -51,6 +51,7 @@ class SphericalWrist:
     R_frame0_last: Array
     by_point: bool = False
     exact_only: bool = False
+    numbered: bool = True
     moved: str = "the displacements of the wrist's centre and all turns"
 
     @classmethod

@@ -9,6 +9,8 @@ Newton's method make the joints exact.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +18,12 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.inverse.analytic.determinant import Determinant, determinant
 from lab.kinematics.inverse.analytic.first_three_joints import Elbow, Lift, Telescope
+from lab.kinematics.inverse.analytic.fitted_factor import fitted_factor
+from lab.kinematics.inverse.analytic.polynomial_roots import polynomial_roots
 from lab.kinematics.inverse.analytic.protocol import EXACT, Axes, Solutions, plane_across
-from lab.kinematics.inverse.analytic.three_joint_determinant import fitted_factor
 from lab.kinematics.serial.chain import Chain
 
 __all__ = ["ThreeJoints"]
@@ -49,6 +53,7 @@ class ThreeJoints:
     roots_of_second: int = 1
     by_point: bool = True
     exact_only: bool = False
+    numbered: bool = False
     moved: str = "the displacements of the last frame's origin"
 
     @classmethod
@@ -92,7 +97,7 @@ class ThreeJoints:
             J = self._jacobian((joints * self.axes.sign).T).transpose(2, 0, 1) * self.axes.sign
             return np.asarray(np.linalg.det(J))
 
-        terms = fitted_factor(value, self.axes.prismatic)
+        terms = fitted_factor(value, self.axes.prismatic, (1, 2))  # joint 1 moves the whole arm
         if len(terms) == 1 and not terms[0].function and not terms[0].slides:  # three slides: it is never singular
             return determinant(self.axes.names, float(np.sign(terms[0].coefficient)), [terms[0].size], [])
         return determinant(self.axes.names, 1.0, [], [("position", terms)])
@@ -108,6 +113,53 @@ class ThreeJoints:
         Args:
             nearest: whether places out of reach get the joints that come nearest, which takes longer.
         """
+        code = machine_code()
+        if code is None or Ts_frame0_last.dtype != np.float64:
+            return self._solved(Ts_frame0_last, reference, nearest)
+        found = self._compiled(code, Ts_frame0_last, reference, tilted=nearest)
+        lost = np.flatnonzero((found.gap_m > 0).all(axis=1)) if nearest else np.empty(0, dtype=np.int_)
+        if lost.size:
+            liked = np.broadcast_to(reference, (len(Ts_frame0_last), 3))[lost]
+            near = self._solved(Ts_frame0_last[lost], liked, nearest)
+            for name in ("joints", "gap_m", "tilt_rad", "free"):
+                getattr(found, name)[lost] = getattr(near, name)
+        return found
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled solution asks of the arm."""
+        (first, second, _), slides = self.axes.directions, self.axes.prismatic
+        eliminates, towards, level, slide = np.eye(2), 0.0, np.zeros(3), np.zeros(3)
+        regular, plane_2 = True, plane_across(second)
+        if not slides[1]:
+            left, size, basis, regular = self._eliminated(plane_2)
+            eliminates = (basis.T if regular else np.eye(2)) @ (left.T / np.where([True, regular], size, 1.0)[:, None])
+            towards = float(np.arctan2(basis[0, 1], basis[0, 0]))
+        elif slides[0]:
+            level, slide = np.cross(first, second), np.linalg.pinv(np.stack([first, second], axis=1))[1]
+        nodes, powers = self._interpolation()
+        if not slides[2]:
+            powers = np.stack([part for row in powers for part in (row.real, row.imag)])[[0, 2, 3, 4, 5]]
+        count = self.degree if slides[2] else 2 * self.degree
+        parts = (
+            slides, self.axes.sign, self.axes.directions, self.axes.origins, self.point, self.start,
+            self.axes.T_frame0_last[:3, :3], [self.scale_m, count, self.roots_of_second], plane_across(first), plane_2,
+            eliminates, [regular, towards], level, slide, self._third(nodes).T, powers.real,
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
+
+    def _compiled(self, code: ModuleType, Ts: Array, reference: Array | float, *, tilted: bool) -> Solutions:
+        """``solve`` in machine code, but for the nearest joints of places out of reach."""
+        n, k = len(Ts), self.branches
+        joints, gap, free = np.empty((n, k, 3)), np.empty((n, k)), np.empty((n, k, 3), dtype=np.bool_)
+        tilt, liked = (np.empty if tilted else np.zeros)((n, k)), None
+        if not isinstance(reference, float) or reference != 0.0:
+            liked = np.ascontiguousarray(np.broadcast_to(reference, (n, 3)), dtype=np.float64)
+        code.three_joints(self._numbers, np.ascontiguousarray(Ts), liked, joints, gap, tilt if tilted else None, free)
+        return Solutions(joints, gap, tilt, free)
+
+    def _solved(self, Ts_frame0_last: Array, reference: Array | float, nearest: bool) -> Solutions:
+        """``solve`` by numpy."""
         count = len(Ts_frame0_last)
         wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
         liked = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
@@ -188,10 +240,10 @@ class ThreeJoints:
         _, w = self.axes.directions[:2]
         plane, origin = plane_across(w), self.axes.origins[1]
         u, v, h = np.tensordot(plane, at - origin.reshape(3, *(1,) * (at.ndim - 1)), 1)
-        rows, right = self._rows(plane, h, u**2 + v**2 + h**2, wanted)
-        left, size, basis = np.linalg.svd(rows)
+        right = self._right(plane, h, u**2 + v**2 + h**2, wanted)
+        left, size, basis, regular = self._eliminated(plane)
         across = np.tensordot(left.T, right, 1)
-        if size[1] > 1e-9 * self.scale_m:
+        if regular:
             e, f = np.tensordot(basis.T, across / size.reshape(2, *(1,) * u.ndim), 1)
             return e**2 + f**2 - u**2 - v**2, (np.arctan2(f, e) - np.arctan2(v, u))[None]
         reach, first = np.hypot(u, v), across[0] / size[0]
@@ -199,20 +251,29 @@ class ThreeJoints:
         towards = np.arctan2(basis[0, 1], basis[0, 0])
         return across[1], np.stack([towards + opening, towards - opening]) - np.arctan2(v, u)
 
-    def _rows(self, plane: Array, height: Array, square: Array, wanted: Array) -> tuple[Array, Array]:
-        """The two equations that joint 1 leaves: ``(2, 2)`` and right sides ``(2, ...)``, both in metres."""
+    def _eliminated(self, plane: Array) -> tuple[Array, Array, Array, bool]:
+        """M of these two equations by its singular values, and whether they say two things of joint 2."""
+        axis = self.axes.directions[0]
+        if self.axes.prismatic[0]:
+            rows = self.scale_m * plane_across(axis)[:2] @ plane[:2].T
+        else:
+            apart = self.axes.origins[1] - self.axes.origins[0]
+            rows = np.stack([self.scale_m * plane[:2] @ axis, plane[:2] @ apart])
+        left, size, basis = np.linalg.svd(rows)
+        return left, size, basis, bool(size[1] > 1e-9 * self.scale_m)
+
+    def _right(self, plane: Array, height: Array, square: Array, wanted: Array) -> Array:
+        """The right sides ``(2, ...)`` m of the two equations that joint 1 leaves."""
         axis, origin = self.axes.directions[0], self.axes.origins[1]
         wide = (3, *(1,) * (wanted.ndim - 1))
         if self.axes.prismatic[0]:
             across = plane_across(axis)[:2]
             right = np.tensordot(across, wanted - origin.reshape(wide), 1)
-            shift = across @ plane[2]
-            return self.scale_m * across @ plane[:2].T, self.scale_m * (right - np.multiply.outer(shift, height))
+            return np.asarray(self.scale_m * (right - np.multiply.outer(across @ plane[2], height)))
         apart, lever = origin - self.axes.origins[0], wanted - self.axes.origins[0].reshape(wide)
         along = np.tensordot(axis, lever, 1) - axis @ apart - (axis @ plane[2]) * height
         far = ((lever**2).sum(axis=0) - square - apart @ apart) / 2 - (apart @ plane[2]) * height
-        rows = np.stack([self.scale_m * plane[:2] @ axis, plane[:2] @ apart])
-        return rows, np.stack([self.scale_m * along, far])
+        return np.stack([self.scale_m * along, far])
 
     def _slide(self, at: Array, wanted: Array) -> tuple[Array, Array]:
         """Joint 2 slides the point."""
@@ -245,14 +306,19 @@ class ThreeJoints:
 
     # Joint 3
 
-    def _coefficients(self, wanted: Array) -> Array:
-        """Of the equation in joint 3, ``(5, n)`` or ``(3, n)``: of powers, or of exp(i k q3) from k = 0 to 2."""
+    def _interpolation(self) -> tuple[Array, NDArray[np.complex128]]:
+        """Positions ``(5,)`` of joint 3, and what makes the equation's coefficients of its values there."""
         if self.axes.prismatic[2]:
             nodes = self.scale_m * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-            powers = np.linalg.inv(np.vander(nodes / self.scale_m, increasing=True))
-            return np.asarray(powers @ self._left(nodes, wanted))
+            return nodes, np.linalg.inv(np.vander(nodes / self.scale_m, increasing=True)).astype(np.complex128)
         nodes = 2 * np.pi * np.arange(_NODES) / _NODES
-        return np.asarray(np.fft.fft(self._left(nodes, wanted), axis=0)[:3] / _NODES)
+        turns = np.multiply.outer(np.arange(3), nodes)
+        return nodes, (np.cos(turns) - 1j * np.sin(turns)) / _NODES
+
+    def _coefficients(self, wanted: Array) -> NDArray[np.complex128]:
+        """Of the equation in joint 3, ``(5, n)`` or ``(3, n)``: of powers, or of exp(i k q3) from k = 0 to 2."""
+        nodes, makes = self._interpolation()
+        return np.asarray(makes @ self._left(nodes, wanted))
 
     def _left(self, nodes: Array, wanted: Array) -> Array:
         """What is left of the equations ``(nodes, n)``."""
@@ -263,9 +329,9 @@ class ThreeJoints:
         """Positions ``(k, n)`` of joint 3, and whether they are real roots, or nearly."""
         found = self._coefficients(wanted)[: self.degree + 1]
         if self.axes.prismatic[2]:
-            roots = _eigenvalues(found)
+            roots = polynomial_roots(found)
             return self.scale_m * roots.real, np.abs(roots.imag) <= _OFF_CIRCLE
-        roots = _eigenvalues(np.concatenate([found[:0:-1].conj(), found]))
+        roots = polynomial_roots(np.concatenate([found[:0:-1].conj(), found]))
         return np.angle(roots), np.abs(np.abs(roots) - 1) <= _OFF_CIRCLE
 
     def _settled(self, joints: Array, wanted: Array, steps: int) -> Array:
@@ -296,15 +362,3 @@ class ThreeJoints:
                 free[joint] = np.linalg.norm(across, axis=0) <= _ON_AXIS * self.scale_m
                 joints[joint] = np.where(free[joint], liked[joint], joints[joint])
         return joints, free
-
-
-def _eigenvalues(coefficients: Array) -> Array:
-    """The roots ``(d, n)`` of polynomials ``(d + 1, n)`` of rising powers, by their companion matrices."""
-    degree = len(coefficients) - 1
-    last = coefficients[-1]
-    size = np.abs(coefficients).max(axis=0)
-    last = np.where(np.abs(last) > 1e-14 * size, last, 1e-14 * np.maximum(size, 1e-300))
-    matrix = np.zeros((coefficients.shape[1], degree, degree), dtype=np.complex128)
-    matrix[:, 1:, :-1] = np.eye(degree - 1)
-    matrix[:, :, -1] = -(coefficients[:-1] / last).T
-    return np.asarray(np.linalg.eigvals(matrix).T)

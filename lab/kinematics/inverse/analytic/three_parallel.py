@@ -9,6 +9,7 @@ All is worked out from the joints' axes at zero joint positions.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.inverse.analytic.determinant import Determinant, Term, determinant, real_part
 from lab.kinematics.inverse.analytic.first_joint import FirstJoint, turned_back
 from lab.kinematics.inverse.analytic.first_three_joints import BEND
@@ -56,6 +58,7 @@ class ThreeParallel:
     branches: int = 8
     by_point: bool = False
     exact_only: bool = False
+    numbered: bool = True
     moved: str = "the displacements of the wrist's centre and all turns"
 
     @classmethod
@@ -118,6 +121,35 @@ class ThreeParallel:
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``. The branches are the roots of joint 1, of joint 5 and of the elbow, in this order."""
+        count, code = len(Ts_frame0_last), machine_code()
+        if code is None or Ts_frame0_last.dtype != np.float64:
+            return self._solved(Ts_frame0_last, reference)
+        joints, gap, free = np.empty((count, 8, 6)), np.empty((count, 8)), np.empty((count, 8, 6), dtype=np.bool_)
+        liked = None
+        if not isinstance(reference, float) or reference != 0.0:
+            liked = np.ascontiguousarray(np.broadcast_to(reference, (count, 6)), dtype=np.float64)
+        code.three_parallel(self._numbers, np.ascontiguousarray(Ts_frame0_last), liked, joints, gap, free)
+        found = Solutions(joints, gap, np.zeros((count, 8)), free)
+        rows = np.flatnonzero(free[:, :, 5].any(axis=1))
+        if rows.size:
+            part = self._solved(Ts_frame0_last[rows], np.broadcast_to(reference, (count, 6))[rows])
+            for name in ("joints", "gap_m", "free"):
+                getattr(found, name)[rows] = getattr(part, name)
+        return found
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled solution asks of the arm."""
+        column, links = self.column, [(abs(z), np.angle(z)) for z in (self.upper, self.fore)]
+        places = [(z.real, z.imag) for z in (self.shoulder, self.hand)]
+        parts = (
+            self.chain.sign, self.centre, column.root, column.parts, column.plane @ self.R_frame0_last, self.turning,
+            places, links, [self.offset, self.bend],
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
+
+    def _solved(self, Ts_frame0_last: Array, reference: Array | float) -> Solutions:
+        """``solve`` by numpy."""
         count = len(Ts_frame0_last)
         liked = (np.broadcast_to(reference, (count, 6)) * self.chain.sign).T
         position = (Ts_frame0_last[:, :3, :3] @ self.centre + Ts_frame0_last[:, :3, 3]).T

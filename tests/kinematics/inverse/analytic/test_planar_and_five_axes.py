@@ -85,6 +85,16 @@ FIVE = {
     "axes 4 and 5 meet": chain_of(
         "any", "craig", "RRRRR", [0, 40, 50, 60, 70], [0, 0.2, 0.4, 0.1, 0], [10] * 5, [0.1, 0.2, 0.1, 0.1, 0]
     ),
+    **{
+        f"axes {k} and {k + 1} parallel": chain_of(  # no two axes meet
+            "pair", "craig", "RRRRR", [0, *(turn if i == k else 30 + 20 * i for i in (1, 2, 3, 4))],
+            [0, 0.2, 0.4, 0.15, 0.3], [10, 20, 30, 40, 50], [0.3, 0.05, 0.1, 0.02, 0.1],
+        )
+        for k, turn in ((1, 0), (2, 180), (3, 0), (4, 180))
+    },
+    "axis 5 folds onto axis 3": chain_of(  # a pair that is square to its neighbours
+        "folding", "craig", "RRRRR", [0, 90, 0, 90, 90], [0, 0.1, 0.4, 0.15, 0.15], [0] * 5, [0.3, 0.05, 0.1, 0, 0.1]
+    ),
 }  # fmt: skip
 ALL = {**PLANAR, **FIVE}
 COUNTS = [100, pytest.param(100_000, marks=pytest.mark.slow)]
@@ -148,7 +158,16 @@ def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str, cou
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["RPR", "scorbot", "three parallel, slanted", "axes 1 and 2 meet"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "RPR",
+        "scorbot",
+        "three parallel, slanted",
+        "axes 1 and 2 meet",
+        *(f"axes {k} and {k + 1} parallel" for k in (1, 2, 3, 4)),
+    ],
+)
 def test_newton_from_anywhere_finds_no_other_solution(name: str) -> None:
     chain, starts = ALL[name], 20
     arm = SerialArm(chain, ("p1",))
@@ -298,7 +317,7 @@ def test_what_a_planar_arm_cannot_do_is_told() -> None:
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize("name", ["scorbot", "two parallel", "axes 1 and 2 meet"])
+@pytest.mark.parametrize("name", ["scorbot", "two parallel", "axes 1 and 2 meet", "axes 2 and 3 parallel"])
 def test_a_pose_that_five_axes_cannot_take_is_come_near_to(name: str) -> None:
     """The place is met, and no small move that leaves it there brings the rotation nearer."""
     chain = FIVE[name]
@@ -324,6 +343,57 @@ def test_a_pose_that_five_axes_cannot_take_is_come_near_to(name: str) -> None:
     assert good.any(axis=1).all() and not exact.tilt_rad[good].any()
 
 
+@pytest.mark.parametrize("away", [0.0, 1e-12, 1e-10, 1e-8])
+def test_axes_that_fold_onto_each_other_leave_a_joint_free(away: float) -> None:
+    """Joint 4 at half a turn puts axis 5 onto axis 3: joints 3 and 5 do the same, and nothing says joint 5."""
+    chain = FIVE["axis 5 folds onto axis 3"]
+    form, joints, liked = form_of(chain), drawn(chain, 40, 9), drawn(chain, 40, 10)
+    joints[:, 3] = np.pi
+    joints += away * np.random.default_rng(0).uniform(-1, 1, joints.shape)
+    Ts = flanges(chain, joints)
+    found = form.solve(Ts, liked)
+    reached = met(form, found)
+    assert reached.any(axis=1).all()
+    assert missed(chain, form, found.joints, Ts)[reached].max() < 1e-9
+    if away:
+        return
+    free = found.free & reached[..., None]
+    assert (free.any(axis=1) == [False, False, False, False, True]).all()
+    wished = np.where(reached, np.abs(np.angle(np.exp(1j * (found.joints[..., 4] - liked[:, None, 4])))), np.inf)
+    assert wished.min(axis=1).max() < 1e-12
+
+
+def test_quarter_turns_of_a_square_arm_lose_nothing() -> None:
+    """There det N is zero for any s, which is not free: the length of N's null vector says it."""
+    chain = chain_of(
+        "square", "craig", "RRRRR", [90, 180, 90, 90, 90], [0, 0.3, 0.3, 0, 0.3], [0] * 5, [0, 0, 0, 0, 0.1]
+    )  # fmt: skip
+    joints = np.pi / 2 * np.random.default_rng(18).integers(0, 4, (60, 5))
+    form, Ts = form_of(chain), flanges(chain, joints)
+    found = form.solve(Ts, drawn(chain, 60, 19))
+    reached = met(form, found)
+    assert reached.any(axis=1).all()
+    assert missed(chain, form, found.joints, Ts)[reached].max() < 1e-9
+
+
+@pytest.mark.parametrize("name", [f"axes {k} and {k + 1} parallel" for k in (1, 2, 3, 4)])
+def test_a_pair_of_parallel_axes_has_one_solution_at_most_poses(name: str) -> None:
+    """Six equations ask for five joints: of the four roots one is left, and no solution is told twice."""
+    chain = FIVE[name]
+    form = form_of(chain)
+    found = form.solve(flanges(chain, drawn(chain, 1000, 17)))
+    assert form.branches == 4 and (met(form, found).sum(axis=1) == 1).mean() > 0.99
+
+
+def test_the_shapes_that_came_first_keep_their_arms() -> None:
+    shapes = {name: type(form.shape).__name__ for name in FIVE if isinstance(form := form_of(FIVE[name]), FiveAxes)}
+    assert {name for name, shape in shapes.items() if shape == "ParallelPair"} == {
+        *(f"axes {k} and {k + 1} parallel" for k in (1, 2, 3, 4)), "axis 5 folds onto axis 3",
+    }  # fmt: skip
+    assert shapes["two parallel"] == shapes["SCARA that tilts"] == "TwoAxisWrist"
+    assert shapes["scorbot"] == "PlanarMiddle" and shapes["two and three parallel"] == "PlanarEnd"
+
+
 def test_four_axes_that_may_be_parallel_are_left_to_the_search() -> None:
     right = chain_of("right", "craig", "RRRRR", [0, 90, 90, 0, 0], [0, 0.15, 0.1, 0.4, 0.3], [0] * 5, [0.1] * 5)
     assert closed_form_of(right) is None
@@ -332,7 +402,7 @@ def test_four_axes_that_may_be_parallel_are_left_to_the_search() -> None:
 def test_other_shapes_have_none() -> None:
     five = FIVE["scorbot"]
     table = five.table.copy()
-    table[2, 3] += 1e-4  # axes 3 and 4 not parallel
+    table[1:3, 3] += 1e-4  # axes 2, 3 and 4 not parallel
     table[3, 2] += 1e-4  # axes 4 and 5 do not meet
     assert closed_form_of(five.with_table(table)) is None
     across = PLANAR["RRR"].table.copy()

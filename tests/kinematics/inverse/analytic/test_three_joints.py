@@ -7,10 +7,10 @@ import pytest
 from helpers.robots import chain_of
 
 from lab.core.se3 import Array
+from lab.kinematics.inverse.analytic.fitted_factor import fitted_factor
 from lab.kinematics.inverse.analytic.select import closed_form_of
-from lab.kinematics.inverse.analytic.three_joint_determinant import fitted_factor
 from lab.kinematics.inverse.analytic.three_joints import ThreeJoints
-from lab.kinematics.inverse.branches import NominalInverse
+from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -164,7 +164,7 @@ def test_a_sum_of_terms_is_read_off_its_values() -> None:
     def value(q: Array) -> Array:
         return 0.5 - 2 * np.sin(2 * q[:, 1]) * q[:, 2] ** 2 + 0.3 * np.cos(q[:, 1]) * q[:, 2]
 
-    terms = fitted_factor(value, (False, False, True))
+    terms = fitted_factor(value, (False, False, True), (1, 2))
     joints = np.random.default_rng(0).normal(size=(50, 3))
     assert len(terms) == 3
     np.testing.assert_allclose(sum(term.at(joints) for term in terms), value(joints), atol=1e-12)
@@ -187,3 +187,31 @@ def test_a_place_alone_is_solved_in_closed_form_whatever_the_rotation() -> None:
     found = inverse.ways(anywhere, np.full((50, 3), np.nan))
     assert inverse.exact(anywhere).all() and not found.tilt_rad.any() and (found.gap_m == 0).all()
     assert apart(chain, found.joints, joints[:, None]).min(axis=1).max() < 1e-6
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kinds", ["RRR", "PRR"])
+def test_a_way_is_followed_in_its_own_branch_and_none_is_taken_beyond_its_fold(kinds: str) -> None:
+    """Against many small steps of Newton's method, which keep to a branch: near folds the roots change their order."""
+    chain = ANY[kinds]
+    arm = SerialArm(chain, ("p1",))
+    count, inverse = 300, NominalInverse(arm, arm.nominal({"p1": POINT}))
+    joints = drawn(chain, count, 3)
+    Ts = inverse.tool(joints)[0]
+    moves = np.random.default_rng(4).normal(0.0, 1e-3, (count, 3))
+    unturned = np.full((count, 3, 3), np.nan)
+    ways = inverse.ways(PoseTarget(Ts[:, :3, 3], unturned), joints)
+    apart = nearest_whole_turns(chain, ways.joints, joints[:, None]) - joints[:, None]
+    branch = np.where(ways.gap_m == 0, np.abs(apart).max(axis=2), np.inf).argmin(axis=1)
+    found, reached = inverse.again(PoseTarget(Ts[:, :3, 3] + moves, unturned), joints, branch)
+    stepped = joints.copy()
+    for part in np.arange(1, 9) / 8:
+        stepped = inverse.again(PoseTarget(Ts[:, :3, 3] + part * moves, unturned), stepped, np.full(count, -1))[0]
+    smallest = np.linalg.svd(inverse.tool(joints)[1][:, :3], compute_uv=False)[:, -1]
+    clear = smallest > 0.05  # m per rad: a move of 1 mm does not come to a fold
+    assert clear.sum() > 0.6 * count and reached[clear].all()
+    assert np.abs(found - stepped)[clear].max() < 1e-7
+    kept = np.sign(np.linalg.det(inverse.tool(found)[1][:, :3])) == np.sign(
+        np.linalg.det(inverse.tool(joints)[1][:, :3])
+    )
+    assert kept[reached].all() and (found == joints)[~reached].all()
