@@ -15,7 +15,9 @@ from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.stations import refuse_idle_stations, stations_in
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, is_isotropic, observing
+from lab.core.kept_pieces import current_keep
 from lab.core.limits import STOPS
+from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
@@ -84,8 +86,11 @@ class PoseProblem:
         return station_of(inputs[:, self.arm.chain.size :])
 
 
-def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProblem:
+def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: Progress = no_progress) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
+
+    Args:
+        progress: told how many candidates are found.
 
     Raises:
         LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
@@ -102,7 +107,13 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None) -> PoseProb
     structure = base_set(seen, all_values)
     kept = list(structure.kept)
     candidates = draw_candidates(
-        model, options.targets, device, options.candidates, rng_for(options.seed, "candidates")
+        model,
+        options.targets,
+        device,
+        options.candidates,
+        rng_for(options.seed, "candidates"),
+        progress=progress,
+        keep=current_keep(),
     )
     inputs = _assigned(options, model, device, candidates.joints)
     unweighted, whitened = _sensitivities(seen, all_values, kept, device)
@@ -153,8 +164,12 @@ def _sensitivities(
 
     def whitened(inputs: Array) -> Array:
         points, jacobian = observed(inputs)
-        white = everywhere if is_isotropic(device) else whitening(device.covariance(points))
-        return (white @ jacobian).reshape(len(inputs), 3 * len(seen.targets), len(columns))
+        if is_isotropic(device):
+            white: Array = np.multiply(jacobian, everywhere[0, 0], order="C")  # one pose's numbers beside each other
+        else:
+            white = whitening(device.covariance(points)) @ jacobian
+        flat: Array = white.reshape(len(inputs), 3 * len(seen.targets), len(columns))
+        return flat
 
     return unweighted, whitened
 

@@ -12,7 +12,7 @@ from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.option_types import Flag, Names, Numbers
 from lab.core.dates import day
 from lab.core.errors import LabError
-from lab.core.limits import CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS
+from lab.core.limits import CANDIDATE_POINTS, CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS
 from lab.core.numbers import positive, whole
 from lab.core.ranges import OPTION_SIZE
 from lab.formats.programs.registry import Controller
@@ -178,6 +178,7 @@ class DesignOptions:
             whole("--reference-every", self.reference_every, 1, POSES)
         whole("--candidates", self.candidates, 1, CANDIDATES)
         TARGETS("--targets", self.targets)
+        CANDIDATE_POINTS("--candidates times --targets", self.candidates * len(self.targets))
         if self.poses is not None:
             whole("--poses", self.poses, 1, POSES)
             if self.accuracy_mm is not None:

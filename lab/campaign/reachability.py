@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.kept_pieces import Columns, Keep, at_once
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.pose_selection.exchange import Feasible
@@ -17,6 +19,7 @@ from lab.simulation.model import RobotModel
 
 __all__ = ["HUBS", "ReachabilityGraph", "free_home", "reachability", "refusals", "stops_in_order"]
 
+_BLOCK = 500  # ways that are looked at, and kept, together
 HUBS = 20  # candidates tried as poses to pass through on the way to others
 
 
@@ -98,12 +101,20 @@ def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[A
     return refused
 
 
-def stops_in_order(chain: JointSpec, access: ReachabilityGraph, joints: Array) -> tuple[Array, NDArray[np.int_]]:
+def stops_in_order(
+    chain: JointSpec,
+    access: ReachabilityGraph,
+    joints: Array,
+    progress: Progress = no_progress,
+    keep: Keep = at_once,
+) -> tuple[Array, NDArray[np.int_]]:
     """A free way from home through poses in the order in which they are given, and home again.
 
     Args:
         chain: with known rates.
         joints: ``(n, joints)``, to each of which a free way leads.
+        progress: told how many ways were looked at.
+        keep: how the ways that were looked at are kept.
 
     Returns:
         Joint positions ``(s, joints)`` to move to one after the other, each in a straight line of all joints, and
@@ -117,9 +128,21 @@ def stops_in_order(chain: JointSpec, access: ReachabilityGraph, joints: Array) -
             known[key] = access.free(start, end)
         return known[key]
 
+    nodes = np.concatenate([home[None], joints, home[None]])
+
+    def ways(first: int, last: int) -> Columns:
+        stops, which = [], []
+        for i in range(first, last):
+            progress(i, len(joints) + 1)
+            way = fastest_way(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
+            stops.append(way)
+            which.append(np.append(np.full(len(way) - 1, -1), i if i < len(joints) else -1))
+        return {"stops": np.concatenate(stops), "which": np.concatenate(which)}
+
     stops, which = [home[None]], [np.array([-1])]
-    for i, (start, end) in enumerate(pairwise([home, *joints, home])):
-        way = fastest_way(start, end, access.hubs, chain, free)[1:]
-        stops.append(way)
-        which.append(np.append(np.full(len(way) - 1, -1), i if i < len(joints) else -1))
+    for first in range(0, len(joints) + 1, _BLOCK):
+        last = min(first + _BLOCK, len(joints) + 1)
+        piece = keep("ways", [np.array([first]), nodes[first : last + 1], access.hubs], partial(ways, first, last))
+        stops.append(piece["stops"])
+        which.append(piece["which"])
     return np.concatenate(stops), np.concatenate(which)

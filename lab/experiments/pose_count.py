@@ -6,16 +6,22 @@ ones, not that they are of no use. The error goes on falling with the root of th
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
 from lab.campaign.option_types import Flag
 from lab.campaign.options import DesignOptions
-from lab.commands.design.figures import curve_figure
+from lab.commands.design.figures import draw_errors, draw_information
+from lab.commands.design.result import DesignResult
 from lab.commands.design.run import planned_day
 from lab.experiments.script import Answer, paragraphs
 from lab.render.document import Document, Table
+from lab.render.style import FIGURE_STYLE
 from lab.render.svg import save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Options", "answer"]
 
@@ -26,7 +32,9 @@ PLATEAU = 0.98  # of O1 at the last point of the curve
 class Options:
     """Predicted RMS, worst and 95 % error against the number of poses, and O1."""
 
-    options: tyro.conf.OmitArgPrefixes[DesignOptions] = field(default_factory=lambda: DesignOptions(poses=50, starts=1))
+    options: tyro.conf.OmitArgPrefixes[DesignOptions] = field(
+        default_factory=lambda: DesignOptions(poses=50, starts=1, curve=True)
+    )
     out: Path = Path("runs/how-many-poses")
     """The pictures' folder."""
     json: Flag = False
@@ -41,7 +49,7 @@ def answer(options: Options) -> Answer:
     plateau = next(step for step in curve if step["o1"] >= PLATEAU * last["o1"])
     options.out.mkdir(parents=True, exist_ok=True)
     title = f"{summary['robot']}, {summary['instrument']}: how many poses are enough?"
-    save_figure(options.out, "how_many_poses", curve_figure(plan.curve, title, plan.problem.scaling.describe()))
+    save_figure(options.out, "how_many_poses", _figure(plan, title))
     rows = tuple(
         (
             str(step["poses"]),
@@ -61,3 +69,16 @@ def answer(options: Options) -> Answer:
     asked = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options.options).items()}
     values = {"options": asked, "curve": curve, "plateau": plateau}
     return Answer(values, Document(title, (table, *paragraphs([said, picture]))))
+
+
+def _figure(plan: DesignResult, title: str) -> "Figure":
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(FIGURE_STYLE):
+        figure = Figure(figsize=(9, 4), layout="constrained")
+        figure.suptitle(title)
+        left, right = figure.subplots(1, 2)
+        draw_errors(left, plan.curve)
+        draw_information(right, plan.curve, plan.problem.scaling.describe())
+    return figure

@@ -5,8 +5,10 @@ bounds it everywhere; the bound holds for every exact design from these candidat
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
@@ -87,7 +89,7 @@ def _information(jacobian: Array) -> Array:
     as a row, both are a product of a matrix with a vector.
     """
     m, _, p = jacobian.shape
-    rows, columns = np.triu_indices(p)
+    rows, columns = _upper(p)
     each = np.empty((m, len(rows)))
     for first in range(0, m, _BLOCK):
         part = jacobian[first : first + _BLOCK]
@@ -97,9 +99,17 @@ def _information(jacobian: Array) -> Array:
 
 def _weighted(each: Array, weights: Array, p: int) -> Array:
     """The sum of w J'J over candidates, ``(p, p)``."""
-    total = np.zeros((p, p))
-    total[np.triu_indices(p)] = weights @ each
-    return total + np.triu(total, 1).T
+    total = np.empty((p, p))
+    rows, columns = _upper(p)
+    total[rows, columns] = total[columns, rows] = weights @ each
+    return total
+
+
+@lru_cache(maxsize=8)
+def _upper(p: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Rows and columns of the upper half of a ``(p, p)`` matrix: asked for at every update."""
+    rows, columns = np.triu_indices(p)
+    return rows, columns
 
 
 def _gains(each: Array, information: Array) -> Array:
@@ -107,7 +117,7 @@ def _gains(each: Array, information: Array) -> Array:
     inverse = np.linalg.inv(information)
     both = inverse + inverse.T
     np.fill_diagonal(both, np.diag(inverse))
-    gains: Array = each @ both[np.triu_indices(len(both))]
+    gains: Array = each @ both[_upper(len(both))]
     return gains
 
 

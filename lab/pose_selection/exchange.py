@@ -23,6 +23,7 @@ MOST_PASSES = 30
 LOOKED_AT = 32  # candidates of the largest trace, whose determinants are computed first
 SAMPLED = 256  # candidates tried at each place where a criterion has no rank-k update
 STEP_RAD = 1e-5  # of the central differences (m for a slide)
+_PROPOSED = 1e-5  # of the score: the last step of the first ascent, whose poses go only as far as is feasible
 _RIDGE = 1e-9  # of the trace, while a design one pose short is singular
 _NEARLY_SINGULAR = 1e-4  # of 1, what a pose that is left out leaves of a direction: an update would lose its digits
 
@@ -113,20 +114,32 @@ class _Exchange:
     def __init__(
         self, jacobian: Array, goal: Criterion, held: Array, rng: np.random.Generator, allowed: Callable[[int], bool]
     ) -> None:
-        self.jacobian, self.goal, self.held, self.rng, self.allowed = jacobian, goal, held, rng, allowed
-        self.flat = jacobian.reshape(-1, jacobian.shape[2])
+        self.jacobian, self.goal, self.held, self.rng, self.reaches = jacobian, goal, held, rng, allowed
+        self.barred: set[int] = set()  # out of reach
+        self.columns = jacobian.transpose(2, 1, 0).reshape(jacobian.shape[2], -1)  # (p, r m), rows of one pose apart
         self.free = np.ones(len(jacobian), dtype=bool)  # neither chosen nor known to be out of reach
         self.by_trace = goal.name == "O1"
 
     def settled(self, count: int) -> tuple[NDArray[np.int_], float]:
-        """So many poses, begun by chance, when no place has a better candidate that is allowed; and their score."""
+        """So many poses, begun by chance, when no place has a better candidate that is allowed; and their score.
+
+        Whether a pose can be reached takes longer than all else, so it is asked of those that stand in the end, and
+        the exchange goes on without those that cannot.
+        """
         self.chosen = self.rng.choice(len(self.jacobian), count, replace=False)
         self.free[self.chosen] = False
-        for _ in range(MOST_PASSES):
+        passes, unsettled = 0, True
+        while unsettled:
             self._count_anew()
-            if not sum(self._changed(slot) for slot in range(count)):
-                break
+            changed, passes = sum(self._changed(slot) for slot in range(count)), passes + 1
+            unsettled = (changed > 0 and passes < MOST_PASSES) or self._barred_anew()
         return self.chosen, float(self.goal.score(self.held + information(self.jacobian[self.chosen])))
+
+    def _barred_anew(self) -> bool:
+        """Whether poses are chosen that turn out to be out of reach."""
+        out = {row for row in self.chosen.tolist() if not self.reaches(row)}
+        self.barred |= out
+        return bool(out)
 
     def _count_anew(self) -> None:
         """The information of all poses chosen, and what follows from it, without the rounding of updates."""
@@ -145,7 +158,7 @@ class _Exchange:
         self.chosen[slot] = row
         self.total = without + information(self.jacobian[row : row + 1])
         self.free[row] = False
-        self.free[present] = self.allowed(present)
+        self.free[present] = present not in self.barred
         if left is not None:
             self.kept = self._with(left, row, 1.0) or self._reckoned(self.total)
         return True
@@ -157,12 +170,12 @@ class _Exchange:
             winner = int(np.argmax(scores))
             own = scores[-1]
             row = int(tried[winner]) if scores[winner] > own + 1e-9 * max(1.0, abs(own)) else present
-            if self.allowed(row):
+            if row not in self.barred:
                 return row
             if row == present:  # whoever comes next is better than a pose that cannot be taken
                 others = np.argsort(-scores[:-1], kind="stable")
                 for row in tried[others].tolist():
-                    if self.allowed(row):
+                    if row not in self.barred:
                         return int(row)
                     self.free[row] = False
                 if not self.free.any():
@@ -209,23 +222,20 @@ class _Exchange:
 
     def _reckoned(self, total: Array) -> "_Traces":
         inverse = _inverse(total)
-        return _Traces(inverse, self._by_pose(np.einsum("ij,ij->i", self.flat @ inverse, self.flat)))
+        by_row = np.einsum("ij,ij->j", inverse @ self.columns, self.columns)
+        return _Traces(inverse, by_row.reshape(-1, len(self.jacobian)).sum(axis=0))
 
     def _with(self, now: "_Traces", row: int, sign: float) -> "_Traces | None":
         """With a candidate taken (sign 1) or left out (-1); None where what is left is nearly singular."""
         added = self.jacobian[row]
         half = now.inverse @ added.T
-        core = np.eye(len(added)) + sign * added @ half
-        if np.linalg.eigvalsh(core)[0] < _NEARLY_SINGULAR:
+        values, vectors = np.linalg.eigh(np.eye(len(added)) + sign * added @ half)
+        if values[0] < _NEARLY_SINGULAR:
             return None
-        gain = sign * np.linalg.inv(core)
-        across = self.flat @ half  # (m r, r)
-        changed = self._by_pose(np.einsum("ij,ij->i", across @ gain, across))
-        return _Traces(now.inverse - half @ gain @ half.T, now.trace - changed)
-
-    def _by_pose(self, numbers: Array) -> Array:
-        total: Array = numbers.reshape(len(self.jacobian), -1).sum(axis=1)
-        return total
+        root = half @ (vectors / np.sqrt(values))  # V changes by root root'
+        across = (root.T @ self.columns).reshape(-1, len(self.jacobian))  # (r r, m)
+        changed = sign * np.einsum("ij,ij->j", across, across)
+        return _Traces(now.inverse - sign * root @ root.T, now.trace - changed)
 
 
 @dataclass(frozen=True)
@@ -275,8 +285,8 @@ def ascend(
     held = 0.0 if measured is None else measured
     joints, jacobian, score = design.joints.copy(), design.jacobian.copy(), design.score
     rows = design.rows.copy()
-    for _ in range(rounds):
-        proposal = _proposed(joints, sensitivity, goal, held, lower, upper)
+    for k in range(rounds):
+        proposal = _proposed(joints, sensitivity, goal, held, lower, upper, _PROPOSED * 0.1**k)
         before = score
         for pose in range(len(joints)):
             for share in (1.0, 0.5, 0.25, 0.1):
@@ -293,9 +303,19 @@ def ascend(
 
 
 def _proposed(
-    joints: Array, sensitivity: Sensitivity, goal: Criterion, held: Array | float, lower: Array, upper: Array
+    joints: Array,
+    sensitivity: Sensitivity,
+    goal: Criterion,
+    held: Array | float,
+    lower: Array,
+    upper: Array,
+    left: float,
 ) -> Array:
-    """Where a quasi-Newton ascent within the limits takes all poses, collisions aside."""
+    """Where a quasi-Newton ascent within the limits takes all poses, collisions aside.
+
+    Args:
+        left: what a step may gain, as a part of the score, where the ascent ends.
+    """
     n, size = joints.shape
     offsets = np.concatenate([np.zeros((1, size)), STEP_RAD * np.eye(size), -STEP_RAD * np.eye(size)])
 
@@ -314,7 +334,12 @@ def _proposed(
     goal_size = sensitivity(joints[:1]).shape[-1]
     bounds = list(zip(np.tile(lower, n), np.tile(upper, n), strict=True))
     solved = scipy.optimize.minimize(
-        downhill, joints.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200}
+        downhill,
+        joints.ravel(),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"maxiter": 200, "ftol": left},
     )
     proposal: Array = solved.x.reshape(n, size)
     return proposal

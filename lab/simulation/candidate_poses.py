@@ -11,13 +11,15 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import FieldOfView, Instrument
+from lab.core.kept_pieces import Keep, at_once
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
+from lab.core.sobol import ScrambledSobol
 from lab.simulation.collisions import collision_flags, most_frequent, standing
 from lab.simulation.model import RobotModel
 
@@ -70,10 +72,16 @@ def draw_candidates(
     count: int,
     rng: np.random.Generator,
     margin: float = MARGIN,
+    progress: Progress = no_progress,
+    keep: Keep = at_once,
 ) -> Candidates:
     """``count`` feasible poses from a scrambled Sobol sequence over the joints' limits.
 
     The same generator state gives the same poses, and asking for more keeps the first ones.
+
+    Args:
+        progress: told how many are found.
+        keep: how what was found of the draws is kept.
 
     Raises:
         LabError: a target is unknown, the tracker stands in the arm, or hardly any pose is feasible.
@@ -83,12 +91,14 @@ def draw_candidates(
     nearest = seeing_station(robot, targets, instrument)
     first_reason = _judge(robot, lambda joints: nearest(joints) >= 0, margin)
     _refuse_tracker_in_arm(robot)
-    sobol = scipy.stats.qmc.Sobol(robot.chain.size, scramble=True, rng=rng)
+    sobol = ScrambledSobol(robot.chain.size, rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
-    while np.count_nonzero(reasons < 0) < count:
+    while (found := int(np.count_nonzero(reasons < 0))) < count:
+        progress(found, count)
         _refuse_hopeless(robot, targets, draws, reasons, count)
-        block = scipy.stats.qmc.scale(sobol.random(_BLOCK), robot.chain.lower, robot.chain.upper)
-        draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, first_reason(block)])
+        block = robot.chain.lower + sobol.points(_BLOCK) * (robot.chain.upper - robot.chain.lower)
+        judged = keep("candidates", [block], lambda block=block: {"reasons": first_reason(block)})  # type: ignore[misc]
+        draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, judged["reasons"]])
     drawn = int(np.flatnonzero(reasons < 0)[count - 1]) + 1
     draws, reasons = draws[:drawn], reasons[:drawn]
     return Candidates(draws[reasons < 0], drawn, _counted(reasons))

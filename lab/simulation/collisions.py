@@ -29,7 +29,7 @@ __all__ = [
 Model = TypeVar("Model", bound=RobotModel)
 
 _BLOCK = 64
-_MOST_BLOCKS = 2000
+_MOST_BLOCKS, _PATIENCE = 2000, 200
 _NAMED_PAIRS = 4
 
 
@@ -47,12 +47,15 @@ def standing(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None
 
 
 def at_contacts(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None = None) -> Iterator[mujoco.MjData]:
-    """A model's contacts at each of the coordinates ``(n, nq)``, always in the same data."""
+    """A model's contacts at each of the coordinates ``(n, nq)``, always in the same data.
+
+    Contacts follow from where the shapes are: of the positions that MuJoCo computes nothing else is asked for.
+    """
     data = mujoco.MjData(model) if data is None else data
+    coordinates = data.qpos  # a view
     for row in qpos:
-        data.qpos[:] = row
+        coordinates[:] = row
         mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
         yield data
 
@@ -64,9 +67,10 @@ def collision_flags(robot: RobotModel, joints: Array, data: mujoco.MjData | None
     """
     qpos = robot.qpos(joints)
     lost = np.asarray(np.isnan(qpos).any(axis=1))
+    if not lost.any():  # asked for every few millimetres of each way: no step more than is needed
+        return (contacts.ncon > 0 for contacts in at_contacts(robot.model, qpos, data))
     contacts = at_contacts(robot.model, qpos[~lost], data)
-    for open_loop in lost:
-        yield True if open_loop else next(contacts).ncon > 0
+    return (True if open_loop else next(contacts).ncon > 0 for open_loop in lost)
 
 
 def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:
@@ -147,14 +151,16 @@ def random_poses(robot: RobotModel, count: int, rng: np.random.Generator) -> Arr
     """
     found: list[Array] = []
     have = 0
-    for _ in range(_MOST_BLOCKS):
+    for blocks in range(1, _MOST_BLOCKS + 1):
         block = robot.chain.random_joints(_BLOCK, rng)
         free = block[~collides(robot, block)]
         found.append(free)
         have += len(free)
         if have >= count:
             return np.concatenate(found)[:count]
+        if blocks >= _PATIENCE and 2 * have * _MOST_BLOCKS < count * blocks:
+            break  # as it goes, half of them will not be found
     raise LabError(
-        f"{robot.path}: only {have} of {_BLOCK * _MOST_BLOCKS} random poses touch nothing; of {_BLOCK}, "
+        f"{robot.path}: only {have} of {_BLOCK * blocks} random poses touch nothing; of {_BLOCK}, "
         f"{most_frequent(robot, block)}; give these shapes room, or exclude the contact in the model"
     )

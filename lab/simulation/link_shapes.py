@@ -2,10 +2,11 @@
 
 A link runs along its own axis for d and along the common normal for a. A slide is a rod as long as its
 stroke that reaches back from the link, or, where another slide rides on it, a carriage on a column. Two links
-whose rods meet in most poses (around a wrist, say) cannot be judged by rods, so they may touch.
+whose rods meet in most poses (around a wrist, say) cannot be judged by rods, so they may touch. So may what sits on a
+slide's own line and the link that guides it: a quill is drawn back into the arm with the hand that turns about it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +29,7 @@ _THICK, _TAPER = 0.06, 0.55  # radius of the first link beside the arm's reach; 
 _SPOKE_M, _BALL_M = 0.004, 0.014  # radius of what carries a target; how far from the target it ends
 _SOME_KG = 1e-6  # a body with less has no mass of its own
 _SHORT_M = 1e-3  # a shorter stretch is drawn as a ball
+_ALIKE_RAD = 1e-3  # axes that differ by less are one
 _POSES, _MOST = 200, 0.5  # poses at which rods are looked at; in more than this share of them links only seem to touch
 _PAINT, _STEEL = (0.95, 0.38, 0.06, 1.0), (0.58, 0.60, 0.64, 1.0)
 
@@ -54,15 +56,9 @@ def reach_of(chain: Chain) -> float:
 
 def link_rods(chain: Chain) -> list[Rod]:
     """The rods of all links, at least one each."""
-    arm, n = SerialArm(chain), chain.size
-    tree = link_tree(arm, arm.nominal())
-    frames_at, ends, frame = [], [], np.eye(4)  # of each joint: its link's frame; where the link before it ends
-    for link, row in zip(tree.moving, chain.table, strict=True):
-        frame = frame @ link.T_parent_link
-        frames_at.append(frame)
-        ends.append(frame[:3, 3] - row[1] * frame[:3, 2])
-    last = frame @ tree.moving[-1].T_link_frame
-    ends.append(last[:3, 3])
+    n, (frames_at, last) = chain.size, _frames(chain)
+    ends = [frame[:3, 3] - row[1] * frame[:3, 2] for frame, row in zip(frames_at, chain.table, strict=True)]
+    ends.append(last[:3, 3])  # where the link before each joint ends, and the last
     radii = _THICK * max(reach_of(chain), 0.1) * (1 - _TAPER * np.arange(n) / max(n - 1, 1))
     rods = []
     for i in range(n):
@@ -80,6 +76,34 @@ def link_rods(chain: Chain) -> list[Rod]:
             long = [(start, _short_of(last[:3, 3], start, end, radii[i])) for start, end in long]
         rods += [Rod(i, start, end, radii[i]) for start, end in long or [(here, here)]]
     return rods
+
+
+def _frames(chain: Chain) -> tuple[list[Array], Array]:
+    """The frame ``(4, 4)`` of each joint's link in frame 0, and the last frame, joint positions zero."""
+    arm = SerialArm(chain)
+    tree, frame, found = link_tree(arm, arm.nominal()), np.eye(4), list[Array]()
+    for link in tree.moving:
+        frame = frame @ link.T_parent_link
+        found.append(frame)
+    return found, frame @ tree.moving[-1].T_link_frame
+
+
+def _drawn_in(chain: Chain) -> list[tuple[int, int]]:
+    """Pairs of a slide's guide (-1 is the base) and what the slide carries on its own line into it.
+
+    That is links which turn about the line or slide along it, and, ``chain.size``, the flange if it is there too.
+    """
+    frames, last = _frames(chain)
+    found = list[tuple[int, int]]()
+    for i in [joint for joint, slides in enumerate(chain.prismatic) if slides]:
+        origin, along = frames[i][:3, 3], frames[i][:3, 2]
+        for k, frame in enumerate([*frames, last][i + 1 :], start=i + 1):
+            off = np.cross(frame[:3, 3] - origin, along)
+            across = np.cross(frame[:3, 2], along) if k < chain.size else np.zeros(3)
+            if np.linalg.norm(off) > _SHORT_M or np.linalg.norm(across) > _ALIKE_RAD:
+                break
+            found.append((i - 1, k))
+    return found
 
 
 def _stroke(lower: float, upper: float) -> float:
@@ -125,8 +149,9 @@ def dress(
     density = np.where(np.isnan(known), DENSITY, known / volume)
     heavy = model.body_mass[[model.body(name).id for name in bodies]] > _SOME_KG
     density[heavy] = 0.0
+    base = model.body(int(model.body(bodies[0]).parentid[0])).name
     for rod in rods:
-        name = bodies[rod.joint] if rod.joint >= 0 else model.body(int(model.body(bodies[0]).parentid[0])).name
+        name = bodies[rod.joint] if rod.joint >= 0 else base
         T_body_frame0 = se3.inverse(body_pose(data, model.body(name).id)) @ T_world_frame0
         _add(spec.body(name), rod, T_body_frame0, density[rod.joint] if rod.joint >= 0 else 0.0)
     T_frame0_last = SerialArm(chain).flange(np.zeros((1, chain.size)), SerialArm(chain).nominal())[0]
@@ -137,7 +162,8 @@ def dress(
         if length > 2 * _BALL_M:
             tip = se3.transform(T_frame0_last, (place * (1 - _BALL_M / length))[None])[0]
             _add(spec.body(hand), Rod(chain.size, T_frame0_last[:3, 3], tip, _SPOKE_M), T_body_frame0, 0.0)
-    _let_touch(path, spec, chain)
+    named = [*bodies, hand, base]  # -1 is the base
+    _let_touch(path, spec, chain, {(named[guide], named[carried]) for guide, carried in _drawn_in(chain)})
     return bool((np.isnan(known) & ~heavy).any())
 
 
@@ -164,8 +190,8 @@ def _add(body: mujoco.MjsBody, rod: Rod, T_body_frame0: Array, density: float) -
     )
 
 
-def _let_touch(path: Path, spec: mujoco.MjSpec, chain: Chain) -> None:
-    """Exclude contacts between bodies that touch in most poses."""
+def _let_touch(path: Path, spec: mujoco.MjSpec, chain: Chain, drawn_in: Set[tuple[str, str]]) -> None:
+    """Exclude contacts between bodies that touch in most poses, and between these pairs."""
     model = compiled(path, spec)
     counts: dict[tuple[int, int], int] = {}
     joints = chain.random_joints(_POSES, rng_for(0, "structure"))
@@ -173,6 +199,9 @@ def _let_touch(path: Path, spec: mujoco.MjSpec, chain: Chain) -> None:
         pairs = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
         for a, b in {(int(a), int(b)) for a, b in pairs}:
             counts[a, b] = counts.get((a, b), 0) + 1
-    for (a, b), count in counts.items():
-        if count > _MOST * _POSES:
-            spec.add_exclude(bodyname1=model.body(a).name, bodyname2=model.body(b).name)
+    named = [tuple(model.body(body).name for body in pair) for pair, count in counts.items() if count > _MOST * _POSES]
+    for first, second in named:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+    for first, second in sorted(drawn_in):
+        if first != second and not {(first, second), (second, first)} & set(named):
+            spec.add_exclude(bodyname1=first, bodyname2=second)

@@ -12,7 +12,7 @@ from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
-__all__ = ["VISUAL_GROUP", "Shell", "body_poses", "instrument_body", "shells", "station_stands"]
+__all__ = ["VISUAL_GROUP", "Shell", "arm_shells", "body_poses", "instrument_body", "shells", "station_stands"]
 
 VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
@@ -50,6 +50,12 @@ def shells(robot: RobotModel) -> list[Shell]:
     for geom in visual:
         bodies.setdefault(int(model.geom_bodyid[geom]), []).append(geom)
     return [_shell(model, body, geoms) for body, geoms in bodies.items()]
+
+
+def arm_shells(robot: RobotModel) -> list[Shell]:
+    """The shells of all bodies but the instrument's: for where nothing is measured, or nobody knows by what."""
+    instrument = instrument_body(robot)
+    return [each for each in shells(robot) if each.body != instrument]
 
 
 def instrument_body(robot: RobotModel) -> str:

@@ -34,7 +34,9 @@ def test_all_that_moves_from_stop_to_stop_touches_nothing() -> None:
     access = reachability(MODEL, IRB120.chain.home, hubs, lambda joints: ~collides(MODEL, joints))
     poses = poses[access.reachable(poses)]
     assert len(poses) >= 8
-    stops, which = stops_in_order(rated(IRB120.chain)[0], access, poses)
+    told: list[tuple[int, int]] = []
+    stops, which = stops_in_order(rated(IRB120.chain)[0], access, poses, lambda done, of: told.append((done, of)))
+    assert told == [(i, len(poses) + 1) for i in range(len(poses) + 1)]
     assert which[which >= 0].tolist() == list(range(len(poses))) and which[0] == which[-1] == -1
     np.testing.assert_array_equal(stops[which >= 0], poses)
     np.testing.assert_array_equal(stops[[0, -1]], np.zeros((2, 6)))

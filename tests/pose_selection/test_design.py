@@ -202,6 +202,9 @@ def test_the_strict_promise_asks_for_more_than_the_marginal_one() -> None:
     assert found.coverage_radius == pytest.approx(np.quantile(np.quantile(lengths, 0.95, axis=1), 0.95), rel=0.03)
     assert found.coverage_radius > np.quantile(lengths, 0.95)
     np.testing.assert_allclose(found.rms, np.sqrt((lengths**2).mean(axis=0)), rtol=0.05)
+    more, again = predict(7 * matrix, test, np.random.default_rng(0)), found.repeated(7)
+    np.testing.assert_allclose(again.rms, more.rms, rtol=1e-12)
+    assert again.coverage_radius == pytest.approx(more.coverage_radius, rel=1e-12)
 
 
 def test_the_smallest_count_is_found_by_halving() -> None:

@@ -172,7 +172,10 @@ def test_line_of_sight_against_geometry_without_mujocos_rays() -> None:
 @pytest.mark.parametrize("name", INSTRUMENTS)
 def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> None:
     device, chain = INSTRUMENTS[name], MODEL.chain
-    found = draw_candidates(MODEL, TARGETS, device, 300, rng_for(1, "candidates"))
+    told: list[tuple[int, int]] = []
+    rng = rng_for(1, "candidates")
+    found = draw_candidates(MODEL, TARGETS, device, 300, rng, progress=lambda done, of: told.append((done, of)))
+    assert told[0] == (0, 300) and told == sorted(told) and told[-1][0] < 300
     reasons = ["limits", "singularity", "collision", "visibility"]
     assert found.joints.shape == (300, 6) and list(found.rejected) == reasons
     assert found.drawn == 300 + sum(found.rejected.values()) and found.rejected["singularity"] == 0

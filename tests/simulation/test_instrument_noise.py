@@ -33,6 +33,24 @@ def test_the_arm_and_its_poses_stay() -> None:
     assert np.abs(plain.measurements.points - shaped.measurements.points).max() < 1e-3
 
 
+def test_a_step_is_of_its_size_at_its_pose_and_leaves_the_mean() -> None:
+    plain, moved = (
+        lab.simulate("irb120", poses=20, seed=3, step_mm=size, step_after=after).measurements.points
+        for size, after in ((0.0, 0), (0.05, 14))
+    )
+    apart = (moved - plain)[:, 0]
+    np.testing.assert_allclose(apart.mean(axis=0), 0.0, atol=1e-12)
+    steps = np.linalg.norm(np.diff(apart, axis=0), axis=1)
+    assert steps[13] == pytest.approx(50e-6) and np.delete(steps, 13).max() < 1e-12
+    half = ShapedNoise(0.0, np.inf, 1e-3).shaped(np.zeros((9, 1, 3)), np.random.default_rng(0))
+    assert np.linalg.norm(half[4] - half[5]) == pytest.approx(1e-3) and np.array_equal(half[0], half[4])
+
+
+def test_the_time_of_a_step_without_a_size_is_refused() -> None:
+    with pytest.raises(LabError, match="--step-after 4: give --step-mm"):
+        lab.simulate("irb120", poses=5, step_after=4)
+
+
 @pytest.mark.parametrize(("option", "value"), [("noise_correlation", 1.0), ("noise_tail_dof", 2.0)])
 def test_impossible_noise_is_refused(option: str, value: float) -> None:
     with pytest.raises(LabError, match="--" + option.replace("_", "-")):

@@ -3,7 +3,7 @@
 from typing import Any
 
 from lab.commands.design.day import MeasuringDayLength
-from lab.commands.design.figures import curve_picture, poses_picture
+from lab.commands.design.figures import curve_pictures, pose_pictures
 from lab.commands.design.result import DesignResult
 from lab.commands.provenance import provenance_section
 from lab.formats.programs.protocol import PAUSE_S
@@ -35,12 +35,11 @@ _INDICES = {
     "g": "G, worst predicted variance",
     "i": "I, mean predicted variance",
 }
-_CURVE = (
-    "Predicted error against the number of poses (left axis, logarithmic), and the index O1 (right axis): O1 is "
-    "information per pose, so it flattens while the error still falls."
-)
+_CURVE = "Predicted error against the number of poses, the RMS over simulated calibrations. The line is this plan."
+_O1 = " Beside it the index O1, which is information per pose: it flattens while the error still falls."
 _POSES = (
-    "The targets at the poses, numbered in the order of the tour, and below the position of each joint in its range."
+    "The targets at the poses, numbered in the order of the tour from first (dark) to last (light), and below the "
+    "position of each joint in its range."
 )
 _OF = {
     "designs": "Each number is of a design of so many poses.",
@@ -61,7 +60,7 @@ def design_document(result: DesignResult) -> Document:
             Section(
                 "Number of poses",
                 (
-                    Figure("curve-figure", (curve_picture(result),), _CURVE),
+                    Figure("curve-figure", curve_pictures(result), _CURVE + _O1 * result.options.curve),
                     _steps(values),
                     Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
                 ),
@@ -69,7 +68,7 @@ def design_document(result: DesignResult) -> Document:
             Section(
                 "Poses and tour",
                 (
-                    Figure("poses-figure", (poses_picture(result),), _POSES),
+                    Figure("poses-figure", pose_pictures(result), _POSES),
                     Paragraph(_tour(result)),
                     Paragraph(MeasuringDayLength.of(result.tour).words),
                     Paragraph(_candidates(values)),
@@ -103,16 +102,17 @@ def _predicted(values: dict[str, Any]) -> str:
 
 
 def _steps(values: dict[str, Any]) -> Table:
-    """The curve as a table."""
+    """The curve as a table, with O1 where each number was designed: else it is the same for any."""
+    designed = values["curve_of"] == "designs"
     rows = tuple(
         (
             str(step["poses"]),
             *(short(step[key]) for key in ("rms_mm", "worst_mm", "promise_mm")),
-            fixed(step["o1"], 2),
+            *((fixed(step["o1"], 2),) if designed else ()),
         )
         for step in values["curve"]
     )
-    columns = ("poses", "RMS, mm", "worst pose, mm", "95 %/95 % bound, mm", "O1")
+    columns = ("poses", "RMS, mm", "worst pose, mm", "95 %/95 % bound, mm", *(("O1",) if designed else ()))
     return Table(columns, rows, "Predicted error on validation poses")
 
 

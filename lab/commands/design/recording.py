@@ -51,7 +51,7 @@ def record_plan(path: Path, plan: DesignResult) -> None:
     shown = plan.scene
     at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
     with recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
-        recording.send_blueprint(_blueprint(shown))
+        recording.send_blueprint(_blueprint(shown, designed=plan.options.curve))
         draw_shells(recording, at, shown.shells, shown.bodies)
         draw_moving(recording, [_seconds(shown.times)], shown.moving)
         draw_legs(recording, at, shown.legs, shown.reach_m)
@@ -117,12 +117,13 @@ def _passed(shown: PlanScene) -> NDArray[np.bool_]:
 
 
 def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
-    """The tolerance bound of any number of poses (µm), and O1, which says little about it."""
+    """The tolerance bound of any number of poses (µm); O1, which says little of it, where each number was designed."""
     poses = np.array([step.poses for step in plan.curve])
     bound = np.array([1e6 * step.prediction.coverage_radius for step in plan.curve])
     near = bound <= _TALLEST * bound[-1]  # the first set that identifies the parameters would hide all others
     recording.log(BOUND, rr.BarChart(bound[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
-    recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True)
+    if plan.options.curve:
+        recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True)
 
 
 def _document(plan: DesignResult, shown: PlanScene) -> Document:
@@ -157,8 +158,8 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
     return Document("Joint positions", (Table(("stop", "id", *headings), tuple(rows)),))
 
 
-def _blueprint(shown: PlanScene) -> rrb.Blueprint:
-    """The arm large, the two ellipsoids beside it, text and curves at hand."""
+def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
+    """The arm large, the two ellipsoids beside it, text and curves at hand, that of O1 where it is ``designed``."""
     controls = eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
     close = rrb.Horizontal(
         close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
@@ -169,6 +170,7 @@ def _blueprint(shown: PlanScene) -> rrb.Blueprint:
         rrb.TextDocumentView(origin=POSES, name="Poses"),
         active_tab=0,
     )
-    charts = rrb.Horizontal(bars(BOUND, "95 %/95 % tolerance bound, µm, by poses"), bars(O1, "O1, by poses"))
+    bound = bars(BOUND, "95 %/95 % tolerance bound, µm, by poses")
+    charts = rrb.Horizontal(bound, bars(O1, "O1, by poses")) if designed else bound
     left = rrb.Vertical(main_view("Tour", controls))
     return layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), TIMELINE)

@@ -229,10 +229,10 @@ class DesignResult(Result):
         return self.stops.columns(self.problem.robot.chain)
 
     def plot(self) -> "Figure":
-        """Draw predicted errors and O1 against the number of poses."""
-        from lab.commands.design.figures import curve_picture
+        """Draw predicted errors against the number of poses."""
+        from lab.commands.design.figures import curve_pictures
 
-        return curve_picture(self).draw()
+        return curve_pictures(self)[0].draw()
 
     def write(self, folder: Path) -> None:
         """Write every file of the plan.
@@ -240,7 +240,6 @@ class DesignResult(Result):
         ``plan.csv`` is what ``lab calibrate --plan`` measures, and, once its empty points are filled in, what ``lab
         identify`` reads.
         """
-        from lab.commands.design.figures import write_figures
         from lab.commands.design.recording import record_plan
         from lab.commands.run_folder import config, write_json
         from lab.formats.measurement_csv import write_measurements
@@ -266,6 +265,5 @@ class DesignResult(Result):
             for name, content in plan_files(robot.chain, self.options.controller, tour).items():
                 (folder / name).write_bytes(content)
         write_json(folder / "result.json", self.to_dict())
-        write_figures(folder, self)
         self.report(folder / "report.html")
         record_plan(folder / "recording.rrd", self)

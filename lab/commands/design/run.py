@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +83,7 @@ def planned_day(options: DesignOptions, robot: Robot | None = None) -> DesignRes
 
 def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignResult:
     started = time.perf_counter()
-    progress("1 of 5, candidates")
-    problem = pose_problem(options, robot)
+    problem = pose_problem(options, robot, partial(progress, "1 of 5, candidates"))
     least = _least(problem)
     quick = _of_any_size(options, problem)
     if options.accuracy_mm is not None:
@@ -223,8 +223,13 @@ def _continuous_steps(
     inputs = np.concatenate([problem.inputs, design.joints[design.rows < 0]])[support]
     weighted = np.sqrt(weights)[:, None, None]
     per_pose, before = information(weighted * problem.whitened(inputs)), information(problem.whitened(problem.already))
+
+    def predicted(information: Array) -> PredictedAccuracy:
+        return predict(information, problem.test, rng_for(options.seed, "promise"))
+
+    alone = None if before.any() else predicted(per_pose)
     for size in sizes:
         rows = np.concatenate([np.sqrt(size) * weighted * pool[support], problem.before])
         o1 = indices(rows * np.sqrt(len(rows) / (size + len(problem.before)))).o1
-        prediction = predict(size * per_pose + before, problem.test, rng_for(options.seed, "promise"))
+        prediction = predicted(size * per_pose + before) if alone is None else alone.repeated(size)
         yield DesignStep(size, prediction, float(o1))

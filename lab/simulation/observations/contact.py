@@ -13,7 +13,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.newton import newton
 from lab.core.se3 import Array, inverse, transform
 from lab.kinematics.effects.conditions import BUMPED
-from lab.kinematics.effects.effect import TrackerMotion
+from lab.kinematics.effects.effect import ShapesNoise, TrackerMotion
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
 
@@ -147,8 +147,13 @@ class Chance:
             raise LabError(
                 f"robot {real.robot.chain.name} has loops: a virtual one is measured by --observe points or pose"
             )
-        if any(isinstance(part, TrackerMotion) and part.motion.any() for part in real.effects.parts):
-            raise LabError("drift and bumps are of a tracker, and this kind of observation has none: leave them out")
+        parts = real.effects.parts
+        if any(isinstance(part, TrackerMotion) and part.motion.any() for part in parts) or any(
+            isinstance(part, ShapesNoise) and part.is_of_a_tracker for part in parts
+        ):
+            raise LabError(
+                "drift, bumps and steps are of a tracker, and this kind of observation has none: leave them out"
+            )
         effects, (scattering, failing, shaping) = real.effects, rng.spawn(3)
         scatter = effects.scatter(shape[0], scattering)
         displaced, bad = effects.displacements(shape[0], failing)

@@ -15,7 +15,7 @@ from helpers.robots import IRB120, SCARA
 
 from lab.campaign.options import DesignOptions
 from lab.cli import main
-from lab.commands.design.figures import write_figures
+from lab.commands.design.figures import pose_pictures
 from lab.commands.design.recording import record_plan
 from lab.commands.design.run import design
 from lab.commands.design.scene import plan_scene
@@ -24,13 +24,13 @@ from lab.core.random import rng_for
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.rapid import Rapid
+from lab.render.svg import inline_svg
 from lab.simulation.observations.points import track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 POSES = 12
 ASKED = f"design --candidates 100 --starts 1 --poses {POSES} --seed 3"
 FILES = {"SHA256SUMS", "config.json", "plan.csv", "plan.mod", "result.json", "recording.rrd", "report.html"}
-FILES |= {f"{name}.{kind}" for name in ("curve", "poses") for kind in ("png", "svg")}
 INDICES = {"o1", "o2", "o3", "o4", "o5", "condition", "a", "g", "i"}
 
 
@@ -238,8 +238,7 @@ def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, h
     index, rows = column(tmp_path / "detour.rrd", "/world/targets/passed", "Points3D:positions", "stop")
     assert (index, [len(row or []) for row in rows]) == ([3, 4, 5], [1, 1, 0])
     assert len(column(tmp_path / "detour.rrd", "/world/targets/here", "Points3D:positions", "stop")[0]) == POSES + 4
-    write_figures(tmp_path, detour)
-    assert "passed only" in (tmp_path / "poses.svg").read_text()
+    assert all("passed only" in inline_svg(picture) for picture in pose_pictures(detour)[:2])
 
 
 @pytest.mark.thorough
@@ -268,6 +267,10 @@ BAD = {
     "poses not whole": (f"{SMALL} --poses many", ("--poses", "not a whole number")),
     "more poses than candidates": (f"{SMALL} --poses 101", ("101 poses", "100 candidates")),
     "no candidates": (f"{SMALL} --candidates 0", ("--candidates 0", "1 or more")),
+    "points of too many candidates": (
+        f"{SMALL} --candidates 60000 --targets p1,p2,p3",
+        ("180,000 points of all candidates", "at most 170,000"),
+    ),
     "tracker inside": (f"{SMALL} --robot inside.xml", ("inside.xml", "inside the arm")),
     "nothing visible": (f"{SMALL} --robot walled.xml", ("walled.xml", "does not see p1")),
     "exact instrument": (f"{SMALL} --instrument exact", ("exact", "no noise")),

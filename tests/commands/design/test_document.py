@@ -17,5 +17,6 @@ def test_a_plan_says_its_predicted_errors(drawn_plan: Path) -> None:
     assert set(seen.figures) == {"curve-figure", "poses-figure"}
     assert f"its 95 %/95 % tolerance bound is {result['promise_mm']:.4f} mm" in seen.text
     for row, step in zip(seen.table("poses", "RMS, mm"), result["curve"], strict=True):
-        assert [seen.number(cell) for cell in row] == pytest.approx(list(step.values()), rel=5e-3)
+        shown = [value for key, value in step.items() if key != "o1"]  # which is the same for any number
+        assert [seen.number(cell) for cell in row] == pytest.approx(shown, rel=5e-3)
     assert len(seen.table("index")) == len(result["indices"]) and "D-efficiency" in seen.text

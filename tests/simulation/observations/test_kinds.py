@@ -167,7 +167,7 @@ REFUSED = {
     "no share": ({"observe": "pose", "orientation_share": 0.0}, "--orientation-share 0: give a share above 0"),
     "no fixtures": ({"observe": "cable", "fixtures": 0}, "--fixtures 0"),
     "two targets": ({"observe": "plane", "targets": ("p1", "p2")}, "--observe plane is of one point of the tool, p1"),
-    "a tracker that drifts": ({"observe": "cable", "drift_mm_per_h": 1.0}, "drift and bumps are of a tracker"),
+    "a tracker that drifts": ({"observe": "cable", "drift_mm_per_h": 1.0}, "drift, bumps and steps are of a tracker"),
     "a method of points": ({"method": "sequential"}, "--method sequential is of --observe pose"),
     "one plane of few": ({"observe": "socket", "poses": 4}, "no socket has more than 1 row"),
 }
