@@ -95,7 +95,8 @@ class Observations:
         """Vectors ``(n, k, d, ...)`` by the instrument's noise, what the errors share aside."""
         if self.whiten.ndim == 2:
             return vectors * self.whiten.reshape(*self.whiten.shape, *[1] * (vectors.ndim - 2))
-        return np.asarray((self.whiten @ vectors.reshape(*vectors.shape[:3], -1)).reshape(vectors.shape))
+        turned = np.einsum("jikn,...jkn->...ikn", self.whiten.T, vectors.T)  # poses are what lies side by side
+        return np.asarray(turned.T)
 
     def take(self, rows: NDArray[np.int_]) -> "Observations":
         """Some of the poses."""

@@ -5,7 +5,7 @@ It is good only where all three hold or do not matter. Lack of fit does not matt
 error over the workspace does. What cannot be of this arm is bad, whatever the errors are.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -134,6 +134,10 @@ def verdict(
     accuracy, because = judging.accuracy()
     fit, misfits = judging.fit()
     determination, unsure = judging.determination()
+    if foreign:  # of a fit that is not this arm's, small errors are no good news
+        found = accuracy, fit, determination
+        good = ("holds", "does not matter")
+        accuracy, fit, determination = (replace(a, standing="not judged") if a.standing in good else a for a in found)
     reasons = sorted(
         foreign or [*because, *misfits, *unsure],  # of another arm, all else only follows
         key=lambda each: (("bad", "not judged", "doubtful").index(each.word), -each.weight),

@@ -121,7 +121,7 @@ def predict_over_workspace(
     known = identification.sigma_known and not lack_of_fit
     dof = None if known else max(identification.dof, 1)
     larger = 1.0
-    if lack_of_fit and identification.sigma_known:
+    if lack_of_fit and identification.sigma_known and identification.dof_each is None:  # the poses' own say it already
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, beyond, uncovered)

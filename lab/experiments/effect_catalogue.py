@@ -71,8 +71,8 @@ class Options:
     """Which effects."""
     noises: tuple[str, ...] = field(default_factory=lambda: tuple(NOISES))
     """Which kinds of noise."""
-    pairs: Flag = True
-    """Pairs of effects too."""
+    no_pairs: Flag = False
+    """Leave out the pairs of effects."""
     workers: int = 2
     """Processes."""
     json: Flag = False
@@ -192,7 +192,7 @@ def answer(options: Options) -> Answer:
     """All rows, one after another."""
     rows: dict[str, Any] = {}
     names: list[tuple[str, ...]] = [(name,) for name in options.effects]
-    if options.pairs:
+    if not options.no_pairs:
         names += list(itertools.combinations(options.effects, 2))
     with executors.local_executor(options.workers) as pool:
         for effects in names if options.arms else ():

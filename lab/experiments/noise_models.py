@@ -1,10 +1,10 @@
 """Do intervals, outliers and verifications hold under other noise than the instrument's? Thousands of campaigns.
 
-Joints that scatter, errors that are correlated in time, a drift, heavy tails, and independent noise. The arms are taken
-to be linear in their parameters, which small errors cannot tell from the truth; noise models, weights, intervals and
-tests are the ones that every command uses. Per case: how often 95 % intervals hold, NEES per parameter, the error over
-the workspace against the predicted one, how often something is taken beside the instrument's noise, how often a pose is
-named an outlier, and how often a verification of the unchanged arm finds it changed.
+Joints that scatter, errors that are correlated in time, a drift, a change point, heavy tails, and independent noise.
+The arms are taken to be linear in their parameters, which small errors cannot tell from the truth; noise models,
+weights, intervals and tests are the ones that every command uses. Per case: how often 95 % intervals hold, NEES per
+parameter, the error over the workspace against the predicted one, how often something is taken beside the instrument's
+noise, how often a pose is named an outlier, and how often a verification of the unchanged arm finds it changed.
 """
 
 from dataclasses import dataclass, field, replace
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
+from lab.calibration.noise.change_points import ANOTHER_DAY
 from lab.calibration.noise.estimation import Estimate, chosen_components
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.small_samples import SmallSample, small_sample
@@ -38,10 +39,11 @@ from lab.verification.prediction import CalibrationPrediction, VerificationProbl
 
 __all__ = ["CASES", "Case", "Options", "answer", "study"]
 
-SIGMA_M, SCATTER_RAD, CARRY, DRIFT_M, TAIL_DOF = 8e-6, 30e-6, 0.9, 60e-6, 3.0
+SIGMA_M, SCATTER_RAD, CARRY, DRIFT_M, STEP_M, TAIL_DOF = 8e-6, 30e-6, 0.9, 60e-6, 50e-6, 3.0
 _ARMS = 5  # pose sets
 _FRESH = 200
 _CHECKED = (3, 13)  # poses of a verification
+_MARGIN = 8  # poses before a change point, and after it, at least
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Case:
     """One kind of noise.
 
     Attributes:
-        noise: ``independent``, ``scatter``, ``correlated``, ``drift`` or ``tails``.
+        noise: ``independent``, ``scatter``, ``correlated``, ``drift``, ``step`` or ``tails``.
         targets: how many.
         known: whether the instrument's noise is given.
     """
@@ -69,6 +71,7 @@ CASES = {
     "AR(1) 0.9, 1 target, 80 poses": Case("correlated", 1, 80),
     "AR(1) 0.9, 1 target, 40 poses": Case("correlated", 1, 40),
     "drift 60 µm, 1 target, 80 poses": Case("drift", 1, 80),
+    "change point of 50 µm, 1 target, 80 poses": Case("step", 1, 80),
     "Student t 3, 1 target, 80 poses": Case("tails", 1, 80),
 }
 
@@ -147,10 +150,13 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
     """
     rows = np.arange(case.poses)
     made = errors(case, arm, rows, rng)
-    if case.noise == "drift":
+    if case.noise in ("drift", "step"):
         direction = rng.standard_normal(3)
-        steady = np.linspace(-0.5, 0.5, case.poses)[:, None] * DRIFT_M * direction / np.linalg.norm(direction)
-        made = made + np.tile(steady, (1, case.targets))
+        steady: Array = np.linspace(-0.5, 0.5, case.poses) * DRIFT_M
+        if case.noise == "step":
+            steady = STEP_M * (rows >= rng.integers(_MARGIN, case.poses - _MARGIN)).astype(float)
+        moved = (steady - steady.mean())[:, None] * direction / np.linalg.norm(direction)
+        made = made + np.tile(moved, (1, case.targets))
     free = range(arm.parameters)
     alone = _observed(case, rows, made, None)
     plain = fit(cast(Model, arm), alone, free, np.zeros(arm.parameters))
@@ -159,7 +165,8 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
     both = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)
     problem = RestrictedProblem(both, linear.mask.size, shapes, case.known)
     estimate, _ = chosen_components(problem)
-    observed = _observed(case, rows, made, (estimate, shapes))
+    problem = estimate.problem
+    observed = _observed(case, rows, made, (estimate, problem.shapes))
     found = fit(cast(Model, arm), observed, free, plain.values)
     scale, dof = estimate.likelihood.scale, np.full(arm.parameters, float(problem.dof))
     if case.known and not estimate.kinds:
@@ -179,6 +186,7 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
         "square": found.values**2,
         "plain square": plain.values**2,
         "taken": np.array(bool(estimate.kinds)),
+        "changed": np.array("step" in estimate.kinds),
         "named": np.array(len(_named(case, arm, observed, rng)) > 0),
         "alarmed": np.array(_alarmed(case, arm, found.values, covariance, (estimate, problem.dof, linear), small, rng)),
     }
@@ -230,7 +238,7 @@ def _alarmed(
     rows = rng.permutation(case.poses)[: rng.integers(*_CHECKED)]
     made = errors(case, arm, rows, rng)
     shapes = _shapes(case, arm, rows)
-    another_day = ErrorShapes(shapes.scatter, shapes.shift, shapes.shift, shapes.times)
+    another_day = ErrorShapes(shapes.scatter, shapes.shift, shapes.shift, shapes.times, (ANOTHER_DAY,))
     scale = 1.0 if case.known and not estimate.kinds else estimate.likelihood.scale
     observed = _weighed(case, rows, made, estimate.components, scale, another_day)
     tail = tail_dof(linear)
@@ -266,16 +274,15 @@ def _weighed(
 ) -> Observations:
     """Errors as measurements weighed by some variances, ``scale`` that of the instrument."""
     points = made.reshape(len(rows), case.targets, 3)
-    sizes = np.sqrt(parts.scatter), np.sqrt(parts.shift), parts.carry, np.sqrt(parts.trend)
     weight = np.full(points.shape[:2], 1 / (SIGMA_M * np.sqrt(scale)))
-    return Observations(rows[:, None].astype(float), points, weight, shapes.correlation(*map(float, sizes)))
+    return Observations(rows[:, None].astype(float), points, weight, shapes.correlation(parts))
 
 
 def _moved(parts: Components, scale: float, name: str, step: float) -> tuple[Components, float]:
     """Components in units of the instrument's variance, and that variance, with one of them larger by e^step."""
     factor = float(np.exp(step))
     if name == "scale":
-        shared = {each: getattr(parts, each) / factor for each in ("scatter", "shift", "trend")}
+        shared = {each: getattr(parts, each) / factor for each in ("scatter", "shift", "trend", "step")}
         return replace(parts, **shared), scale * factor
     if name == "carry":
         odds = parts.carry / (1 - parts.carry) * factor
@@ -309,6 +316,7 @@ def study(name: str, campaigns: int) -> dict[str, float]:
         "realised_over_predicted": np.sqrt(found["realised"].mean() / found["predicted"].mean()),
         "variance_over_independent": float(np.mean(found["square"].mean(axis=0) / found["plain square"].mean(axis=0))),
         "beside_the_instrument": found["taken"].mean(),
+        "change_points": found["changed"].mean(),
         "outliers_named": found["named"].mean(),
         "verification_alarms": found["alarmed"].mean(),
     }

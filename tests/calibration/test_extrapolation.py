@@ -28,6 +28,7 @@ from lab.commands.calibrate.warnings import of_validation_beyond
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.gear import gear
 from lab.kinematics.effects.harmonics import harmonics
 from lab.kinematics.parameter import BASE_PARAMETERS
 
@@ -138,11 +139,12 @@ def test_the_range_is_written_and_read(tmp_path: Path) -> None:
         read_cover(tmp_path, IRB120.chain)
 
 
-def test_a_wave_is_useful_where_half_of_it_was_measured() -> None:
+def test_a_wave_is_useful_where_half_of_it_was_measured_and_a_ratio_where_it_is_well_known() -> None:
     waves = [*harmonics("slow", (0, 1), 1).parameters, *harmonics("fast", (1,), 3).parameters]
     joints = np.array([[-np.pi, -0.5], [np.pi, 0.6]])  # joint 2 moves over 1.1 rad: a sixth of a turn
-    found = largest_useful_std([*waves, BASE_PARAMETERS[0]], joints)
-    assert found.tolist() == [WEAK, WEAK, TELLING, TELLING, WEAK, WEAK, WEAK]
+    ratios = gear(IRB120.chain).parameters[:2]
+    found = largest_useful_std([*waves, BASE_PARAMETERS[0], *ratios], joints)
+    assert found.tolist() == [WEAK, WEAK, TELLING, TELLING, WEAK, WEAK, WEAK, TELLING, TELLING]
 
 
 @pytest.mark.parametrize("bend", [0.0, 3e-3])
@@ -154,10 +156,10 @@ def test_waves_that_are_hardly_measured_do_not_run_off(bend: float) -> None:
         rows,
         lambda model: model.nominal(IRB120.tool),
         Noise(None, SIGMA),
-        candidates=("harmonics", "harmonics2"),
+        candidates=("harmonics", "harmonics2", "gear"),
     )
     found = chosen.identification
-    effects = [i for i, each in enumerate(found.fit.free) if found.model.parameters[each].wave]
+    effects = [i for i, each in enumerate(found.fit.free) if found.model.parameters[each].group in chosen.chosen]
     useful = largest_useful_std([found.model.parameters[found.fit.free[i]] for i in effects], rows.joints)
     assert (found.std[effects] <= 1.2 * useful).all()
     missed = np.linalg.norm((beyond.points - found.model.points(beyond.joints, found.values))[:, 0], axis=1)

@@ -66,9 +66,9 @@ MUTATIONS = [
         "minus.covariance) / _STEP",
         CORRELATION,
     ),
-    Mutation(LIKELIHOOD, "own = 1 - carry**2", "own = 1 - carry", CORRELATION),
+    Mutation(LIKELIHOOD, "np.maximum(1 - carry**2,", "np.maximum(1 - carry,", CORRELATION),
     Mutation(LIKELIHOOD, "LEAST_SHARE, 1.0)", "LEAST_SHARE, 2.0)", CORRELATION),
-    Mutation(LIKELIHOOD, "weight = 1 / np.sqrt(variance)", "weight = 1 / variance", CORRELATION),
+    Mutation(LIKELIHOOD, "weight = 1 / np.sqrt(1 + components", "weight = 1 / (1 + components", CORRELATION),
     Mutation(
         "calibration/noise/correlation.py",
         "spread - gains[t] @ gains[t].T",
@@ -76,7 +76,7 @@ MUTATIONS = [
         CORRELATION,
     ),
     Mutation(FILTER, "(self.carry**gaps)", "(self.carry + 0 * gaps)", CORRELATION),
-    Mutation(ERRORS, "times + _APART *", "times + 0 *", SHARED),
+    Mutation(ERRORS, "times + APART *", "times + 0 *", SHARED),
     Mutation(ERRORS, "(1 - self.carry) * factor**2", "(1 - self.carry) * factor", SHARED),
     Mutation(
         "calibration/noise/tails.py",

@@ -168,3 +168,11 @@ def test_the_table(name: str) -> None:
     assert found.word == row.word, found.reasons
     assert row.reason in found.reason
     assert found.gate_m == row.gate_m and (found.word != "good" or not found.reasons)
+
+
+@pytest.mark.parametrize("made", [unconverged, made(points_as=lambda points, _: 0 * points)])
+def test_no_answer_is_good_news_of_a_fit_that_is_not_of_this_arm(made: Callable[[], Case]) -> None:
+    case = made()
+    found = verdict(case.found, case.validation, GATE)
+    assert found.word == "bad" and not {each.standing for each in found.answers.values()} & {"holds", "does not matter"}
+    assert verdict(clean().found, clean().validation, GATE).accuracy.standing == "holds"

@@ -2,7 +2,8 @@
 
 One component after another is taken where the likelihood ratio says so at ``VARIANCE_COMPONENTS``, Bonferroni's over
 those that could be taken. A variance of zero lies at the edge of what is possible, where twice the log ratio is half
-of the time zero (Self & Liang 1987).
+of the time zero (Self & Liang 1987). A change point is taken by the F test of a scan over the rows; beside others it
+stands with a likelihood in which it is equally likely at every row.
 """
 
 from collections.abc import Sequence
@@ -19,13 +20,15 @@ from lab.core.significance import VARIANCE_COMPONENTS
 
 __all__ = ["ComponentTrial", "Estimate", "Kind", "best_components", "chosen_components"]
 
-Kind = Literal["scatter", "wandering", "drift"]
-KINDS: tuple[Kind, ...] = ("scatter", "wandering", "drift")
+Kind = Literal["scatter", "wandering", "drift", "step"]
+KINDS: tuple[Kind, ...] = ("scatter", "wandering", "drift", "step")
 _VARIANCES = (1e-4, 1e3)  # bounds of a component's mean variance, in units of the instrument's
 _CARRIES = (0.1, 0.995)  # bounds of the correlation from one pose to the next
 _START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 300.0), (0.4, 0.85)
 _HOPELESS = 1.0  # twice the log ratio at the best start: where it gains less, no search brings what a test asks for
 _CORRELATIONS = 3.0  # how many independent correlations are as good as tried
+_EITHER: tuple[tuple[Kind, ...], ...] = (("drift", "step"), ("wandering",))  # kinds that are left out, one way each
+_MOST_CHANGES = 3  # of more the base rather wanders
 
 
 @dataclass(frozen=True)
@@ -36,11 +39,20 @@ class Estimate:
         kinds: which ones are in it.
         components: their variances, in units of the instrument's.
         likelihood: there.
+        problem: what it is of, with the change points.
+        candidates: rows at which each of these may have been.
     """
 
     kinds: tuple[Kind, ...]
     components: Components
     likelihood: Likelihood
+    problem: RestrictedProblem
+    candidates: tuple[int, ...] = ()
+
+    @property
+    def deviance(self) -> float:
+        """Minus twice the restricted log-likelihood, with every change point equally likely at every row."""
+        return self.likelihood.deviance + 2 * float(np.log(self.candidates).sum())
 
 
 @dataclass(frozen=True)
@@ -48,8 +60,8 @@ class ComponentTrial:
     """A component that was tried beside those taken before it.
 
     Attributes:
-        ratio: twice the log of the likelihood ratio.
-        p: the chance of a larger one where there is none, without Bonferroni's factor.
+        ratio: twice the log of the likelihood ratio; of a change point the F statistic.
+        p: the chance of a larger one where there is none, without Bonferroni's factor over the kinds.
         taken: whether it was taken.
     """
 
@@ -62,27 +74,66 @@ class ComponentTrial:
 def chosen_components(
     problem: RestrictedProblem, kinds: Sequence[Kind] = KINDS
 ) -> tuple[Estimate, tuple[ComponentTrial, ...]]:
-    """The components that the residuals show, and all that were tried in the end."""
-    found = best_components(problem, ())
-    trials: dict[Kind, ComponentTrial] = {}
-    while True:
-        left = [
-            kind for kind in kinds if kind not in found.kinds and not {kind, *found.kinds} >= {"wandering", "drift"}
-        ]
-        hopeless = found.likelihood.deviance - _HOPELESS
-        tried = [best_components(problem, (*found.kinds, kind), hopeless) for kind in left]
-        for kind, each in zip(left, tried, strict=True):
-            ratio = found.likelihood.deviance - each.likelihood.deviance
-            trials[kind] = ComponentTrial(kind, ratio, _p_value(kind, ratio), taken=False)
-        shown = [
-            (each, kind)
-            for kind, each in zip(left, tried, strict=True)
-            if trials[kind].p * len(kinds) < VARIANCE_COMPONENTS
-        ]
-        if not shown:
-            return found, tuple(trials.values())
-        found, kind = min(shown, key=lambda pair: pair[0].likelihood.deviance)
-        trials[kind] = replace(trials[kind], taken=True)
+    """The components that the residuals show, and all that were tried in the end.
+
+    A drift and changes look like a base that wanders, and the reverse: either is tried without the other, with scatter
+    beside it, and the likelier one is believed.
+    """
+    search = _Search(problem, VARIANCE_COMPONENTS / len(kinds))
+    ways = [search.along([kind for kind in kinds if kind not in others]) for others in _EITHER]
+    found, trials = min(ways, key=lambda way: way[0].deviance)
+    tried = {trial.kind: replace(trial, taken=False) for _, each in ways for trial in each}
+    return found, tuple((tried | {trial.kind: trial for trial in trials}).values())
+
+
+class _Search:
+    """Components that are taken one after another; what was tried once is not tried again."""
+
+    def __init__(self, problem: RestrictedProblem, level: float) -> None:
+        """The level is that of one kind."""
+        self._level = level
+        self._alone = best_components(problem, ())
+        self._known: dict[tuple[Kind, ...], Estimate] = {}
+
+    def along(self, kinds: Sequence[Kind]) -> tuple[Estimate, list[ComponentTrial]]:
+        """The components of some kinds that the residuals show, and all that were tried."""
+        found, trials = self._alone, dict[Kind, ComponentTrial]()
+        while True:
+            shown = []
+            for kind in kinds:
+                if kind in found.kinds and (kind != "step" or len(found.candidates) == _MOST_CHANGES):
+                    continue
+                each, trial = self._changed(found) if kind == "step" else self._extended(found, kind)
+                if kind not in found.kinds:
+                    trials[kind] = trial
+                if each is not None and trial.p < self._level:
+                    shown.append((each, kind))
+            if not shown:
+                return found, list(trials.values())
+            found, kind = min(shown, key=lambda pair: pair[0].deviance)
+            trials[kind] = replace(trials[kind], taken=True)
+
+    def _extended(self, found: Estimate, kind: Kind) -> tuple[Estimate, ComponentTrial]:
+        """An estimate with one kind more."""
+        kinds, hopeless = (*found.kinds, kind), found.likelihood.deviance - _HOPELESS
+        each = self._known.get(kinds)
+        if each is None or found.candidates:
+            each = replace(best_components(found.problem, kinds, hopeless), candidates=found.candidates)
+            self._known |= {} if found.candidates else {kinds: each}
+        ratio = found.likelihood.deviance - each.likelihood.deviance
+        return each, ComponentTrial(kind, ratio, _p_value(kind, ratio), taken=False)
+
+    def _changed(self, found: Estimate) -> tuple[Estimate | None, ComponentTrial]:
+        """An estimate with one change point more; None where the rows do not show one at the level."""
+        scan = found.problem.likeliest_change(found.components)
+        if scan is None:
+            return None, ComponentTrial("step", 0.0, 1.0, taken=False)
+        trial = ComponentTrial("step", scan.f, scan.p, taken=False)
+        if scan.p >= self._level:
+            return None, trial
+        problem = found.problem.changed_at((*found.problem.shapes.changes, scan.change))
+        kinds: tuple[Kind, ...] = found.kinds if "step" in found.kinds else (*found.kinds, "step")
+        return replace(best_components(problem, kinds), candidates=(*found.candidates, scan.candidates)), trial
 
 
 def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeless: float = np.inf) -> Estimate:
@@ -92,7 +143,7 @@ def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeles
         hopeless: a deviance; where every start's is larger, the best start is given.
     """
     if not kinds:
-        return Estimate(kinds, Components(), problem.likelihood(Components()))
+        return Estimate(kinds, Components(), problem.likelihood(Components()), problem)
     units = _units(problem)
 
     def components(point: Array) -> Components:
@@ -106,6 +157,7 @@ def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeles
             shift=variances.get("wandering", 0.0) / units.shift,
             carry=float(carry),
             trend=variances.get("drift", 0.0) / units.trend,
+            step=variances.get("step", 0.0) / units.step,
         )
 
     def deviance(point: Array) -> float:
@@ -119,7 +171,7 @@ def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeles
     start = starts[int(np.argmin(heights))]
     if min(heights) > hopeless:
         found = components(start)
-        return Estimate(kinds, found, problem.likelihood(found))
+        return Estimate(kinds, found, problem.likelihood(found), problem)
     if len(start) == 1:
         inside = (max(start[0] - 3.5, np.log(_VARIANCES[0])), min(start[0] + 7.0, np.log(_VARIANCES[1])))
         best = scipy.optimize.minimize_scalar(
@@ -131,16 +183,17 @@ def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeles
         options = {"initial_simplex": simplex, "xatol": 5e-3, "fatol": 1e-3, "maxfev": 80 * len(start)}
         point = scipy.optimize.minimize(deviance, start, method="Nelder-Mead", options=options).x
     found = components(point)
-    return Estimate(kinds, found, problem.likelihood(found))
+    return Estimate(kinds, found, problem.likelihood(found), problem)
 
 
 def _units(problem: RestrictedProblem) -> Components:
     """The mean variance of a number that a component of one makes."""
     shapes = problem.shapes
-    scatter, shift, trend = (
-        max(float((shape**2).sum()) / problem.numbers, 1e-300) for shape in (shapes.scatter, shapes.shift, shapes.trend)
+    scatter, shift, trend, step = (
+        max(float((shape**2).sum()) / problem.numbers, 1e-300)
+        for shape in (shapes.scatter, shapes.shift, shapes.trend, shapes.step)
     )
-    return Components(scatter=scatter, shift=shift, trend=trend)
+    return Components(scatter=scatter, shift=shift, trend=trend, step=step)
 
 
 def _p_value(kind: Kind, ratio: float) -> float:

@@ -2,17 +2,19 @@
 
 With whitened rows y = J b + e of covariance s V the restricted likelihood is that of what no b explains (Patterson &
 Thompson 1971): minus twice its logarithm is log|V| + log|J'V^-1 J| + (N - f) log s + Q / s, with Q = r'V^-1 r at the
-generalized least squares. V = 1 + g S S' + U G U' + d D D': the joints' scatter within each pose, a first-order
-autoregressive shift of the base (whose inverse covariance has one band: Rue & Held 2005, section 1.1), and a trend.
-So every product with V^-1 takes a time that grows with the number of poses alone.
+generalized least squares. V = 1 + g S S' + U G U' + d D D' + c C C': the joints' scatter within each pose, a first-
+order autoregressive shift of the base (whose inverse covariance has one band: Rue & Held 2005, section 1.1), a trend,
+and change points. So every product with V^-1 takes a time that grows with the number of poses alone.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
+from lab.calibration.noise.change_points import ChangePoint, Found, before_and_after, likeliest_change
 from lab.calibration.noise.correlation import Correlation
 from lab.core.se3 import Array
 
@@ -20,6 +22,7 @@ __all__ = ["LEAST_SHARE", "Components", "ErrorShapes", "Likelihood", "Restricted
 
 _LEAST = 1e-300
 LEAST_SHARE = 0.25  # of a known instrument's variance: half its noise
+_LEAST_GAP = 1e-8
 _ROUNDING = 1e-14  # added to the normal equations of unit columns
 
 
@@ -32,12 +35,14 @@ class Components:
         shift: of the base's wandering shift, per unit of ``ErrorShapes.shift``.
         carry: the shift's correlation over one unit of time, in [0, 1).
         trend: of the base's drift over the campaign, per unit of ``ErrorShapes.trend``.
+        step: of the base's shift at a change point, per unit of ``ErrorShapes.step``.
     """
 
     scatter: float = 0.0
     shift: float = 0.0
     carry: float = 0.0
     trend: float = 0.0
+    step: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -49,20 +54,29 @@ class ErrorShapes:
         shift: ``(n, m, 3)`` by a shift of the base.
         trend: ``(n, m, 3)`` by the shift at the end of a steady drift against its mean.
         times: ``(n,)`` when each pose was measured; far apart where a new session begins.
+        changes: when the base moved at once.
     """
 
     scatter: Array
     shift: Array
     trend: Array
     times: Array
+    changes: tuple[ChangePoint, ...] = ()
 
-    def correlation(self, scatter: float, shift: float, carry: float, trend: float) -> Correlation:
-        """The errors of these standard deviations, each per unit of its shape; a shift or trend of none is left out."""
+    @cached_property
+    def step(self) -> Array:
+        """``(n, m, 3 c)`` by the shift at each change, against the mean over the rows of its session."""
+        along = before_and_after(self.times, self.changes)
+        return np.asarray((along[:, None, :, None] * self.shift[:, :, None]).reshape(*self.shift.shape[:2], -1))
+
+    def correlation(self, of: Components) -> Correlation:
+        """The errors of these variances, each per unit of its shape; a shift, trend or step of none is left out."""
+        lasting = [np.sqrt(size) * each for size, each in ((of.trend, self.trend), (of.step, self.step)) if size]
         return Correlation(
-            scatter * self.scatter,
-            shift * self.shift[..., : self.shift.shape[2] * bool(shift)],
-            carry,
-            trend * self.trend[..., : self.trend.shape[2] * bool(trend)],
+            np.sqrt(of.scatter) * self.scatter,
+            np.sqrt(of.shift) * self.shift[..., : self.shift.shape[2] * bool(of.shift)],
+            of.carry,
+            np.concatenate(lasting or [self.trend[..., :0]], axis=2),
             self.times,
         )
 
@@ -103,6 +117,26 @@ class RestrictedProblem:
         """Residual degrees of freedom."""
         return self.numbers - int(self.rows.shape[2]) + 1
 
+    def changed_at(self, changes: Sequence[ChangePoint]) -> "RestrictedProblem":
+        """The same with the base moved there at once."""
+        return replace(self, shapes=replace(self.shapes, changes=tuple(changes)))
+
+    def likeliest_change(self, components: Components) -> Found | None:
+        """Where the base moved at once, if it did so once more; beside what lasts, but not beside a wandering shift."""
+        rows, shift, lasting, weight = self._white(components)
+        fitted = np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2)
+        return likeliest_change(fitted * weight, shift * weight, self.shapes.times)
+
+    def shifts(self, components: Components) -> Array:
+        """The best prediction ``(c, 3)`` of the shift at each change point; where nothing wanders."""
+        rows, _, lasting, weight = self._white(components)
+        squares = _gram(np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2) * weight)
+        free, size = rows.shape[2] - 1, len(squares) - 1
+        squares[:size, :size] += np.diag(np.where(np.arange(size) < free, _ROUNDING, 1.0))
+        found = np.linalg.solve(squares[:size, :size], squares[:size, size])
+        count = self.shapes.step.shape[2]
+        return np.asarray(np.sqrt(components.step) * found[size - count :].reshape(-1, self.shapes.shift.shape[2]))
+
     def likelihood(self, components: Components) -> Likelihood:
         """The restricted likelihood of some components, with the best s.
 
@@ -129,29 +163,33 @@ class RestrictedProblem:
         return squares[:size, :size], left, determinant + 2 * float(np.log(np.diag(factor)).sum())
 
     @cached_property
-    def _rotated(self) -> tuple[Array, Array, Array, Array]:
-        """Rows, shift and trend in the axes of each pose's scatter, and its variances ``(n, m)`` along these."""
-        scatter = self.shapes.scatter
-        sizes, axes = np.linalg.eigh(scatter @ np.swapaxes(scatter, 1, 2))
+    def _rotated(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Rows, shift, trend and steps in the axes of each pose's scatter, and its variances ``(n, m)`` along these."""
+        shapes = self.shapes
+        sizes, axes = np.linalg.eigh(shapes.scatter @ np.swapaxes(shapes.scatter, 1, 2))
         turn = np.swapaxes(axes, 1, 2)
-        return turn @ self.rows, turn @ self.shapes.shift, turn @ self.shapes.trend, np.maximum(sizes, 0.0)
+        return turn @ self.rows, turn @ shapes.shift, turn @ shapes.trend, turn @ shapes.step, np.maximum(sizes, 0.0)
+
+    def _white(self, components: Components) -> tuple[Array, Array, Array, Array]:
+        """Rows, shift and what lasts, ``(n, m, ...)``, and the weights ``(n, m, 1)`` that make white what does not."""
+        rows, shift, trend, step, sizes = self._rotated
+        weight = 1 / np.sqrt(1 + components.scatter * sizes)[..., None]
+        pairs = ((components.trend, trend), (components.step, step))
+        lasting = [np.sqrt(size) * each for size, each in pairs if size]
+        return rows, shift, np.concatenate(lasting or [trend[..., :0]], axis=2), weight
 
     def _products(self, components: Components) -> tuple[Array, float]:
         """Z'V^-1 Z ``(f + 1, f + 1)`` of the rows Z, and log|V|."""
-        rows, shift, trend, sizes = self._rotated
-        variance = 1 + components.scatter * sizes
-        weight = 1 / np.sqrt(variance)[..., None]
-        columns = rows.shape[2]
-        if components.trend:
-            rows = np.concatenate([rows, np.sqrt(components.trend) * trend], axis=2)
-        white = rows * weight
-        squares, determinant = _gram(white), float(np.log(variance).sum())
+        rows, shift, lasting, weight = self._white(components)
+        columns, count = rows.shape[2], lasting.shape[2]
+        white = (np.concatenate([rows, lasting], axis=2) if count else rows) * weight
+        squares, determinant = _gram(white), -2 * float(np.log(weight).sum())
         if components.shift:
             more, extra = self._wandering(white, shift * weight, components)
             squares, determinant = squares - more, determinant + extra
-        if not components.trend:
+        if not count:
             return squares, determinant
-        inner = np.eye(trend.shape[2]) + squares[columns:, columns:]
+        inner = np.eye(count) + squares[columns:, columns:]
         cross = squares[columns:, :columns]
         return (
             squares[:columns, :columns] - cross.T @ np.linalg.solve(inner, cross),
@@ -163,7 +201,7 @@ class RestrictedProblem:
         order = np.argsort(self.shapes.times, kind="stable")
         white, shift = white[order], shift[order]
         carry = components.carry ** np.diff(self.shapes.times[order])
-        own = 1 - carry**2
+        own = np.maximum(1 - carry**2, _LEAST_GAP)  # of two rows at one time
         diagonal = np.ones(len(order))
         diagonal[:-1] += carry**2 / own
         diagonal[1:] += carry**2 / own

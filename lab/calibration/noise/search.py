@@ -8,7 +8,7 @@ import numpy as np
 from lab.calibration.identify import Identification
 from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
-from lab.calibration.noise.shared_errors import Clock, SharedErrors, error_shapes, row_times
+from lab.calibration.noise.shared_errors import Clock, Move, SharedErrors, error_shapes, row_times
 from lab.calibration.noise.small_samples import ComponentErrors, SmallSample, small_sample
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors
@@ -16,6 +16,7 @@ from lab.calibration.statistics.linearized import LinearizedFit, linearized
 from lab.calibration.weights import Noise, weighed
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements
+from lab.core.se3 import Array
 from lab.core.significance import VERDICT_LACK_OF_FIT
 
 __all__ = ["NoiseSearch", "search_noise"]
@@ -34,14 +35,16 @@ class NoiseSearch:
         shared: beside the instrument's; None where there are none, or where they are the arm's: they come back.
         trials: every kind that was tried, with its p-value.
         deviance: minus twice the restricted log-likelihood of what was chosen.
+        undecided: whether errors are shared that come back with the joints: what is drawn anew at each pose, and what
+            the model lacks, cannot be told apart.
     """
 
     shared: SharedErrors | None
     trials: tuple[ComponentTrial, ...]
     deviance: float
     linear: LinearizedFit | None = None
-    problem: RestrictedProblem | None = None
     estimate: Estimate | None = None
+    undecided: bool = False
 
     def corrected(self, found: Identification) -> Identification:
         """An identification with these errors, its covariance and intervals those of estimated variances."""
@@ -58,9 +61,9 @@ class NoiseSearch:
 
     @cached_property
     def _small_sample(self) -> SmallSample | None:
-        if self.shared is None or self.problem is None or self.estimate is None:
+        if self.shared is None or self.estimate is None:
             return None
-        return small_sample(self.problem, self.estimate)
+        return small_sample(self.estimate.problem, self.estimate)
 
 
 def search_noise(found: Identification, data: Measurements, noise: Noise) -> NoiseSearch:
@@ -86,8 +89,8 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         return nothing
     if not known and float((linear.residual**2).sum()) < _FLOOR_M**2 * found.dof:
         return nothing
-    times = row_times(data)
-    clock = Clock.of(times)
+    clock = Clock.of(data)
+    times = row_times(data, clock)
     shapes = error_shapes(model, observed, found.values, data.joints.shape[1], times, clock)
     problem = RestrictedProblem(
         np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2),
@@ -97,9 +100,9 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     )
     estimate, trials = chosen_components(problem)
     if not estimate.kinds:
-        return NoiseSearch(known_errors, trials, estimate.likelihood.deviance)
-    if _varies_with_joints(linear, problem, estimate, data):
-        return NoiseSearch(known_errors, trials, problem.likelihood(Components()).deviance)
+        return NoiseSearch(known_errors, trials, estimate.deviance)
+    if _varies_with_joints(linear, estimate, data):
+        return NoiseSearch(known_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
     parts, scale = estimate.components, estimate.likelihood.scale
     shared = SharedErrors(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
@@ -111,8 +114,23 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         clock=clock,
         values=dict(zip(model.names, found.values.tolist(), strict=True)),
         counts_rad=None if known_errors is None else known_errors.counts_rad,
+        step_m=float(np.sqrt(parts.step * scale)),
+        moves=_moves(estimate, data, times),
     )
-    return NoiseSearch(shared, trials, estimate.likelihood.deviance, linear, problem, estimate)
+    return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
+
+
+def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, ...]:
+    """Change points with their sizes, between the last row before and the first one after, in the order of time."""
+    found = []
+    shifts = estimate.problem.shifts(estimate.components)
+    for change, shift in zip(estimate.problem.shapes.changes, shifts, strict=True):
+        before, after = times < change.time, times > change.time
+        last, first = (
+            int(np.argmax(np.where(rows, sign * times, -np.inf))) for rows, sign in ((before, 1), (after, -1))
+        )
+        found.append(Move(change, data.ids[last], data.ids[first], float(np.linalg.norm(shift))))
+    return tuple(sorted(found, key=lambda move: move.change.time))
 
 
 def _stretches(data: Measurements) -> Measurements:
@@ -124,14 +142,11 @@ def _stretches(data: Measurements) -> Measurements:
     return data.take((starts[:, None] + np.arange(length)).ravel())
 
 
-def _varies_with_joints(
-    linear: LinearizedFit, problem: RestrictedProblem, estimate: Estimate, data: Measurements
-) -> bool:
+def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measurements) -> bool:
     """Whether what is left beside the components comes back where the joints do: then it was not drawn anew."""
-    shapes, parts = problem.shapes, estimate.components
-    sizes = np.sqrt(parts.scatter), np.sqrt(parts.shift), parts.carry, np.sqrt(parts.trend)
-    correlation = shapes.correlation(*map(float, sizes))
-    white = correlation.white(problem.rows)
+    shapes = estimate.problem.shapes
+    correlation = shapes.correlation(estimate.components)
+    white = correlation.white(estimate.problem.rows)
     columns, scale = unit_columns(white[..., :-1].reshape(-1, white.shape[2] - 1))
     whitened = LinearizedFit(white[..., -1], columns.reshape(*linear.mask.shape, -1), scale, linear.mask, linear.poses)
     left = whitened.everywhere().residuals(whitened.residual)  # of the fit with these errors, not of the one without

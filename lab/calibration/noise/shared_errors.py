@@ -11,19 +11,18 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.likelihood import ErrorShapes
+from lab.calibration.noise.change_points import ANOTHER_DAY, APART, ChangePoint, session_of
+from lab.calibration.noise.likelihood import Components, ErrorShapes
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.core.measurements import Measurements, seen_mask, setups
 from lab.core.se3 import Array
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 
-__all__ = ["NOTABLE", "Clock", "SharedErrors", "correlated", "counted", "error_shapes", "row_times"]
+__all__ = ["NOTABLE", "Clock", "Move", "SharedErrors", "correlated", "counted", "error_shapes", "row_times"]
 
 NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
-
-_APART = 1e6  # times, between the last pose of a session and the first of the next
 
 
 @dataclass(frozen=True)
@@ -33,16 +32,49 @@ class Clock:
     Attributes:
         middle: the mean time of its poses.
         half_span: from there to the last.
+        origin_s, spacing_s: of ``time_s``: where times begin, and what one of them is; None where rows are counted.
+        sessions: in their order.
     """
 
     middle: float
     half_span: float
+    origin_s: float = 0.0
+    spacing_s: float | None = None
+    sessions: tuple[tuple[str, str], ...] = ()
 
     @staticmethod
-    def of(times: Array) -> "Clock":
-        """Of ``row_times``; sessions are laid side by side."""
-        within = times % _APART
-        return Clock(float(within.mean()), float(max(np.abs(within - within.mean()).max(), 1.0)))
+    def of(data: Measurements) -> "Clock":
+        """Of measured rows; sessions are laid side by side."""
+        seconds, origin, spacing = data.conditions.get("time_s", np.full(len(data), np.nan)), 0.0, None
+        if np.isfinite(seconds).all() and (gaps := np.diff(np.sort(seconds))).size and np.median(gaps) > 0:
+            origin, spacing = float(seconds.min()), float(np.median(gaps))
+        known = Clock(0.0, 1.0, origin, spacing, tuple(dict.fromkeys(setups(data))))
+        within = _within_session(row_times(data, known))
+        return replace(
+            known, middle=float(within.mean()), half_span=float(max(np.abs(within - within.mean()).max(), 1.0))
+        )
+
+
+@dataclass(frozen=True)
+class Move:
+    """That the base or the instrument moved at once.
+
+    Attributes:
+        change: when.
+        before, after: ids of the rows between which it did.
+        size_m: how far.
+    """
+
+    change: ChangePoint
+    before: str
+    after: str
+    size_m: float
+
+    @property
+    def words(self) -> str:
+        """For a person."""
+        size = f"{1e6 * self.size_m:.2g} µm" if self.size_m < 1e-3 else f"{1e3 * self.size_m:.2g} mm"
+        return f"the base or the instrument moved by {size} between poses {self.before} and {self.after}"
 
 
 @dataclass(frozen=True)
@@ -60,6 +92,8 @@ class SharedErrors:
         values: parameters by name, at which the derivatives by the joints are taken.
         counts_rad: ``(J, J)`` a root of the covariance that whole counts of known encoders give the joint positions
             (rad, m); None where they are ideal, or too fine to be weighed.
+        step_m: of a shift where the base moves at once, of one coordinate.
+        moves: when it did so; none on another day, when nobody knows where it was left.
     """
 
     sigma_m: float
@@ -71,11 +105,23 @@ class SharedErrors:
     clock: Clock | None
     values: Mapping[str, float]
     counts_rad: Array | None = None
+    step_m: float = 0.0
+    moves: tuple[Move, ...] = ()
 
     @property
     def is_known(self) -> bool:
         """Whether nothing was estimated from residuals: only whole counts of the encoders beside the instrument."""
-        return self.counts_rad is not None and not (self.scatter_rad or self.wandering_m or self.drift_m)
+        return self.counts_rad is not None and not any(self.kinds)
+
+    @property
+    def kinds(self) -> tuple[bool, ...]:
+        """Which of the estimated ones are there: scatter, wandering, drift, change points."""
+        return self.scatter_rad > 0, self.wandering_m > 0, self.drift_m > 0, self.step_m > 0
+
+    @property
+    def lasting_m(self) -> float:
+        """What a drift and changes that came to an end leave of the base on another day, of one coordinate."""
+        return float(np.hypot(self.drift_m, self.step_m))
 
     def joint_covariance(self, joints: int) -> Array:
         """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
@@ -94,7 +140,7 @@ class SharedErrors:
         if name == "carry":
             odds = self.carry / (1 - self.carry) * factor**2
             return replace(self, carry=odds / (1 + odds))
-        field = {"scatter": "scatter_rad", "shift": "wandering_m", "trend": "drift_m"}[name]
+        field = {"scatter": "scatter_rad", "shift": "wandering_m", "trend": "drift_m", "step": "step_m"}[name]
         return replace(self, **{field: factor * getattr(self, field)})
 
     @property
@@ -113,25 +159,34 @@ class SharedErrors:
             said.append(f"errors are correlated in time: {size}, {self.carry:.2g} from one pose to the next")
         if self.drift_m:
             said.append(f"the base or the instrument drifts steadily, by {2e6 * self.drift_m:.2g} µm over the campaign")
-        return tuple(said)
+        return (*said, *(move.words for move in self.moves))
 
 
-def row_times(data: Measurements) -> Array:
+def row_times(data: Measurements, clock: Clock | None = None) -> Array:
     """When each row was measured, ``(n,)`` in the spacing of poses: by ``time_s``, else by the row's place in the file.
 
     Rows of another session or station are far away, so that nothing wanders from one to the next.
+
+    Args:
+        clock: of the campaign that the rows are some of; their own without.
     """
-    seconds = data.conditions.get("time_s", np.full(len(data), np.nan))
-    if np.isfinite(seconds).all() and (gaps := np.diff(np.sort(seconds))).size and np.median(gaps) > 0:
-        times = seconds / float(np.median(gaps))
+    known = Clock.of(data) if clock is None else clock
+    if known.spacing_s is not None:
+        times = (data.conditions["time_s"] - known.origin_s) / known.spacing_s
+        times = np.where(np.isfinite(times), times, known.middle)  # of rows that were held out
     elif data.lines:
         times = np.array(data.lines, dtype=np.float64)
     elif all(name.isdecimal() for name in data.ids):
         times = np.array([float(name) for name in data.ids])
     else:
         times = np.arange(len(data), dtype=np.float64)
-    place = {setup: i for i, setup in enumerate(dict.fromkeys(setups(data)))}
-    return np.asarray(times + _APART * np.array([place[setup] for setup in setups(data)]))
+    place = {setup: i for i, setup in enumerate(dict.fromkeys((*known.sessions, *setups(data))))}
+    return np.asarray(times + APART * np.array([place[setup] for setup in setups(data)]))
+
+
+def _within_session(times: Array) -> Array:
+    """Times of rows, those of each session from their own beginning."""
+    return np.asarray(times - APART * session_of(times))
 
 
 def error_shapes(
@@ -147,7 +202,7 @@ def error_shapes(
     )
     if observed.correlation is not None:
         scatter, shift = (observed.correlation.white(each) for each in (scatter, shift))
-    along = np.ones(n) if clock is None else (times % _APART - clock.middle) / clock.half_span
+    along = np.ones(n) if clock is None else (_within_session(times) - clock.middle) / clock.half_span
     trend = along[:, None, None] * shift
     return ErrorShapes(scatter, shift, trend, times)
 
@@ -163,11 +218,14 @@ def correlated(
     """
     values = np.array([shared.values.get(name, 0.0) for name in model.names])
     alone = replace(observed, whiten=observed.whiten / np.sqrt(shared.independent_share)) if known else observed
-    times, unit = row_times(data), 1.0 if known else shared.sigma_m
+    times, unit = row_times(data, shared.clock), 1.0 if known else shared.sigma_m
     shapes = error_shapes(model, alone, values, data.joints.shape[1], times, shared.clock)
-    correlation = shapes.correlation(
-        shared.scatter_rad / unit, shared.wandering_m / unit, shared.carry, shared.drift_m / unit
-    )
+    if shared.step_m:
+        changes = tuple(move.change for move in shared.moves)
+        shapes = replace(shapes, changes=(ANOTHER_DAY,) if shared.clock is None else changes)
+    sizes = (shared.scatter_rad, shared.wandering_m, shared.drift_m, shared.step_m)
+    scatter, shift, trend, step = ((size / unit) ** 2 for size in sizes)
+    correlation = shapes.correlation(Components(scatter, shift, shared.carry, trend, step))
     if shared.counts_rad is not None:
         rounded = shapes.scatter @ shared.counts_rad / unit
         correlation = replace(correlation, scatter=np.concatenate([correlation.scatter, rounded], axis=2))

@@ -28,8 +28,10 @@ from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.formats.orientations import oriented_target, read_orientations
+from lab.kinematics.compiled.kernels import CompiledChain
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
+from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["QUATERNION", "ROTATION_PARAMETERS", "PoseKind", "Poses", "balanced"]
 
@@ -123,6 +125,8 @@ class Poses:
 
     def points(self, inputs: Array, values: Array) -> Array:
         """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
+        if (code := self._compiled(inputs, values)) is not None:
+            return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=False)[0]
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points = self.arm.points(arm_inputs, values[:-3])
         flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points)
@@ -135,6 +139,8 @@ class Poses:
         A rotation w of the predicted frame (in the instrument's) changes the residual v = log(R_measured' R) by
         J_l(v)^-1 R_measured' w.
         """
+        if (code := self._compiled(inputs, values)) is not None:
+            return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=True)
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_inputs, values[:-3])
         flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian)
@@ -144,6 +150,10 @@ class Poses:
         rows = np.linalg.solve(se3.left_jacobian(rotation), inverse) @ rates
         wide = np.concatenate([jacobian, np.zeros((*jacobian.shape[:3], 3))], axis=3)
         return np.concatenate([points, rotation[:, None]], 1), np.concatenate([wide, rows[:, None]], 1)
+
+    def _compiled(self, inputs: Array, values: Array) -> CompiledChain | None:
+        """The arm in machine code; None where there is none or the arm has effects."""
+        return self.arm.compiled(inputs, values) if isinstance(self.arm, SerialArm) else None
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""

@@ -15,6 +15,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.residual.kernels import COMPONENTS, JointKernels
 from lab.calibration.residual.process import JointProcess, PredictedBy, precisions, total_covariance
 from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.validation import configurations
 from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, thinned
@@ -22,7 +23,7 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["with_residual"]
+__all__ = ["ExpectedGain", "expected_gain", "with_residual"]
 
 _MOST_NUMBERS = 2_100  # that the process is conditioned on: its time grows with the third power
 _MOST_ESTIMATING = 900  # that the variances come from
@@ -30,6 +31,9 @@ _LEAST_SPARE = 30  # numbers beyond the parameters, of which so many variances c
 _LEAST_TOLD = 1e-6  # of what is known best: a mixture of variances that is told less well is not told at all
 _STEPS, _SETTLED = 40, 2e-3
 _MOST_STEPS, _CONVERGED_M = 8, 1e-8
+_MOST_LEFT_OUT = 450  # numbers by which the gain is told
+_RATIOS = np.logspace(-2.0, 5.0, 29)  # of the process' variance to the noise's, of which the likeliest tells the gain
+_LEAST_GAIN = 0.1  # of the error: less is not worth a group that names no cause
 _QUARTILE = 0.6744897501960817  # of a standard normal
 
 
@@ -63,6 +67,74 @@ class _Rows:
         free = list(found.fit.free)
         columns, scale = unit_columns(jacobian[..., free].reshape(-1, len(free))[kept])
         return cls(kinds, columns, scale, (data.points - points).reshape(-1)[kept])
+
+
+@dataclass(frozen=True)
+class ExpectedGain:
+    """What the group residual would make of the error at poses that are left out, each in its turn.
+
+    Attributes:
+        before_m, after_m: mean errors of points, without and with it.
+        poses: how many were left out.
+    """
+
+    before_m: float
+    after_m: float
+    poses: int
+
+    @property
+    def words(self) -> str:
+        """For a person."""
+        return (
+            "The group residual would lower the error at poses that are left out from "
+            f"{1e3 * self.before_m:.2g} to about {1e3 * self.after_m:.2g} mm (means, leave-one-out over {self.poses} "
+            "poses): add it to --model, e.g. auto+residual."
+        )
+
+
+def expected_gain(found: Identification, data: Measurements) -> ExpectedGain | None:
+    """What the group residual would gain, without fitting it: all its parts by one ratio to the noise.
+
+    The residuals of a pose left out are (P_ii)^-1 (P r)_i, with P that of the restricted likelihood (Cook & Weisberg
+    1982). Repeats of a configuration are left out together.
+
+    Args:
+        found: of points of a serial arm.
+        data: the rows that it comes from; of many some tell, evenly spaced.
+
+    Returns:
+        None where too few numbers are left, or where it would gain less than a tenth.
+    """
+    model = found.model
+    assert isinstance(model, SerialArm | ArmWithEffects)
+    numbers = 3 * max(int(data.seen.sum(axis=1).max()), 1)
+    some = thinned(data, _MOST_LEFT_OUT // numbers)
+    if 3 * int(some.seen.sum()) - len(found.fit.free) < _LEAST_SPARE:
+        return None
+    rows = _Rows.of(found, found.values, some, ~np.array(model.rigid.chain.prismatic, dtype=np.bool_))
+    kind = np.sum([each * len(each) / max(np.trace(each), 1e-300) for each in rows.kinds[2:]], axis=0)
+    beside = scipy.linalg.null_space(rows.columns.T)
+    sizes, axes = np.linalg.eigh(beside.T @ kind @ beside)
+    turned, root = axes.T @ (beside.T @ rows.residual), beside @ axes
+    variances = 1 + _RATIOS[:, None] * np.maximum(sizes, 0.0)
+    deviances = len(turned) * np.log((turned**2 / variances).sum(axis=1)) + np.log(variances).sum(axis=1)
+    labels = np.repeat(configurations(some.joints), 3 * some.seen.sum(axis=1))
+    before, after = (
+        _left_out(root / weights, root, turned, labels)
+        for weights in (np.ones(len(turned)), variances[int(np.argmin(deviances))])
+    )
+    if after > (1 - _LEAST_GAIN) * before:
+        return None
+    return ExpectedGain(before, after, len(some))
+
+
+def _left_out(weighted: Array, root: Array, turned: Array, labels: NDArray[np.int_]) -> float:
+    """Mean length of the errors of points, those of one label left out together."""
+    pulled, errors = weighted @ turned, np.empty(len(labels))
+    for label in np.unique(labels):
+        own = np.flatnonzero(labels == label)
+        errors[own] = np.linalg.lstsq(weighted[own] @ root[own].T, pulled[own], rcond=None)[0]
+    return float(np.linalg.norm(errors.reshape(-1, 3), axis=1).mean())
 
 
 def with_residual(found: Identification, data: Measurements) -> Identification:

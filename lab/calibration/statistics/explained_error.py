@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core.linear_model import unit_columns
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
@@ -49,7 +49,7 @@ def explained_errors(
     """
     if not groups:
         return ()
-    data = data.take(np.arange(0, len(data), -(-len(data) // _MOST_POSES)))
+    data = thinned(data, _MOST_POSES)
     predicted, jacobian = model.observe(data.inputs(model.conditions), values)
     columns = jacobian[data.seen].reshape(-1, len(values))
     residual = (data.points - predicted)[data.seen].ravel()

@@ -90,6 +90,12 @@ class LinearizedFit:
         size = max(_BLOCK // max(self.jacobian[0].size, 1), 1)
         return (slice(first, first + size) for first in range(0, len(self.mask), size))
 
+    def basis(self, directions: Array) -> Iterator[tuple[slice, Array]]:
+        """``(n, m, rank)`` the rows in other directions ``(f, rank)``, in parts: in one product, not one a pose."""
+        for part in self.blocks():
+            rows = self.jacobian[part]
+            yield part, (rows.reshape(-1, len(directions)) @ directions).reshape(*rows.shape[:2], -1)
+
     def within(self, inside: Mask) -> "SubsetFit":
         """Least squares on the poses ``inside`` ``(n,)``."""
         rows = (np.where(inside[part, None, None], self.jacobian[part], 0.0) for part in self.blocks())
@@ -97,8 +103,7 @@ class LinearizedFit:
         model = LinearModel.of(triangle, FULL_RANK, scaled=True)
         numbers = self.mask.shape[1]
         root, count = np.empty((len(inside), numbers, numbers)), self.mask.sum(axis=1)
-        for part in self.blocks():
-            basis = self.jacobian[part] @ model.back
+        for part, basis in self.basis(model.back):
             own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
             sign = np.where(inside[part], -1.0, 1.0)[:, None, None]
             if float(np.einsum("nii->n", own).max()) < _HARDLY:
@@ -148,7 +153,7 @@ class SubsetFit:
 
     def basis(self) -> Iterator[tuple[slice, Array]]:
         """``(n, m, rank)`` Q in parts: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction."""
-        return ((part, self.linear.jacobian[part] @ self.directions) for part in self.linear.blocks())
+        return self.linear.basis(self.directions)
 
     def left(self) -> Array:
         """``(n, m)`` the share of each number's variance that the fit leaves to its residual, where it was fitted."""
@@ -159,14 +164,10 @@ class SubsetFit:
 
     def residuals(self, errors: Array) -> Array:
         """What least squares inside leaves of errors ``(..., n, m)``, outside too."""
-        pull = np.zeros((*errors.shape[:-2], self.directions.shape[1]))
-        for part, basis in self.basis():
-            fitted = np.where(self.inside[part, None, None], basis, 0.0)
-            pull += np.tensordot(errors[..., part, :], fitted, axes=2)
-        left = errors.copy()
-        for part, basis in self.basis():
-            left[..., part, :] -= np.tensordot(pull, basis, axes=(-1, -1))
-        return left
+        fitted = np.where(self.inside[:, None], errors, 0.0).reshape(*errors.shape[:-2], -1)
+        rows = self.linear.jacobian.reshape(fitted.shape[-1], -1)
+        step = (fitted @ rows) @ self.directions @ self.directions.T
+        return np.asarray(errors - (step @ rows.T).reshape(errors.shape))
 
     def squares(self, residuals: Array) -> tuple[Array, Array]:
         """Squared whitened distance ``(..., n)`` of each pose from what the others predict, and the fit's own sum.

@@ -222,11 +222,11 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
     other pose then stands out because of it. Of very many poses, none of which moves the fit much, all leave together
     that fail half as far away as the worst.
     """
-    inside = _enough(linear, inside)
-    tried: set[bytes] = set()
+    within = _enough(linear, inside)
+    inside, tried = within.inside, set[bytes]()
     while inside.tobytes() not in tried:
         tried.add(inside.tobytes())
-        within = linear.within(inside)
+        within = within if within.inside is inside else linear.within(inside)
         p, distance = test.judge(within, linear.residual)
         passed = p > test.critical
         if (back := ~inside & passed).any():
@@ -237,9 +237,10 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
             break
         without = inside.copy()
         without[_worst(np.where(failed, distance, -1.0), many=linear.poses > _FIRST_POSES)] = False
-        if not linear.within(without).full_rank:
+        others = linear.within(without)
+        if not others.full_rank:
             return inside, np.flatnonzero(failed & (within.count < linear.mask.sum(axis=1)))
-        inside = without
+        inside, within = without, others
     return inside, np.empty(0, dtype=np.int_)
 
 
@@ -248,10 +249,10 @@ def _worst(distance: Array, *, many: bool) -> NDArray[np.int_]:
     return np.flatnonzero(distance >= distance.max() / 2) if many else np.argmax(distance, keepdims=True)
 
 
-def _enough(linear: LinearizedFit, inside: Mask) -> Mask:
-    """The poses inside; all, where those are too few to tell the parameters apart and to estimate a sigma."""
+def _enough(linear: LinearizedFit, inside: Mask) -> SubsetFit:
+    """The fit of the poses inside; of all, where those are too few to tell the parameters apart and for a sigma."""
     within = linear.within(inside)
-    return inside if within.full_rank and within.dof > 0 else np.ones_like(inside)
+    return within if within.full_rank and within.dof > 0 else linear.everywhere()
 
 
 def _robust(

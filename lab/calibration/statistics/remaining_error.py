@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.validation import configurations
-from lab.core.measurements import seen_mask
+from lab.core.measurements import evenly, seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
@@ -143,6 +143,7 @@ def remaining_error(
         scattered = np.einsum("nkdi,ij,nkdj->", slopes, shared.joint_covariance(joints.shape[1]), slopes)
         common = float(scattered) / numbers + shared.wandering_m**2
         common += shared.drift_m**2 / 3  # of a steady drift from minus to plus that size
+        common += sum(move.size_m**2 * move.change.share * (1 - move.change.share) / 3 for move in shared.moves)
     own = 0.0 if np.isnan(instrument_m) else instrument_m**2
     rest = max(total - own - common, 0.0)
     joints_apart, in_time = None, None
@@ -169,7 +170,8 @@ def _neighbours(joints: Array) -> NDArray[np.int_]:
 
 def _thinned(pairs: NDArray[np.int_]) -> NDArray[np.int_]:
     """Of more pairs than say anything new some, evenly spaced."""
-    return pairs[:: -(-len(pairs) // _MOST_PAIRS)]
+    some = evenly(len(pairs), _MOST_PAIRS)
+    return pairs if some is None else pairs[some]
 
 
 def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> Likeness | None:

@@ -2,7 +2,8 @@
 
 A wave of which less than half lies in its joint's measured range looks like a slope and a curvature there, and the
 geometry and other slow waves do too. Fitted all the same, they grow against each other, and leave the measured range
-with the difference of large numbers. So such a wave is fitted only where it is known as surely as a wave of a gear.
+with the difference of large numbers. So such a wave is fitted only where it is known as surely as a wave of a gear, and
+so is a ratio, the slope itself: of a joint that moved through 60 degrees it takes what a spring's second wave leaves.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from lab.kinematics.parameter import Kind, Parameter
 __all__ = ["TELLING", "largest_useful_std"]
 
 TELLING = 1e-4  # rad or m: an effect of one joint that is known no better says nothing of poses beyond the measured
-_USEFUL: dict[Kind, float] = {"compliance": 1e-4, "section": 1e-4, "mass": 1.0}  # else WEAK
+_USEFUL: dict[Kind, float] = {"ratio": TELLING, "compliance": 1e-4, "section": 1e-4, "mass": 1.0}  # else WEAK
 _SUPPORTED = 0.5  # of a wave's length, in the measured range
 
 

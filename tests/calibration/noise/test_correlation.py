@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from lab.calibration.noise.change_points import ChangePoint
 from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.estimation import best_components, chosen_components
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.small_samples import small_sample
 
 POSES, NUMBERS = 12, 6
-PARTS = Components(scatter=0.7, shift=1.3, carry=0.8, trend=2.0)
+PARTS = Components(scatter=0.7, shift=1.3, carry=0.8, trend=2.0, step=1.7)
 
 
 def shapes(rng: np.random.Generator, poses: int = POSES) -> ErrorShapes:
@@ -17,12 +18,14 @@ def shapes(rng: np.random.Generator, poses: int = POSES) -> ErrorShapes:
     times = np.arange(poses, dtype=float)
     times[poses // 2 :] += 2.5  # a pause
     along = (times - times.mean()) / np.abs(times - times.mean()).max()
-    return ErrorShapes(0.5 * rng.standard_normal((poses, NUMBERS, 4)), shift, along[:, None, None] * shift, times)
+    scatter = 0.5 * rng.standard_normal((poses, NUMBERS, 4))
+    return ErrorShapes(
+        scatter, shift, along[:, None, None] * shift, times, (ChangePoint(3.5, 0.4), ChangePoint(7.0, 0.1))
+    )
 
 
 def correlation(of: ErrorShapes, parts: Components) -> Correlation:
-    scatter, shift, trend = np.sqrt(parts.scatter), np.sqrt(parts.shift), np.sqrt(parts.trend)
-    return Correlation(scatter * of.scatter, shift * of.shift, parts.carry, trend * of.trend, of.times)
+    return of.correlation(parts)
 
 
 def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
@@ -33,6 +36,9 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
         for j in range(n):
             block = parts.shift * parts.carry ** abs(of.times[i] - of.times[j]) * of.shift[i] @ of.shift[j].T
             block = block + parts.trend * of.trend[i] @ of.trend[j].T
+            for change in of.changes:
+                sides = [(of.times[row] >= change.time) - change.share for row in (i, j)]
+                block = block + parts.step * sides[0] * sides[1] * of.shift[i] @ of.shift[j].T
             if i == j:
                 block = block + parts.scatter * of.scatter[i] @ of.scatter[i].T
             covariance[i * m : i * m + m, j * m : j * m + m] += block
@@ -41,14 +47,15 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
 
 @pytest.mark.parametrize("shuffled", [False, True])
 @pytest.mark.parametrize(
-    "parts", [PARTS, Components(scatter=2.0), Components(shift=3.0, carry=0.5), Components(trend=9.0)]
+    "parts",
+    [PARTS, Components(scatter=2.0), Components(shift=3.0, carry=0.5), Components(trend=9.0), Components(step=5.0)],
 )
 def test_whitened_errors_have_unit_covariance(parts: Components, shuffled: bool) -> None:
     rng = np.random.default_rng(0)
     of = shapes(rng)
     if shuffled:  # rows of a file need not stand in the order of time
         order = rng.permutation(POSES)
-        of = ErrorShapes(of.scatter[order], of.shift[order], of.trend[order], of.times[order])
+        of = ErrorShapes(of.scatter[order], of.shift[order], of.trend[order], of.times[order], of.changes)
     shared = correlation(of, parts)
     unit = np.eye(POSES * NUMBERS).reshape(POSES, NUMBERS, -1)
     white = shared.white(unit).reshape(POSES * NUMBERS, -1)

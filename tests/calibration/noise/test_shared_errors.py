@@ -1,24 +1,27 @@
 """What is estimated of errors that measurements share, and what becomes of them in a run."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 import lab
-from lab.calibration.identify import identify
+from lab.calibration.gauss_newton import Status
+from lab.calibration.identify import Identification, identify
 from lab.calibration.noise.search import search_noise
 from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
-from lab.commands.calibrate.noise import noise_model_from_dict, noise_model_to_dict
+from lab.commands.calibrate.noise import noise_model_from_dict, noise_model_to_dict, noise_of
 from lab.core.measurements import Measurements
 
 ROBOT = load_robot("irb120")
 TARGETS = ("p1", "p2", "p3")
 ARM = ROBOT.arm(TARGETS)
 NOMINAL = ARM.nominal(ROBOT.tool)
+_NONE = np.empty(0, dtype=int)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,30 @@ def test_independent_noise_is_left_as_it_was() -> None:
     found = identify(ARM, day.measurements, NOMINAL, Noise())
     search = search_noise(found, day.measurements, Noise())
     assert search.shared is None and search.corrected(found) is found
-    assert {trial.kind for trial in search.trials} == {"scatter", "wandering", "drift"}
+    assert {trial.kind for trial in search.trials} == {"scatter", "wandering", "drift", "step"}
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """Fits that end with a status, and no poses that are off."""
+
+    status: Status
+    noise: Noise = field(default_factory=Noise)
+    encoders: None = None
+
+    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+        found = identify(ARM, rows, NOMINAL, replace(self.noise, shared=shared))
+        return replace(found, fit=replace(found.fit, status=self.status))
+
+    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+        return Outliers(_NONE, np.empty(0), np.empty(0), found.fit, np.ones(len(rows)), False, 0.01, _NONE)
+
+
+def test_what_a_fit_in_a_valley_leaves_is_not_taken_for_noise(scattered: lab.CalibrationResult) -> None:
+    rows = scattered.measurements
+    assert noise_of(_Ended("converged"), rows).shared is not None
+    search = noise_of(_Ended("in a valley"), rows)
+    assert search.shared is None and not search.trials and not search.undecided
 
 
 def test_a_steady_drift_of_the_base_is_told_by_its_size() -> None:
@@ -93,10 +119,10 @@ def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:
 
 def test_one_variance_is_moved_by_its_logarithm_and_a_correlation_by_its_odds() -> None:
     of = sample(scatter=30e-6, wandering=4e-6, drift=20e-6)
-    for name, field in (("scatter", "scatter_rad"), ("shift", "wandering_m"), ("trend", "drift_m")):
+    for name, size in (("scatter", "scatter_rad"), ("shift", "wandering_m"), ("trend", "drift_m")):
         moved = of.moved(name, 0.4)
-        assert (getattr(moved, field) / getattr(of, field)) ** 2 == pytest.approx(np.exp(0.4))
-        assert replace(moved, **{field: getattr(of, field)}) == of
+        assert (getattr(moved, size) / getattr(of, size)) ** 2 == pytest.approx(np.exp(0.4))
+        assert replace(moved, **{size: getattr(of, size)}) == of
     assert of.moved("scale", 0.4).independent_m ** 2 == pytest.approx(np.exp(0.4) * of.independent_m**2)
     carry = of.moved("carry", 0.4).carry
     assert np.log(carry / (1 - carry)) - np.log(0.8 / 0.2) == pytest.approx(0.4)

@@ -1,0 +1,179 @@
+"""A base that moved at once: the scan against least squares, what is told, and what is not to be taken for one."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import lab
+from lab.calibration.identify import identify
+from lab.calibration.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
+from lab.calibration.noise.search import NoiseSearch, search_noise
+from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.weights import Noise, weighed
+from lab.campaign.robot import load_robot
+from lab.commands.calibrate.noise import noise_model_from_dict, noise_model_to_dict
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.core.probabilities import f_sf
+
+ROBOT = load_robot("irb120")
+ARM = ROBOT.arm(("p1",))
+NOMINAL = ARM.nominal(ROBOT.tool)
+DIRECTION = np.array([0.6, 0.0, -0.8])
+
+
+@pytest.fixture(scope="module")
+def day() -> Measurements:
+    return lab.simulate("irb120", seed=5, poses=60, targets=("p1",)).measurements
+
+
+def moved(data: Measurements, along: Sequence[float] | np.ndarray) -> Measurements:
+    """The points moved row by row, by so many m along one direction."""
+    return replace(data, points=data.points + np.asarray(along)[:, None, None] * DIRECTION)
+
+
+def searched(data: Measurements) -> NoiseSearch:
+    return search_noise(identify(ARM, data, NOMINAL, Noise()), data, Noise())
+
+
+def shared_by(data: Measurements) -> SharedErrors:
+    found = searched(data).shared
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("sessions", [1, 2])
+def test_the_scan_is_the_F_test_of_least_squares_at_every_row(sessions: int) -> None:
+    rng, n = np.random.default_rng(0), 36
+    times = np.arange(n, dtype=float) + APART * (np.arange(n) * sessions // n)
+    white, shift = rng.standard_normal((n, 3, 5)), rng.standard_normal((n, 3, 3))
+    shuffled = rng.permutation(n)  # rows need not stand in the order of time
+    found = likeliest_change(white[shuffled], shift[shuffled], times[shuffled])
+    assert found is not None
+    best, count = (0.0, ChangePoint(0.0, 0.0)), 0
+    for row in range(1, n):
+        own = times // APART == times[row] // APART
+        if min((own & (times < times[row])).sum(), (own & (times >= times[row])).sum()) < 8:
+            continue
+        count += 1
+        after = times >= times[row]
+        centred = after - after.mean()
+        columns, errors = white[..., :-1].reshape(3 * n, 4), white[..., -1].ravel()
+        both = np.concatenate([columns, (centred[:, None, None] * shift).reshape(3 * n, 3)], axis=1)
+        plain, more = (np.linalg.lstsq(each, errors, rcond=None)[1][0] for each in (columns, both))
+        f = (plain - more) / 3 / (more / (3 * n - 7))
+        best = max(best, (f, ChangePoint(times[row] - 0.5, pytest.approx(after.mean()))), key=lambda b: b[0])
+    assert found.f == pytest.approx(best[0]) and found.change == best[1] and found.candidates == count
+    assert found.p == pytest.approx(min(1.0, count * float(f_sf(best[0], 3, 3 * n - 7))))
+
+
+def test_a_base_that_moved_is_told_with_its_rows_and_size(day: Measurements) -> None:
+    shared = shared_by(moved(day, 50e-6 * (np.arange(60) >= 41)))
+    assert shared.kinds == (False, False, False, True)
+    (move,) = shared.moves
+    assert (move.before, move.after) == ("40", "41") and move.size_m == pytest.approx(50e-6, rel=0.1)
+    assert shared.step_m * np.sqrt(3) == pytest.approx(50e-6, rel=0.15)  # three coefficients of one variance
+    assert shared.words[0].startswith("the base or the instrument moved by ")
+    assert shared.words[0].endswith(" µm between poses 40 and 41")
+
+
+def test_beside_errors_that_wander_a_change_counts_as_equally_likely_at_every_row(day: Measurements) -> None:
+    estimate = searched(moved(day, 50e-6 * (np.arange(60) >= 41))).estimate
+    assert estimate is not None
+    assert estimate.deviance == pytest.approx(estimate.likelihood.deviance + 2 * np.log(60 - 15))
+
+
+@pytest.mark.thorough
+def test_a_base_that_moves_again_and_again_wanders(day: Measurements) -> None:
+    estimate = searched(moved(day, 50e-6 * (np.arange(60) // 12 * 7 % 5))).estimate
+    assert estimate is not None and ("wandering" in estimate.kinds or len(estimate.candidates) == 3)
+
+
+@pytest.mark.thorough
+def test_it_may_move_twice(day: Measurements) -> None:
+    along = 60e-6 * (np.arange(60) >= 20) - 40e-6 * (np.arange(60) >= 45)
+    shared = shared_by(moved(day, along))
+    assert [(move.before, move.after) for move in shared.moves] == [("19", "20"), ("44", "45")]
+    assert [move.size_m for move in shared.moves] == pytest.approx([60e-6, 40e-6], rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("along", "kind"),
+    [
+        (np.zeros(60), None),
+        (np.linspace(-40e-6, 40e-6, 60), 2),
+        (20e-6 * np.sin(np.arange(60) / 4.0), 1),
+        (1e-3 * (np.arange(60) < 2), None),  # two bad readings at the beginning; outliers are no part of this
+    ],
+    ids=["nothing", "a drift", "wandering", "bad readings"],
+)
+def test_what_is_no_change_is_not_called_one(day: Measurements, along: np.ndarray, kind: int | None) -> None:
+    rows = np.flatnonzero(np.abs(along) < 5e-4)  # as the search has them, outliers aside
+    shared = searched(moved(day, along).take(rows)).shared
+    assert (shared is None) if kind is None else (shared is not None and shared.kinds[kind])
+    assert shared is None or not shared.moves
+
+
+@pytest.mark.thorough
+def test_bad_readings_at_the_beginning_are_outliers(day: Measurements) -> None:
+    found = lab.identify(moved(day, 2e-4 * (np.arange(60) == 4)), "irb120").to_dict()
+    assert found["noise_model"] is None and [pose["id"] for pose in found["outliers"]] == ["4"]
+
+
+def test_a_new_session_is_no_change_and_one_within_it_lasts(day: Measurements) -> None:
+    two = replace(day, sessions=("a",) * 30 + ("b",) * 30)
+    assert not shared_by(moved(two, 50e-6 * (np.arange(60) >= 30))).moves
+    later = shared_by(moved(two, 80e-6 * (np.arange(60) >= 15)))
+    (move,) = later.moves
+    part = before_and_after(row_times(two, later.clock), [move.change])[:, 0]
+    np.testing.assert_allclose(part, np.repeat([-0.75, 0.25], [15, 45]))
+
+
+def covariance(data: Measurements, shared: SharedErrors) -> np.ndarray:
+    """Of the x of these rows, m^2, the instrument's noise left out."""
+    observed = weighed(observation_of(ARM), data, Noise(shared=shared))[0].correlation
+    assert observed is not None
+    return observed.trend[:, 0] @ observed.trend[:, 0].T * shared.sigma_m**2
+
+
+def test_rows_held_out_stand_on_their_side_and_on_another_day_all_are_off_by_one_shift(day: Measurements) -> None:
+    timed = replace(day, conditions={"time_s": 1.7e9 + 30.0 * np.arange(60) + 5.0 * (np.arange(60) % 7)})
+    shared = shared_by(moved(timed, 50e-6 * (np.arange(60) >= 41)))
+    held = timed.take([2, 40, 41, 58])  # of another spacing than the whole
+    after = 19 / 60
+    side = np.array([-after, -after, 1 - after, 1 - after])
+    np.testing.assert_allclose(covariance(held, shared), shared.step_m**2 * np.outer(side, side), rtol=1e-9)
+    kept = noise_model_to_dict(shared)
+    assert kept is not None and kept["moves"] == [
+        {"before": "40", "after": "41", "size_mm": pytest.approx(0.05, rel=0.1)}
+    ]
+    tomorrow = noise_model_from_dict(kept, shared.values)
+    assert tomorrow is not None and tomorrow.step_m == pytest.approx(shared.step_m)
+    np.testing.assert_allclose(covariance(held, tomorrow), np.full((4, 4), shared.step_m**2), rtol=1e-9)
+    assert noise_model_from_dict({key: kept[key] for key in kept if key != "step_mm"}, {}).step_m == 0  # an older run
+    with pytest.raises(LabError, match="not below zero"):
+        noise_model_from_dict(kept | {"step_mm": -1.0}, {})
+
+
+def test_rows_of_one_time_are_weighed(day: Measurements) -> None:
+    timed = replace(day, conditions={"time_s": 10.0 * (np.arange(60) // 2)})
+    assert shared_by(moved(timed, 20e-6 * np.sin(np.arange(60) / 4.0))).wandering_m > 0
+
+
+def test_times_of_some_rows_are_those_of_the_campaign(day: Measurements) -> None:
+    seconds = np.concatenate([10.0 * np.arange(30), 400.0 + 10.0 * np.arange(30)])
+    timed = replace(day, conditions={"time_s": seconds}, sessions=("a",) * 30 + ("b",) * 30)
+    clock, some = Clock.of(timed), [50, 3, 31]
+    np.testing.assert_allclose(row_times(timed.take(some), clock), row_times(timed)[some])
+
+
+@pytest.mark.thorough
+def test_a_virtual_base_that_moves_is_found_by_the_whole_campaign_and_the_next_day_is_unchanged() -> None:
+    found = lab.calibrate("irb120", seed=4, poses=60, step_mm=0.04, step_after=25).to_dict()
+    assert found["noise_model"]["words"] == ["the base or the instrument moved by 39 µm between poses 24 and 25"]
+    assert found["truth"]["nees_per_parameter"] < 2.0 and not found["outliers"]
+    still = lab.calibrate("irb120", seed=4, poses=60).to_dict()
+    assert still["noise_model"] is None

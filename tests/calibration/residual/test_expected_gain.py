@@ -1,0 +1,49 @@
+"""What the group residual would gain: leave-one-out by a formula against leaving out, and who is told."""
+
+import numpy as np
+import pytest
+
+import lab
+from lab.calibration.residual.estimation import _left_out, expected_gain
+
+
+def test_the_errors_of_poses_left_out_are_those_of_leaving_them_out() -> None:
+    rng, n = np.random.default_rng(0), 30
+    columns, made = rng.standard_normal((n, 4)), rng.standard_normal((n, n))
+    labels = np.repeat(np.arange(n // 6), 6)  # two points of a repeated pose go together
+    residual, whole = rng.standard_normal(n), made @ made.T + np.eye(n)
+    beside = np.linalg.svd(columns)[0][:, 4:]
+    sizes, axes = np.linalg.eigh(beside.T @ whole @ beside)
+    root = beside @ axes
+    found = _left_out(root / sizes, root, root.T @ residual, labels)
+    errors = np.empty(n)
+    for label in range(n // 6):
+        own, rest = labels == label, labels != label
+        inverse = np.linalg.inv(whole[np.ix_(rest, rest)])
+        fitted = np.linalg.solve(columns[rest].T @ inverse @ columns[rest], columns[rest].T @ inverse @ residual[rest])
+        left = residual - columns @ fitted
+        errors[own] = left[own] - whole[np.ix_(own, rest)] @ inverse @ left[rest]
+    assert found == pytest.approx(np.linalg.norm(errors.reshape(-1, 3), axis=1).mean())
+
+
+@pytest.mark.thorough
+def test_who_has_waves_is_told_what_it_would_gain_and_a_rigid_arm_nothing() -> None:
+    day = lab.simulate("irb120", seed=3, poses=100, harmonic_mrad=0.1)
+    found = lab.identify(day.measurements, robot="irb120")
+    gain = found.fit.gain
+    assert gain is not None and gain.poses == 100 and gain.after_m < 0.6 * gain.before_m
+    assert found.to_dict()["remaining_error"]["with_residual"]["after_mm"] == pytest.approx(1e3 * gain.after_m)
+    assert gain.words.endswith("poses): add it to --model, e.g. auto+residual.") and gain.words in repr(
+        found.document()
+    )
+    rigid = lab.identify(lab.simulate("irb120", seed=3, poses=100).measurements, robot="irb120")
+    assert rigid.fit.gain is None
+    assert expected_gain(rigid.identification, rigid.fit.rows) is None  # neither were it asked for
+
+
+@pytest.mark.thorough
+def test_what_is_told_is_what_comes() -> None:
+    day = lab.simulate("irb120", seed=3, poses=150, harmonic_mrad=0.1).measurements
+    gain = lab.identify(day.take(np.arange(100)), robot="irb120").fit.gain
+    said = lab.identify(day, robot="irb120", model="residual", holdout=1 / 3).to_dict()["after_mm"]["mean"]
+    assert gain is not None and 0.5 < said / (1e3 * gain.after_m) < 1.3  # by one ratio for all parts: rather too much
