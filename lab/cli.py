@@ -187,17 +187,23 @@ def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, byte
 
     from lab.commands.program import output_may_close, say
     from lab.commands.run_folder import free_name, input_files, run_folder
-    from lab.render.progress import status
+    from lab.commands.unfinished import unfinished
+    from lab.render.progress import starting, status
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
         place = asked.out
+        if command.resumed:
+            own = place or getattr(asked.options, "out", None)
+            stack.enter_context(unfinished(command.name, asked.options, own, resume=asked.resume))
         if place is None and command.folder:
             place = free_name(Path("runs"), command.folder_name(asked.options))
         if place is not None:
             before.append((place, _checksums(place)))
             folder = stack.enter_context(run_folder(place, input_files(asked.options), overwrite=asked.overwrite))
-        result = command(asked.options)
+        with starting(f"lab {command.name}"):  # its libraries take longer than its options
+            run = command.load_run()
+        result = run(asked.options)
         if place is not None:
             with status("writing the page and the other files"):
                 result.write(folder)
@@ -210,6 +216,6 @@ def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, byte
             from lab.render.terminal import print_document
 
             print_document(result.document(), warnings=False)
-            if place is not None:
-                print("\n".join(_where(place)))
+            if (written := asked.options.out if command.writes_if_asked else place) is not None:
+                print("\n".join(_where(written)))
     return result.exit_code

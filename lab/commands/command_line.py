@@ -20,6 +20,7 @@ __all__ = ["Arguments", "parsed"]
 
 _CONFIG = "--config"
 _JSON = Annotated[Flag, tyro.conf.arg(help="Print the result as one JSON object.")]
+_RESUME = Annotated[Flag, tyro.conf.arg(help="Go on with the run in --out that was interrupted or killed.")]
 _OVERWRITE = Annotated[Flag, tyro.conf.arg(help="Replace an earlier run in that folder.")]
 
 
@@ -32,12 +33,14 @@ class Arguments:
         out: the run's folder; None for the default one.
         overwrite: whether an earlier run in that folder is replaced.
         json: whether to print the result as JSON.
+        resume: whether to go on with a run that was interrupted.
     """
 
     options: Any
     out: Path | None
     overwrite: bool
     json: bool
+    resume: bool
 
 
 def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
@@ -57,12 +60,15 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
         said = default_folder if command.folder else "A folder for the page and the result; by default none is written."
         out = ("out", Annotated[Path | None, tyro.conf.arg(help=said)], field(default=None))
         common = [out, ("overwrite", _OVERWRITE, field(default=False)), *common]
+    if command.resumed:
+        common = [*common, ("resume", _RESUME, field(default=False))]
     made: Any = make_dataclass("Arguments", [options, *common])
     program = f"lab {command.name}"
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
     with one_line_errors(program, flags):
         found = tyro.cli(made, prog=program, description=_described(command), args=rest, registry=_numbers())
-    return Arguments(found.options, getattr(found, "out", None), getattr(found, "overwrite", False), found.json)
+    given_flags = (getattr(found, name, False) for name in ("overwrite", "json", "resume"))
+    return Arguments(found.options, getattr(found, "out", None), *given_flags)
 
 
 def _described(command: Command) -> str:

@@ -45,11 +45,26 @@ def _transliterated(error: UnicodeError) -> tuple[str, int]:
 
 
 def plain_streams() -> None:
-    """Let no character be an error of standard output and error: one that their encoding lacks is transliterated."""
+    """Let no character be an error of standard output and error: one that their encoding lacks is transliterated.
+
+    One that was closed before the program began leads nowhere: no file may take its number, and be written into.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(_nowhere(number), "r" if number == 0 else "w", encoding="utf-8"))
     codecs.register_error(_ENCODING_ERRORS, _transliterated)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=_ENCODING_ERRORS)
+
+
+def _nowhere(number: int) -> int:
+    """That file number, at which nothing was open, leading nowhere."""
+    opened = os.open(os.devnull, os.O_RDWR)
+    if opened != number:
+        os.dup2(opened, number)
+        os.close(opened)
+    return number
 
 
 def say(words: str) -> None:

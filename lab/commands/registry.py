@@ -26,6 +26,8 @@ class Command:
         run: ``module:function`` that makes a ``Result`` of them.
         folder: the name of a run's folder, with options in braces (of files and robots their stems); "" for a command
             that writes no run, or looks after its folder itself.
+        writes_if_asked: it has no such name, and writes a run only where ``--out`` names its folder.
+        resumed: it keeps pieces of its work as they are done, and goes on with them where ``--resume`` asks for it.
     """
 
     name: str
@@ -33,16 +35,18 @@ class Command:
     options: str
     run: str
     folder: str = ""
+    writes_if_asked: bool = False
+    resumed: bool = False
 
     def load_options(self) -> type[Any]:
         """The class of its options."""
         kind: type[Any] = _load(self.options)
         return kind
 
-    def __call__(self, options: Any) -> "Result":
-        """Run it."""
+    def load_run(self) -> "Callable[[Any], Result]":
+        """What runs it, with the libraries that it needs."""
         run: Callable[[Any], Result] = _load(self.run)
-        return run(options)
+        return run
 
     def folder_name(self, options: Any) -> str:
         """How the folder of a run with these options is called by default."""
@@ -78,12 +82,15 @@ COMMANDS = (
         "Place a robot: direct, inverse (all solutions) and differential models, matrices, singularities.",
         "lab.commands.kinematics.options:KinematicsOptions",
         "lab.commands.kinematics.run:solve_kinematics",
+        writes_if_asked=True,
     ),
     Command(
         "workspace",
         "Measure what robots reach: volume, sections, voids, and in how many orientations.",
         "lab.commands.workspace.options:WorkspaceOptions",
         "lab.commands.workspace.run:measure_workspaces",
+        writes_if_asked=True,
+        resumed=True,
     ),
     Command(
         "trajectory",
@@ -105,6 +112,7 @@ COMMANDS = (
         "lab.campaign.options:DesignOptions",
         "lab.commands.design.run:design",
         "design-{robot}-seed{seed}",
+        resumed=True,
     ),
     Command(
         "import",
@@ -119,6 +127,7 @@ COMMANDS = (
         "lab.commands.compensate.options:CompensateOptions",
         "lab.commands.compensate.run:compensate",
         "compensate-{source}",
+        resumed=True,
     ),
     Command(
         "verify",

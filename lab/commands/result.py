@@ -107,8 +107,10 @@ class Result(ABC):
         from threadpoolctl import threadpool_limits
 
         from lab.commands.run_folder import input_files, run_folder
+        from lab.render.progress import status
 
-        with threadpool_limits(1), run_folder(Path(folder), input_files(self.options), overwrite=overwrite) as draft:
+        inputs, written = input_files(self.options), "writing the page and the other files"
+        with threadpool_limits(1), run_folder(Path(folder), inputs, overwrite=overwrite) as draft, status(written):
             self.write(draft)
         return Path(folder)
 

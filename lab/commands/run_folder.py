@@ -22,7 +22,7 @@ from lab.formats.text_file import read_bytes
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["LOAD_FILE", "SCHEMA", "config", "free_name", "input_files", "run_folder", "write_json"]
+__all__ = ["LOAD_FILE", "SCHEMA", "config", "free_name", "input_files", "run_folder", "versions", "write_json"]
 
 LOAD_FILE = "load.json"  # a payload, in the folder of a run
 _FILES = {
@@ -52,10 +52,6 @@ _FILES = {
     "exercise.csv",
     "workspace.csv",
     "sensor.toml",
-    "curve.png",
-    "curve.svg",
-    "poses.png",
-    "poses.svg",
     "recording.rrd",
     "report.html",
     CHECKSUMS,
@@ -117,6 +113,8 @@ def _place(out: Path) -> Path:
         raise LabError(f"{out}: cannot be written ({error.strerror}); go to another folder") from error
     if here.is_relative_to(place):
         raise LabError(f"{out}: is the working folder, or holds it; give --out a folder for the run alone")
+    if not place.name.strip():
+        raise LabError(f"--out '{out}': a name of blanks; give --out a folder with a name")
     return place
 
 
@@ -179,14 +177,13 @@ def config(
     model_sha256: str,
 ) -> dict[str, Any]:
     """Every option, and what else the numbers depend on: the content of the files, versions of libraries and schema."""
-    versions = _library_versions() | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
     return {
         "schema": SCHEMA,
         "command": command,
         "options": asdict(options),
         "model_sha256": model_sha256,
         "inputs_sha256": dict(_input_hashes(options)),
-        "versions": versions,
+        "versions": versions(),
     }
 
 
@@ -199,8 +196,10 @@ def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
 
 
 @cache
-def _library_versions() -> dict[str, str]:
-    return {name: metadata.version(name) for name in _LIBRARIES}
+def versions() -> dict[str, str]:
+    """Of everything that numbers depend on."""
+    libraries = {name: metadata.version(name) for name in _LIBRARIES}
+    return libraries | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -14,6 +14,7 @@ __all__ = [
     "BRACKETS",
     "CAMPAIGNS",
     "CANDIDATES",
+    "CANDIDATE_POINTS",
     "CELLS",
     "COLUMNS",
     "COPIES",
@@ -119,6 +120,7 @@ PLACED = Limit("poses of a robot's models", 10_000, "each is told in full, with 
 FIXTURES = Limit("anchors, locations or planes", 100, "each takes some poses of its own")
 READINGS = Limit("readings of a point", 1_000_000, "their mean has no noise left")
 CANDIDATES = Limit("candidates of a plan", 100_000, "2,000 are as good")
+CANDIDATE_POINTS = Limit("points of all candidates of a plan", 170_000, "their derivatives are held in memory")
 STARTS = Limit("starts of a plan's search", 1_000, "4 are as good")
 ROBOTS = Limit("robots of a study", 100_000, "files are numbered with five digits")
 DRAWS = Limit("draws of a study", 100_000, "those of one robot are worked out together")

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
+from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError
 from lab.core.ranges import EARTH_GRAVITY
 from lab.core.se3 import Array
@@ -58,6 +59,22 @@ class PayloadSamples:
             return None
         times = self.time_s[self.loaded] if self.loaded.any() else self.time_s
         return float((times[-1] - times[0]) / (len(times) - 1))
+
+    def without_copies(self, source: object) -> "PayloadSamples":
+        """Static rows that do not repeat an earlier one to the last digit, with a warning of the others.
+
+        A copy would count as a measurement of its own, and make intervals too narrow.
+        """
+        if self.time_s is not None:
+            return self
+        measured = [each for each in (self.torques, self.wrench) if each is not None]
+        copies = copied_rows(np.column_stack([self.joints, *measured, self.loaded]))
+        if not copies:
+            return self
+        lines = self.lines or tuple(range(len(self)))
+        said = said_of_copies(source, len(copies), *(f"line {lines[row]}" for row in copies[0]))
+        kept = self.take(np.setdiff1d(np.arange(len(self)), [row for row, _ in copies]))
+        return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))
 
     def run(self, loaded: bool) -> "PayloadSamples":
         """The rows of one run."""

@@ -22,7 +22,17 @@ try:
 except ImportError:  # no POSIX: leftovers stay until they are removed by hand
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["CHECKSUMS", "checksum_lines", "draft_of", "edited_files", "held", "is_being_written", "recover", "resolved"]
+__all__ = [
+    "CHECKSUMS",
+    "checksum_lines",
+    "draft_of",
+    "edited_files",
+    "file_digest",
+    "held",
+    "is_being_written",
+    "recover",
+    "resolved",
+]
 
 CHECKSUMS: Final = "SHA256SUMS"  # as sha256sum writes and checks it
 _DRAFT, _ASIDE = "partial", "replaced"
@@ -113,7 +123,7 @@ def recover(place: Path) -> None:
 def checksum_lines(folder: Path) -> str:
     """A line for each file of a folder, by name, as ``sha256sum`` writes it."""
     files = sorted(path for path in folder.iterdir() if path.is_file() and path.name != CHECKSUMS)
-    return "".join(f"{_digest(path)}  {path.name}\n" for path in files)
+    return "".join(f"{file_digest(path)}  {path.name}\n" for path in files)
 
 
 def edited_files(folder: Path, text: str, names: Sequence[str]) -> tuple[str, ...]:
@@ -127,11 +137,12 @@ def edited_files(folder: Path, text: str, names: Sequence[str]) -> tuple[str, ..
     for line in text.splitlines():
         digest, _, name = line.partition("  ")
         said[name] = digest
-    found = {name: _digest(folder / name) for name in names if (folder / name).is_file()}
+    found = {name: file_digest(folder / name) for name in names if (folder / name).is_file()}
     return tuple(name for name in names if found.get(name) != said.get(name))
 
 
-def _digest(path: Path) -> str:
+def file_digest(path: Path) -> str:
+    """The SHA-256 of a file, read in blocks."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(_BLOCK):

@@ -90,7 +90,7 @@ class CsvTable:
     def _read(self) -> tuple[list[str], Sequence[int]]:
         text = read_text(self.path, TABLE_BYTES)
         if not text.strip():
-            raise LabError(f"{self.path}: the file is empty; give a header line and one row a pose")
+            raise LabError(f"{self.path}: the file is empty; give a header line and rows below it")
         first = text.partition("\n")[0]
         if first.startswith("#"):
             raise LabError(f"{self.path}: line 1 is a comment; begin the file with the header")
@@ -144,7 +144,7 @@ class CsvTable:
             if name in header[:i]:
                 raise LabError(f"{self.path}: line 1: column {name} is there twice; keep one")
         if not rows and ragged is None:
-            raise LabError(f"{self.path}: no rows below the header; give one row a pose")
+            raise LabError(f"{self.path}: no rows below the header; add some")
         if ragged is not None:
             raise LabError(
                 f"{self.path}: line {ragged[0]}: {ragged[1]} cells, but the header has {len(header)}; give every column"

@@ -116,18 +116,24 @@ class LooseTable:
         for i, cell in enumerate(cells):
             if not cell and empty:
                 continue
-            where = f"{self.path}: line {self.lines[i]}, column {self.name(column)}"
             if not _NUMBER.fullmatch(cell):
-                raise LabError(f"{where}: '{cell}' is not a number; fix it, or name the right column by --columns")
+                raise LabError(
+                    f"{self._where(i, column)}: '{cell}' is not a number; fix it, or name the right column by --columns"
+                )
             for mark in {",", "."} & set(cell):
                 marks.setdefault(mark, self.lines[i])
             if len(marks) > 1:
                 said = f"written with '.' in line {marks['.']} and with ',' in line {marks[',']}"
-                raise LabError(f"{where}: numbers are {said}; use one decimal mark and none for thousands")
+                raise LabError(
+                    f"{self._where(i, column)}: numbers are {said}; use one decimal mark and none for thousands"
+                )
             found[i] = float(cell.replace(",", "."))
             if abs(found[i]) not in NUMBER_SIZE:
-                raise LabError(f"{where}: '{cell}' is too large; check the number and its unit")
+                raise LabError(f"{self._where(i, column)}: '{cell}' is too large; check the number and its unit")
         return found
+
+    def _where(self, row: int, column: int) -> str:
+        return f"{self.path}: line {self.lines[row]}, column {self.name(column)}"
 
     def is_numeric(self, column: int) -> bool:
         """Whether a column holds numbers alone, and at least one."""

@@ -1,5 +1,7 @@
 """Measured orientations: a file's quaternions, or its angles in a convention that is named."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,7 +50,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
     if quaternion and angles:
         raise LabError(f"columns {quaternion[0]} and {angles[0]} both say an orientation: keep one")
     columns = quaternion or angles
-    numbers = np.stack([_numbers(data, column) for column in columns], axis=1)
+    numbers = np.stack([_numbers(data.other[column]) for column in columns], axis=1)
     empty = np.isnan(numbers)
     if (half := np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1))).size:
         column = columns[int(np.argmax(empty[half[0]]))]
@@ -85,9 +87,10 @@ def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str
     return found
 
 
-def _numbers(data: Measurements, column: str) -> Array:
+@lru_cache(maxsize=4)  # the columns of one orientation, which each model of the same file asks for
+def _numbers(texts: tuple[str, ...]) -> Array:
     """A column ``(n,)`` as numbers, NaN where empty; the file's reader has checked the cells."""
-    return np.array([float(text) if text else np.nan for text in data.other[column]])
+    return np.array([float(text) if text else np.nan for text in texts])
 
 
 def rotation_from_angles(angles: Array, meaning: AngleConvention) -> Array:

@@ -168,7 +168,8 @@ def _dataclass_hook(kind: Any, converter: "Converter") -> Any:
         if isinstance(value, kind):
             return value
         if not isinstance(value, Mapping):
-            raise _InvalidError(value, "a group of options of its own")
+            names = ", ".join(field.name for field in fields(kind))
+            raise _InvalidError(value, f"a group of options: any of {names}")
         return structure(value, kind)
 
     return hook

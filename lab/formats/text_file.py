@@ -50,13 +50,16 @@ def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:
         mend: what to do if it cannot be read, for the end of the message.
 
     Raises:
-        LabError: as of ``read_bytes``, or it is not in UTF-8.
+        LabError: as of ``read_bytes``, or it is not in UTF-8, or has zero bytes (as UTF-16 without a mark has).
     """
     content = read_bytes(path, most, mend).removeprefix(_MARK)
     try:
-        return content.decode("utf-8")
+        text, wrong = content.decode("utf-8"), content.find(b"\0")
     except UnicodeDecodeError as error:
-        raise LabError(f"{path}: not a text file in UTF-8 (byte {error.start}); save it as UTF-8") from error
+        text, wrong = "", error.start
+    if wrong >= 0:
+        raise LabError(f"{path}: not a text file in UTF-8 (byte {wrong}); save it as UTF-8")
+    return text
 
 
 def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> None:

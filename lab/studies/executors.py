@@ -19,6 +19,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import islice
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import TYPE_CHECKING, TypeVar
 
 from lab.core.errors import LabError
@@ -53,13 +54,34 @@ def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     whole("--workers", workers, 1, WORKERS)
-    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _prepare)
+    return ProcessPoolExecutor(workers, _Processes(), _prepare)
+
+
+class _Process(SpawnProcess):
+    """A process that no interruption reaches, from before its first import: the parent ends the work."""
+
+    def start(self) -> None:
+        """Start it with the signal blocked, which a new process inherits; the parent gets what came meanwhile."""
+        if not hasattr(signal, "pthread_sigmask"):  # Windows
+            super().start()
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Processes(SpawnContext):
+    """New interpreters, which copy nothing of this one."""
+
+    Process = _Process
 
 
 def _prepare() -> None:
     """In a new process: one BLAS thread, no interruption but by the parent, and no life after it."""
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # before numpy is imported
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent has it too, and ends the work
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the signal could not be blocked before
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -5,9 +5,9 @@ A file appears whole or not at all: it is written under a temporary name and ren
 
 import hashlib
 import json
-import os
 import shutil
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
+from lab.core.kept_pieces import LEFT_OVER, keep_checked, read_checked, write_whole
 from lab.core.se3 import Array
 from lab.core.whole_folder import draft_of, held, resolved
 from lab.formats.structured import read_json
@@ -31,7 +32,6 @@ __all__ = ["Store", "begin", "go_on", "read_campaigns", "read_store"]
 
 _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
 _DIGEST = "sha256"  # of the numbers, in a file of campaigns
-_TEMPORARY = ".*.partial-*"
 _TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}
 SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
 _REALS = [field.name for field in SCHEMA if field.type == pa.float64()]
@@ -60,23 +60,24 @@ class Store:
 
     def read_poses(self, cell: int) -> Array | None:
         """The poses ``(n, joints)`` of a cell, in rad or m; None if they are not there, or not whole."""
+        content = read_checked(self._poses(cell))
+        if content is None:
+            return None
         try:
-            content = self._poses(cell).read_bytes()
-            said = self._sums(cell).read_text(encoding="ascii")
             header, *rows, end = content.decode().split("\n")
             joints = np.array([row.split(",") for row in rows], dtype=np.float64)
-        except (OSError, ValueError):
+        except ValueError:
             return None
         whole = joints.shape == (self.cells[cell].poses, len(self.columns))
-        as_written = said == _sum_line(content, self._poses(cell))
-        return joints if whole and as_written and header == ",".join(self.columns) and not end else None
+        return joints if whole and header == ",".join(self.columns) and not end else None
 
     def keep_poses(self, cell: int, joints: Array) -> None:
         """Write the poses of a cell, to the last digit."""
         rows = [",".join(map(repr, row)) for row in joints.tolist()]
         content = ("\n".join([",".join(self.columns), *rows]) + "\n").encode()
-        write_whole(self._poses(cell), content)
-        write_whole(self._sums(cell), _sum_line(content, self._poses(cell)).encode())
+        path = self._poses(cell)
+        with _told(path):
+            keep_checked(path, content)
 
     def has(self, task: Task) -> bool:
         """Whether all campaigns of a task are there, and undamaged."""
@@ -100,7 +101,9 @@ class Store:
             use_byte_stream_split=_REALS,
             write_page_checksum=True,
         )
-        write_whole(self._campaigns(task), buffer.getvalue())
+        path = self._campaigns(task)
+        with _told(path):
+            write_whole(path, buffer.getvalue())
 
     def read(self) -> pa.Table:
         """All campaigns, in the order of the tasks.
@@ -121,9 +124,6 @@ class Store:
         except (OSError, pa.ArrowException) as error:
             raise LabError(f"{path}: not there, or not whole; lab study --resume does it") from error
         return table
-
-    def _sums(self, cell: int) -> Path:
-        return self._poses(cell).with_suffix(".sha256")
 
     def _poses(self, cell: int) -> Path:
         return self.folder / _POSES / f"cell{cell:04d}.csv"
@@ -176,7 +176,7 @@ def go_on(folder: Path, study: Study) -> Store:
         with held(folder):
             for part in (folder, folder / _POSES, folder / _CAMPAIGNS):
                 part.mkdir(exist_ok=True)
-                for left_over in part.glob(_TEMPORARY):
+                for left_over in part.glob(LEFT_OVER):
                     left_over.unlink()
     except OSError as error:
         raise LabError(f"{folder}: cannot be written ({error.strerror}); mend that, then --resume") from error
@@ -202,24 +202,15 @@ def read_campaigns(folder: Path) -> pa.Table:
     return read_store(folder).read()
 
 
-def write_whole(path: Path, content: bytes | pa.Buffer) -> None:
-    """Write a file that is there whole, on the disk, or not at all.
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """A file that cannot be written stops the study, and what is kept stays.
 
     Raises:
         StoppedError: the disk is full, or does not let it be written.
     """
-    draft = path.parent / f".{path.name}.partial-{os.getpid()}"
     try:
-        try:
-            with draft.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            draft.replace(path)
-        except BaseException:
-            with suppress(OSError):
-                draft.unlink()
-            raise
+        yield
     except OSError as error:
         raise StoppedError(
             f"{path.name} cannot be written ({error.strerror}); make room, then --resume goes on"
@@ -260,11 +251,6 @@ def _digest(table: pa.Table) -> str:
     for column in table.columns:
         digest.update(column.to_numpy().tobytes())
     return digest.hexdigest()
-
-
-def _sum_line(content: bytes, path: Path) -> str:
-    """As ``sha256sum`` writes it."""
-    return f"{hashlib.sha256(content).hexdigest()}  {path.name}\n"
 
 
 def _json(values: dict[str, Any]) -> bytes:

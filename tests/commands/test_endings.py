@@ -133,3 +133,10 @@ def test_a_program_that_is_interrupted_ends_with_130_and_one_line(folder: Path) 
         _, err = started.communicate(timeout=60)
     assert started.returncode == 130 and the_line(err).startswith("lab: interrupted")
     assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("argv", "closed", "code"), [("inspect arm.toml", ">&-", 0), ("inspect none", "2>&-", 2)])
+def test_streams_that_were_closed_before_lead_nowhere(argv: str, closed: str, code: int, folder: Path) -> None:
+    ended = subprocess.run(["sh", "-c", f"{sys.executable} -m lab {argv} {closed}"], cwd=folder, capture_output=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (code, b"", b"")

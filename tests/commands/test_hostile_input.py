@@ -300,6 +300,7 @@ COMMAND_LINES = (
     "dynamics motion.csv --robot arm.toml --without links",
     "dynamics --robot arm.toml --delay",
     "dynamics motion.csv --robot arm.toml --simulate",
+    "payload --simulate --filter-hz 1e-18",
     "import good.csv --joints good.csv --robot arm.toml --coverage 0",
     "import good.csv --joints good.csv --robot arm.toml --targets p1,p1",
     "import good.csv --joints good.csv --robot arm.toml --targets a/b",

@@ -32,6 +32,7 @@ def earlier(folder: Path) -> Path:
         ("identify good.csv --robot arm.toml --out .", "is the working folder, or holds it"),
         ("identify good.csv --robot arm.toml --out ''", "is the working folder, or holds it"),
         ("identify good.csv --robot arm.toml --out ..", "is the working folder, or holds it"),
+        ("identify good.csv --robot arm.toml --out ' '", "a name of blanks"),
         ("identify good.csv --robot arm.toml --out /", "is the working folder, or holds it"),
         ("identify good.csv --robot arm.toml --out arm.xml", "arm.xml: is a file"),
         ("identify good.csv --robot arm.toml --out arm.toml/x", "arm.toml/x: cannot be written"),

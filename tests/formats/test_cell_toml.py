@@ -87,7 +87,7 @@ WRONG = {
     "[joints.q1]\nlower_deg = 'x'\n": "give a number",
     "[joints]\nq1 = 3\n": "a group of options",
     "[home]\nq1_deg = 'zero'\n": "give a number",
-    "\0": "not a TOML file",
+    "\0": "not a text file",
     "obstacle = 3\n": "a list",
     "x = = 3\n": "not a TOML file",
 }

@@ -1,5 +1,6 @@
 """What a person reads of a calibration: on the terminal, on the page and beside the recording."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,7 +9,7 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.identify import ILL_CONDITIONED
 from lab.calibration.observations.kind import ObservationWords
 from lab.calibration.statistics.explained_error import ExplainedError
-from lab.calibration.verdict import Verdict, Word, gate_words, rotation_noise_rad
+from lab.calibration.verdict import Answer, Verdict, Word, gate_words, rotation_noise_rad
 from lab.commands.calibrate.figure_blocks import (
     arm_figures,
     correlation_figure,
@@ -46,7 +47,7 @@ from lab.render.document import (
     Table,
     Warnings,
 )
-from lab.render.format import capital, digits_of, fixed, short
+from lab.render.format import capital, digits_of, fixed, plus_minus, sentence, short
 from lab.render.units import display_unit
 
 __all__ = ["document_of", "parameters_table", "verdict_blocks"]
@@ -87,7 +88,7 @@ def document_of(result: CalibrationResult) -> Document:
         (
             *verdict_blocks(result.verdict, result.options.gate_mm),
             Paragraph(_lead(result, words), "lead"),
-            Warnings(result.warnings),
+            Warnings(tuple(each for each in result.warnings if each not in result.verdict.reasons)),
             _errors(result, words),
             Section("Where in the workspace the errors are", where_figures(result, words)),
             Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
@@ -137,10 +138,10 @@ def _validated_on(result: CalibrationResult) -> str:
 
 
 def verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]:
-    """The word with its gate, the reasons where it is not good, and the three answers."""
+    """The word with its gate, the reasons where it is not good, and the three answers; nothing is told twice."""
     because = (Paragraph("Because:"), Bullets(tuple(map(capital, verdict.reasons)))) if verdict.reasons else ()
     answers = tuple(
-        (Strong(f"{capital(name)}: {each.standing}."), f" {capital(each.words)}.")
+        (Strong(f"{capital(name)}: {each.standing}."), f" {_answer_words(each, verdict.reasons)}")
         for name, each in verdict.answers.items()
     )
     return (
@@ -148,6 +149,11 @@ def verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]
         *because,
         Bullets(answers),
     )
+
+
+def _answer_words(answer: Answer, reasons: Sequence[str]) -> str:
+    """The figures of an answer, but where a reason above has them already."""
+    return "See above." if any(each.startswith(answer.words) for each in reasons) else sentence(answer.words)
 
 
 def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
@@ -191,15 +197,21 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
     )
     groups = (*result.fit.groups, *["residual"] * (result.fit.process is not None))
     return (
-        Paragraph(f"Model: {model_name(groups)}. {capital(result.fit.adequacy.words)}."),
+        Paragraph(f"Model: {model_name(groups)}. {sentence(_in_short(result.fit.adequacy.words))}"),
         Paragraph(_noise(result)),
         Paragraph("" if result.fit.remaining is None else result.fit.remaining.words, shown_in=PAGE),
+        Paragraph("" if result.fit.gain is None else result.fit.gain.words, shown_in=PAGE),
         Paragraph(_truth(result)),
         _model_selection(result),
         Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=PAGE),
         selection_figure(result),
         Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
+
+
+def _in_short(adequacy: str) -> str:
+    """What a test of lack of fit found, without the figures and the advice that stand with the verdict."""
+    return re.split(r"[:;]", adequacy, maxsplit=1)[0]
 
 
 def _noise(result: CalibrationResult) -> str:
@@ -308,7 +320,7 @@ def _parameters(result: CalibrationResult, words: ObservationWords) -> Section:
 def parameters_table(rows: Sequence[EstimatedParameter]) -> Table:
     """Every parameter with its 95 % interval, or why it has none."""
     kinds = tuple("" if row.identified and not row.weakly_observable else "quiet" for row in rows)
-    columns = ("parameter", "unit", "nominal", "estimated", "correction", "95 % interval", "status")
+    columns = ("parameter", "correction", "95 % interval", "unit", "estimated", "nominal", "status")
     return Table(columns, tuple(map(_parameter_row, rows)), row_kinds=kinds)
 
 
@@ -317,12 +329,12 @@ def _parameter_row(row: EstimatedParameter) -> Row:
     half = factor * row.half_width_95
     digits = digits_of(half, digits)
     return (
-        Code(row.name),
-        unit,
-        fixed(factor * row.nominal, digits),
-        fixed(factor * row.estimate, digits) if row.identified else "",
+        Code(row.name),  # what matters comes first: a telephone shows the first columns
         fixed(factor * (row.estimate - row.nominal), digits, signed=True) if has_correction(row) else "",
-        f"± {short(half)}" if np.isfinite(half) else "",
+        plus_minus(half, digits) if np.isfinite(half) else "",
+        unit,
+        fixed(factor * row.estimate, digits) if row.identified else "",
+        fixed(factor * row.nominal, digits),
         _status(row),
     )
 

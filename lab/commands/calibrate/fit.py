@@ -30,7 +30,7 @@ from lab.commands.calibrate.fit_result import FitReport, named_poses
 from lab.commands.calibrate.last_made import EachMade, LastMade
 from lab.commands.calibrate.noise import noise_of
 from lab.commands.calibrate.off_poses import off_among_fitted, off_among_held, tail_of
-from lab.commands.calibrate.residuals import adequacy_of, with_own_intervals
+from lab.commands.calibrate.residuals import adequacy_of, with_intervals_of_poses, with_own_intervals
 from lab.commands.calibrate.warnings import (
     of_export,
     of_groups,
@@ -255,6 +255,9 @@ class Fitter:
             trusted, warnings = with_own_intervals(
                 found, observations, self.noise, believed=known or self.options.prior
             )
+        if search.undecided and trusted is found and not self.options.prior and not self.options.residual:
+            trusted, cause = with_intervals_of_poses(found, observations, self.options.parametric)
+            warnings += cause
         if count := sum(pose.held_out for pose in off):
             warnings.append(f"{count} poses of the hold-out set are outliers: the error is with them")
         warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
@@ -394,4 +397,4 @@ class _OneModel:
 
 def _kinds(shared: SharedErrors | None) -> tuple[bool, ...]:
     """Which errors are shared."""
-    return () if shared is None else (shared.scatter_rad > 0, shared.wandering_m > 0, shared.drift_m > 0)
+    return () if shared is None else shared.kinds

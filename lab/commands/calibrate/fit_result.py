@@ -9,6 +9,7 @@ from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_no
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import row_times
 from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.calibration.statistics.explained_error import ExplainedError, explained_errors
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
@@ -17,6 +18,8 @@ from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
 from lab.calibration.statistics.remaining_error import NEARLY, RemainingError, remaining_error
 from lab.core.measurements import Measurements
+from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["FitReport", "Named", "named_poses"]
 
@@ -79,6 +82,14 @@ class FitReport:
     def remaining(self) -> RemainingError | None:
         """What the remaining error is made of; None where no points were observed, or nothing is left over."""
         return _remaining(self)
+
+    @cached_property
+    def gain(self) -> ExpectedGain | None:
+        """What the group residual would gain, where residuals of neighbouring joint positions are alike."""
+        if self.remaining is None or self.remaining.over_joints is None or not self.remaining.over_joints.is_shown:
+            return None
+        is_serial = isinstance(self.identification.model, SerialArm | ArmWithEffects)
+        return expected_gain(self.identification, self.rows) if is_serial else None
 
     @cached_property
     def explained(self) -> dict[str, ExplainedError]:

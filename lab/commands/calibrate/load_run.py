@@ -135,7 +135,8 @@ class Calibrated:
             return 0.0, 1.0, None
         residual_m = (result.residual_mm or 0.0) / 1e3
         noise_m = (result.noise_mm or 0.0) / 1e3 if result.noise_known else sigma_m
-        larger = (residual_m / noise_m) ** 2 if result.noise_known else 1.0
+        by_noise = result.noise_known and not result.cluster_robust
+        larger = (residual_m / noise_m) ** 2 if by_noise else 1.0
         return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result.freedom
 
     @property
@@ -180,6 +181,12 @@ class Calibrated:
         if self.left_out:
             said.append(f"of the run: {', '.join(self.left_out)} was of its own day, and is left out")
         return tuple(said)
+
+    @property
+    def named_warnings(self) -> tuple[str, ...]:
+        """The same, each with the run's folder: for who looks at several runs."""
+        own = f"{self.folder}: "
+        return tuple(said if said.startswith(own) else own + said for said in self.warnings)
 
     def refuse_unfit(self, what: str) -> None:
         """A LabError for a run whose verdict is bad or not judged: ``what`` is not to be built on it."""

@@ -60,11 +60,14 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
 
     Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
     differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
-    residuals. What whole counts of known encoders make is weighed before anything is looked for.
+    residuals. What whole counts of known encoders make is weighed before anything is looked for. Of a fit that ended
+    in a valley nothing is: its parameters are not to be used, and what it leaves is not the noise.
     """
     whole = fits.fitted(rows, None)
     if (counts := _counted(whole, rows, fits.encoders)) is not None:
         whole = fits.fitted(rows, counts)
+    if whole.status == "in a valley":
+        return NoiseSearch(counts, (), float("nan"))
     search = search_noise(whole, rows, replace(fits.noise, shared=counts))
     off = _rows(fits.outliers(whole, rows, counts))
     if not off and search.shared is counts:
@@ -103,6 +106,8 @@ def noise_model_to_dict(shared: SharedErrors | None, errors: ComponentErrors | N
         "wandering_mm": 1e3 * shared.wandering_m,
         "wandering_correlation": shared.carry,
         "drift_mm": 1e3 * shared.drift_m,
+        "step_mm": 1e3 * shared.step_m,
+        "moves": [{"before": move.before, "after": move.after, "size_mm": 1e3 * move.size_m} for move in shared.moves],
         "encoder_counts_rad": None if shared.counts_rad is None else shared.counts_rad.tolist(),
         "component_errors": None
         if errors is None
@@ -144,10 +149,11 @@ class _NoiseModel:
     wandering_correlation: float
     drift_mm: float
     encoder_counts_rad: tuple[tuple[float, ...], ...] | None = None
+    step_mm: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what is no size, share or correlation, with a LabError."""
-        sizes = (self.independent_mm, self.joint_scatter_mrad, self.wandering_mm, self.drift_mm)
+        sizes = (self.independent_mm, self.joint_scatter_mrad, self.wandering_mm, self.drift_mm, self.step_mm)
         if min(sizes) < 0:
             raise LabError("noise_model: a standard deviation is not below zero")
         if any(len(row) != len(self.encoder_counts_rad or ()) for row in self.encoder_counts_rad or ()):
@@ -195,6 +201,7 @@ def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str
         clock=None,
         values=values,
         counts_rad=None if found.encoder_counts_rad is None else np.array(found.encoder_counts_rad),
+        step_m=found.step_mm / 1e3,
     )
 
 

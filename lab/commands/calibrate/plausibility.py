@@ -1,19 +1,23 @@
 """Whether measurements are what they are taken for: rows that are copies, and a noise in another unit."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lab.calibration.identify import Identification
+from lab.calibration.verdict import Answer, Verdict
+from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 
-__all__ = ["refuse_noise_beyond", "refuse_noise_in_another_unit", "without_copies"]
+__all__ = ["doubted", "noise_beyond", "noise_in_another_unit", "without_copies"]
 
 LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
 LEAST_FREEDOM = 10
 LEAST_ROWS = 5  # of fewer the fit says what they lack
+MANY = 10.0  # times the residuals' noise: what is given hides errors
 UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
 ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
 
@@ -22,6 +26,9 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
     """The rows that do not repeat an earlier one to the last digit, with a warning of the others.
 
     Nothing is measured twice alike: a copy would count as a measurement of its own, and make intervals too narrow.
+
+    Raises:
+        LabError: next to nothing but copies is left.
     """
     conditions = [column for _, column in sorted(data.conditions.items())]
     names = {name: float(i) for i, name in enumerate(dict.fromkeys(data.sessions))}
@@ -29,25 +36,20 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
         [data.joints, data.points.reshape(len(data), -1), *conditions, [names[name] for name in data.sessions]]
     )
     seen = np.flatnonzero(data.seen.any(axis=1))
-    alike = np.ascontiguousarray(numbers[seen]).view(np.dtype((np.void, numbers.itemsize * numbers.shape[1]))).ravel()
-    _, first, group = np.unique(alike, return_index=True, return_inverse=True)
-    earlier = seen[first[group]]
-    copies = [(int(row), int(earlier[i])) for i, row in enumerate(seen) if earlier[i] != row]
-    if not copies or len(data) - len(copies) < LEAST_ROWS:
+    copies = [(int(seen[row]), int(seen[same])) for row, same in copied_rows(numbers[seen])]
+    if not copies:
         return data
-    row, same = copies[0]
-    count = "1 row is a copy" if len(copies) == 1 else f"{len(copies)} rows are copies"
-    said = (
-        f"{path}: {count} of an earlier one to the last digit (the first: {data.where(row)}, of {data.where(same)}), "
-        "which measurements never are: left out"
-    )
+    said, left = said_of_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
+    if left < LEAST_ROWS:
+        rows = "1 row is" if left == 1 else f"{left} rows are"
+        raise LabError(f"{said}: {rows} left; measure more poses")
     gone = {row for row, _ in copies}
     kept = data.take([row for row in range(len(data)) if row not in gone])
-    return replace(kept, warnings=(*kept.warnings, said))
+    return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))
 
 
-def refuse_noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> None:
-    """Refuse a noise that is far more than the residuals of the fit.
+def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> list[str]:
+    """Refuse a noise that is far more than the residuals of the fit, and say it of one that is many times as much.
 
     Args:
         noise_mm: the option; None where it was not given.
@@ -56,13 +58,14 @@ def refuse_noise_in_another_unit(noise_mm: float | None, rows: Measurements, fou
     Raises:
         LabError: it is; with the number that it would be in the right unit.
     """
-    if found.dof >= LEAST_FREEDOM:
-        refuse_noise_beyond(noise_mm, rows, found.residual_sigma_m, "the residuals", UNIT)
+    if found.dof < LEAST_FREEDOM:
+        return []
+    return noise_beyond(noise_mm, rows, found.residual_sigma_m, "the residuals", UNIT)
 
 
-def refuse_noise_beyond(
+def noise_beyond(
     noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_DAY
-) -> None:
+) -> list[str]:
     """Refuse a noise that is far more than what is known of the robot and its instrument.
 
     Args:
@@ -72,6 +75,9 @@ def refuse_noise_beyond(
         whose: the residuals' name in the message.
         times: how many times as much it may be.
 
+    Returns:
+        What to tell of one that is so many times as much that it hides errors; nothing of others.
+
     Raises:
         LabError: it is; with the number that it would be in the right unit.
     """
@@ -79,8 +85,18 @@ def refuse_noise_beyond(
     if given_mm is None:
         name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
         given_mm = 1e3 * float(np.median(known)) if known.size else None
-    if given_mm is not None and known_m > LEAST_RESIDUAL_M and given_mm / 1e3 > times * known_m:
-        raise LabError(
-            f"{name} {given_mm:g}: {whose} are those of a noise of {1e3 * known_m:.2g} mm, "
-            f"{given_mm / 1e3 / known_m:.0f} times less; is it in µm? That would be {given_mm / 1e3:g} mm"
-        )
+    if given_mm is None or known_m <= LEAST_RESIDUAL_M or given_mm / 1e3 <= MANY * known_m:
+        return []
+    ratio = given_mm / 1e3 / known_m
+    said = f"{name} {given_mm:g}: {whose} are those of a noise of {1e3 * known_m:.2g} mm, {ratio:.0f} times less"
+    if ratio > times:
+        raise LabError(f"{said}; is it in µm? That would be {given_mm / 1e3:g} mm")
+    return [f"{said}: intervals are as many times too wide, and errors smaller than the given noise are not noticed"]
+
+
+def doubted(word: Verdict, said: Sequence[str]) -> Verdict:
+    """The verdict where the given noise is not that of the residuals: it is not good."""
+    if not said:
+        return word
+    fit, reasons = Answer("doubtful", said[0]), tuple(dict.fromkeys((*word.reasons, *said)))
+    return replace(word, word="doubtful" if word.word == "good" else word.word, fit=fit, reasons=reasons)

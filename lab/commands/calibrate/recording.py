@@ -127,13 +127,12 @@ def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
 
 def _close_views(shown: Scene) -> rrb.Horizontal:
     """The target from near by, fixed in the middle, with the errors after calibration or one ellipsoid each."""
-    after = f"Errors after, {format_magnification(shown.factor_after)}"
     views = [
-        close_view("magnified", after, shown.reach_m),
-        close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
+        close_view("magnified", "Errors after", shown.reach_m),
+        close_view("ellipsoid/mapping", "Sensitivity", shown.reach_m),
     ]
     if shown.uncertainty is not None:
-        views.append(close_view("ellipsoid/uncertainty", "Uncertainty ellipsoid", shown.reach_m))
+        views.append(close_view("ellipsoid/uncertainty", "Uncertainty", shown.reach_m))
     return rrb.Horizontal(*views)
 
 

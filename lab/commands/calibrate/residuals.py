@@ -26,7 +26,7 @@ from lab.core.measurements import Measurements, seen_mask
 from lab.core.probabilities import f_isf
 from lab.core.significance import UNSOLICITED_WARNING
 
-__all__ = ["adequacy_of", "with_own_intervals"]
+__all__ = ["adequacy_of", "with_intervals_of_poses", "with_own_intervals"]
 
 
 def _beside_shared_errors(
@@ -103,9 +103,32 @@ def with_own_intervals(
         words = seen.words
     if believed or len(observations.inputs) <= len(found.fit.free):
         return found, [words]
-    own = sandwich(linearized(found.model, observations, found.values, found.fit.free))
-    trusted = replace(found, covariance=own.covariance, dof_each=own.dof)
+    trusted = _of_whole_poses(found, observations)
     return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
+
+
+def with_intervals_of_poses(
+    found: Identification, observations: Observations, model: str
+) -> tuple[Identification, list[str]]:
+    """The identification with cluster-robust intervals, and what is to be said, where what poses share is undecided.
+
+    Args:
+        model: as it was asked for.
+    """
+    if len(observations.inputs) <= len(found.fit.free):
+        return found, []
+    words = (
+        "the numbers of a pose err together, and what is left comes back with the joints: scatter and what the model "
+        "lacks cannot be told apart, so the intervals are those of whole poses (cluster-robust)"
+    )
+    advice = "" if model == "auto" else "; --model auto tries what the arm may have"
+    return _of_whole_poses(found, observations), [words + advice]
+
+
+def _of_whole_poses(found: Identification, observations: Observations) -> Identification:
+    """The identification with the covariance that each pose's own residuals say."""
+    own = sandwich(linearized(found.model, observations, found.values, found.fit.free))
+    return replace(found, covariance=own.covariance, dof_each=own.dof)
 
 
 def _is_of_the_instrument(found: Identification, observations: Observations) -> bool:

@@ -15,6 +15,7 @@ from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
+from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
 from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.statistics.model_selection import GroupTrial
@@ -183,6 +184,7 @@ class CalibrationResult(Result):
             "noise_mm": number(1e3 * identification.sigma_m),
             "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
             "noise_known": identification.sigma_known,
+            "cluster_robust": identification.dof_each is not None and self.fit.noise.shared is None,
             "noise_tail_freedom": number(self.fit.tail_dof),
             "noise_model": noise_model_to_dict(self.fit.noise.shared, self.fit.noise.component_errors),
             "instrument_noise": _instrument_to_dict(self.fit.instrument),
@@ -190,7 +192,7 @@ class CalibrationResult(Result):
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
             "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
-            "remaining_error": _remaining_to_dict(self.fit.remaining),
+            "remaining_error": _remaining_to_dict(self.fit.remaining, self.fit.gain),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "extrapolation": self._extrapolation,
             "farthest_link": _distance_to_dict(self.verdict.farthest),
@@ -301,7 +303,7 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
     }
 
 
-def _remaining_to_dict(found: RemainingError | None) -> dict[str, Any] | None:
+def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) -> dict[str, Any] | None:
     """What the remaining error of a coordinate is made of, in mm."""
     if found is None:
         return None
@@ -311,6 +313,9 @@ def _remaining_to_dict(found: RemainingError | None) -> dict[str, Any] | None:
         **{name: None if each is None else asdict(each) for name, each in alike.items()},
         "seen_not_taken": list(found.nearly),
         "measure_next": found.measure_next,
+        "with_residual": None
+        if gain is None
+        else {"before_mm": 1e3 * gain.before_m, "after_mm": 1e3 * gain.after_m, "poses": gain.poses},
     }
 
 

@@ -33,8 +33,9 @@ from lab.campaign.virtual_robot import (
 )
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.fit_result import FitReport
+from lab.commands.calibrate.joint_signs import of_joint_signs
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.plausibility import refuse_noise_in_another_unit, without_copies
+from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, without_copies
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.commands.calibrate.warnings import of_limits, of_several_sessions, of_validation_beyond
@@ -313,7 +314,7 @@ def _read(
         columns = kind_named(options.observe).columns
         read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
-    read = without_copies(path, read) if options.observe == "points" else read
+    read = without_copies(path, read) if options.observe in ("points", "pose") else read
     return read if load is None else load.weighed(read)
 
 
@@ -354,7 +355,7 @@ def _outcome(
     bad: frozenset[str] = frozenset(),
 ) -> CalibrationResult:
     robot, data, identification = fitter.robot, fitter.data, fit.identification
-    refuse_noise_in_another_unit(options.noise_mm, fit.rows, identification)
+    noisy = noise_in_another_unit(options.noise_mm, fit.rows, identification)
     gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
     word = verdict(
         identification,
@@ -364,7 +365,8 @@ def _outcome(
         tolerance=fitter.tolerance,
         measured=fit.measured,
     )
-    warnings = [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
+    warnings = of_joint_signs(fitter, fit.rows) if real is None and word.word == "bad" else []
+    warnings += [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
     warnings += of_limits(robot, data)
@@ -384,7 +386,7 @@ def _outcome(
         fitter.nominal(identification.model),
         fitter.tolerance,
         validation,
-        word,
+        doubted(word, noisy),
         seconds,
         tuple(dict.fromkeys(warnings)),
         real,

@@ -20,6 +20,7 @@ class Findings:
         judged_by: on what; None without validation.
         outliers: poses that the test of outliers names, each a mapping with its ``id``.
         outliers_left_out: whether these were not fitted.
+        cluster_robust: whether the parameters' covariance is that of whole poses' own residuals.
         noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
         noise_tail_freedom: degrees of freedom of its tails, of Student's t; None where Gaussian's will do.
         measured_range: the joint positions that were fitted (``measured_range_to_dict``); None where it is not known.
@@ -41,6 +42,7 @@ class Findings:
     judged_by: str | None = None
     outliers: tuple[Mapping[str, Any], ...] = ()
     outliers_left_out: bool = False
+    cluster_robust: bool = False
     noise_model: Mapping[str, Any] | None = None
     noise_tail_freedom: float | None = None
     measured_range: Mapping[str, Any] | None = None

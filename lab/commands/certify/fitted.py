@@ -20,6 +20,20 @@ from lab.formats.measurement_csv import read_measurements
 
 __all__ = ["FittedRows", "fitted_rows"]
 
+_NOWHERE = (
+    "say where the robot stands, so there is no position whose uncertainty could be certified: measure points with a "
+    "tracker, identify these, and certify that run"
+)
+_UNCERTIFIED = {
+    "pose": (
+        "the budget has no terms for measured orientations; identify the file again without it, by its points, and "
+        "certify that run"
+    ),
+    "cable": f"lengths of a cable do not {_NOWHERE}",
+    "socket": f"contacts with sockets do not {_NOWHERE}",
+    "plane": f"contacts with planes do not {_NOWHERE}",
+}  # why a run that observed this has no certificate, and what to do
+
 
 @dataclass(frozen=True)
 class FittedRows:
@@ -53,10 +67,8 @@ def fitted_rows(calibrated: Calibrated) -> FittedRows:
     """
     options = calibrated.options
     if (kind := options.get("observe", "points")) != "points":
-        raise LabError(
-            f"{calibrated.folder}: identified with --observe {kind}; a certificate is of points that an instrument "
-            "measured: give a run of these"
-        )
+        why = _UNCERTIFIED.get(kind, "its measurements are no positions, of which a certificate tells the uncertainty")
+        raise LabError(f"{calibrated.folder}: identified with --observe {kind}: {why}")
     rows, judged = _split(calibrated, options)
     device = _instrument(options)
     noise = _noise(calibrated, options, device)

@@ -24,6 +24,7 @@ from lab.core.instruments import Instrument
 from lab.core.random import rng_for
 from lab.core.tracker_errors import TrackerErrors
 from lab.formats.certificate_toml import CertificateDetails, read_certificate_details
+from lab.render.progress import Stage, status
 
 __all__ = ["certify"]
 
@@ -34,12 +35,13 @@ def certify(options: CertifyOptions) -> Certificate:
     Raises:
         LabError: the run cannot be read, its verdict is bad or not judged, or a file makes no sense.
     """
-    with threadpool_limits(1):  # the bits stay the same
-        return _certified(options)
+    with threadpool_limits(1), status("certifying") as stage:  # one thread: the bits stay the same
+        return _certified(options, stage)
 
 
-def _certified(options: CertifyOptions) -> Certificate:
+def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     options.check()
+    stage("1 of 3, reading the run")
     details = CertificateDetails() if options.details is None else read_certificate_details(options.details)
     calibrated = read_calibrated(options.run, accept_edited=options.accept_edited)
     if not options.force:
@@ -50,22 +52,23 @@ def _certified(options: CertifyOptions) -> Certificate:
             "again with more poses, or with --noise-mm"
         )
     fitted = fitted_rows(calibrated)
+    stage("2 of 3, the robot as it was found, and the quantities of the budget")
     device = fitted.instrument if options.instrument is None else named_instrument(options.instrument)
     robot = _found(calibrated, fitted)
     propagation = _propagation(calibrated, fitted)
     chance = random_errors(calibrated, fitted, device, details.robot.repeatability_mm, robot.after)
     source = str(options.instrument or calibrated.options.get("instrument") or "")
     quantities = _quantities(calibrated, device, Path(source).name, details, propagation, chance)
-    budgets = tuple(
-        budget_of(each, quantities, propagation.positions, propagation.moved, rng_for(0, "null", i))
-        for i, each in enumerate(MEASURANDS)
-    )
+    budgets = []
+    for i, each in enumerate(MEASURANDS):
+        stage("3 of 3, budgets, propagated and drawn", i, len(MEASURANDS))
+        budgets.append(budget_of(each, quantities, propagation.positions, propagation.moved, rng_for(0, "null", i)))
     return Certificate(
         options,
         calibrated,
         details,
         device,
-        budgets,
+        tuple(budgets),
         robot,
         _conformity(options, calibrated, budgets[0]),
         tuple(dict.fromkeys(_warnings(calibrated, device, details, chance))),
@@ -146,5 +149,7 @@ def _warnings(
         )
     if details.robot_temperature is None:
         yield "the robot's temperature is not stated: the budget has none; state it in [environment] of --details"
+    if (at := details.certificate.date) and at < (checked := details.instrument.certificate_date):
+        yield f"the certificate's date, {at}, is before that of the instrument's certificate, {checked}: mend --details"
     if missing := details.missing:
         yield f"not traceable as it is: {', '.join(missing)} missing in --details"

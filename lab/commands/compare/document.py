@@ -7,7 +7,7 @@ from lab.commands.provenance import provenance_section
 from lab.core.significance import VERIFICATION
 from lab.render.charts.axes import Axes
 from lab.render.document import Badge, Code, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings
-from lab.render.format import digits_of, fixed, short
+from lab.render.format import digits_of, fixed, plus_minus
 from lab.render.style import AFTER, INK, MUTED
 from lab.render.svg import axes_picture
 from lab.render.units import display_unit
@@ -84,6 +84,8 @@ def _table(result: ComparisonResult, difference: Difference) -> Table:
             factor, unit = 1e3, "mrad"
         digits = digits_of(factor * half, _FEWEST_DIGITS)
         moved = "moved" if name in difference.moved else ""
-        rows.append((Code(name), unit, fixed(factor * change, digits, signed=True), f"± {short(factor * half)}", moved))
+        rows.append(
+            (Code(name), unit, fixed(factor * change, digits, signed=True), plus_minus(factor * half, digits), moved)
+        )
     kinds = tuple("" if row[-1] else "quiet" for row in rows)
     return Table(("parameter", "unit", "difference", "95 % interval", ""), tuple(rows), row_kinds=kinds)

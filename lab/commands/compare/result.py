@@ -36,7 +36,7 @@ class ComparisonResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Those of the runs."""
-        return tuple(dict.fromkeys(f"{run.folder}: {said}" for run in self.runs for said in run.warnings))
+        return tuple(dict.fromkeys(said for run in self.runs for said in run.named_warnings))
 
     @property
     def exit_code(self) -> int:

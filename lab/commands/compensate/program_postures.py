@@ -1,11 +1,14 @@
 """Which of the inverse's solutions a program asks for, and whether the ways between its targets are free."""
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise, product
 
 import numpy as np
 
 from lab.core import se3
+from lab.core.kept_pieces import Columns, Keep, at_once
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.reading.program_text import Move, TargetText
@@ -22,6 +25,7 @@ __all__ = ["asked_for", "ways_touched"]
 _REACHED_M = 1e-6  # a pose that a solution misses by less is reached
 _STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two looks
 _MOST_LOOKS = 400
+_BLOCK = 200  # ways that are looked at, and kept, together
 _LOOKED_AGAIN = 200  # along a way of all joints that is not free, for words
 _JUMP_RAD = 0.5  # of a joint between two looks on a line: it passes a singularity
 
@@ -88,24 +92,42 @@ def _with_turns(chain: JointSpec, joints: Array) -> Array:
 
 
 def ways_touched(
-    model: RobotModel, nominal: NominalInverse, joints: Array, moves: Sequence[Move], names: Sequence[str]
+    model: RobotModel,
+    nominal: NominalInverse,
+    joints: Array,
+    moves: Sequence[Move],
+    names: Sequence[str],
+    progress: Progress = no_progress,
+    keep: Keep = at_once,
 ) -> tuple[tuple[int, str], ...]:
     """What the arm touches on the moves from target to target in the order of the text, by line.
 
     Args:
         joints: ``(t, 6)`` rad at each target of the text, corrected or as it stays; NaN where they are not known.
         names: of the targets.
+        progress: told how many ways were looked at.
+        keep: how what was found on them is kept.
     """
-    free = path_check(model)
-    said = list[tuple[int, str]]()
-    for before, move in pairwise(moves):
-        start, end = joints[before.target], joints[move.target]
-        if not np.isfinite([start, end]).all() or before.target == move.target:
-            continue
-        words = _on_line(model, nominal, start, end) if move.motion == "line" else _of_joints(model, free, start, end)
-        if words:
-            said.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {words}"))
-    return tuple(said)
+    free, pairs, found = path_check(model), list(pairwise(moves)), list[tuple[int, str]]()
+
+    def touched(first: int) -> Columns:
+        said = list[tuple[int, str]]()
+        for done, (before, move) in enumerate(pairs[first : first + _BLOCK], start=first):
+            progress(done, len(pairs))
+            start, end = joints[before.target], joints[move.target]
+            if not np.isfinite([start, end]).all() or before.target == move.target:
+                continue
+            line = move.motion == "line"
+            words = _on_line(model, nominal, start, end) if line else _of_joints(model, free, start, end)
+            if words:
+                said.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {words}"))
+        lines, texts = [line for line, _ in said], [words for _, words in said]
+        return {"lines": np.array(lines, dtype=np.int_), "texts": np.array(texts, dtype=np.str_)}
+
+    for first in range(0, len(pairs), _BLOCK):
+        piece = keep("program", [np.array([first]), joints], partial(touched, first))
+        found += zip(piece["lines"].tolist(), piece["texts"].tolist(), strict=True)
+    return tuple(found)
 
 
 def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> str:

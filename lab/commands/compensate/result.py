@@ -341,7 +341,7 @@ class CompensationResult(Result):
         )
         scattered = np.einsum("nij,jk,nik->n", slopes, shared.joint_covariance(size), slopes)
         more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0)
-        return np.asarray(np.sqrt(scattered + 3 * (shared.wandering_m**2 + shared.drift_m**2 + more)))
+        return np.asarray(np.sqrt(scattered + 3 * (shared.wandering_m**2 + shared.lasting_m**2 + more)))
 
     @cached_property
     def load_m(self) -> Array:

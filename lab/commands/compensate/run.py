@@ -17,8 +17,9 @@ from lab.commands.compensate.program_postures import ways_touched
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.keywords import options_of, takes
 from lab.commands.stops import Stops
-from lab.compensation.compensator import Compensation, Compensator
+from lab.compensation.compensator import ASKED_FOR, Compensation, Compensator
 from lab.core.errors import LabError, error_context
+from lab.core.kept_pieces import current_keep
 from lab.core.measurements import LAST_MOVE, asked, last_moves
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -104,7 +105,11 @@ def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResu
     ways: tuple[tuple[int, str], ...] = ()
     if done.checked:
         names = [each.name for each in program.read.targets]
-        ways = ways_touched(run.robot.model, program.nominal, stands, program.read.moves, names)
+        with status("checking") as stage:
+            ways = ways_touched(
+                run.robot.model, program.nominal, stands, program.read.moves, names, partial(stage, "ways"),
+                current_keep(),
+            )  # fmt: skip
     return replace(done, program=program.rewritten(done.found, options.digits, ways))
 
 
@@ -113,13 +118,13 @@ def _corrected(
     run: Calibrated,
     targets: Targets,
     access: ReachabilityGraph | None,
-    bound: str | None = None,
+    bound: str = ASKED_FOR,
 ) -> CompensationResult:
     """Correct targets for the arm of a run.
 
     Args:
         access: where the arm may go; None where nothing is checked, and of a program, whose ways are its own.
-        bound: of a program: why only the solution that it asks for is tried.
+        bound: why only the solution that joint positions ask for is tried.
 
     Raises:
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
@@ -140,9 +145,8 @@ def _corrected(
     target = run.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.R_last_tool.T)
     may_not = refusals(run.robot.model, access) if (checked := _is_checked(options, run)) else None
-    compensator = Compensator(run.nominal_inverse(target), run.arm, run.values, may_not)
-    if bound is not None:
-        compensator = replace(compensator, bound=bound)
+    keep = current_keep()
+    compensator = Compensator(run.nominal_inverse(target), run.arm, run.values, may_not, bound, keep=keep)
     found, conditions = _in_their_order(compensator, wanted, conditions, targets)
     inputs = np.concatenate([found.joints, conditions], axis=1)
     without = _without_effects(run, inputs[found.converged], target)
@@ -156,7 +160,8 @@ def _corrected(
     rows = np.flatnonzero(found.converged)
     way, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
-        way, which = stops_in_order(rated(run.robot.chain)[0], access, way)
+        with status("checking") as stage:
+            way, which = stops_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
     stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said)
     if run.load is not None and found.converged.any():

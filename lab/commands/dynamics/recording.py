@@ -10,12 +10,12 @@ import rerun.blueprint as rrb
 from lab.commands.dynamics.result import DynamicsResult
 from lab.core.se3 import Array
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import FAR, SUMMARY, eye, layout, main_view
+from lab.render.recording_layout import SUMMARY, eye_on_arm, layout, main_view
 from lab.render.rerun_primitives import Times, draw_shells, markdown, recording_to
 from lab.render.scene import drawn_rows, moved
 from lab.render.skeleton import skeleton
 from lab.render.style import RGB_MUTED, RGB_PAYLOAD
-from lab.simulation.meshes import body_poses, shells
+from lab.simulation.meshes import arm_shells, body_poses
 
 __all__ = ["record_dynamics"]
 
@@ -32,11 +32,10 @@ def record_dynamics(path: Path, result: DynamicsResult) -> None:
     with recording_to(path, result.robot.name, _identity(result, run.joints)) as recording:
         origins = moved(model.T_world_frame0, skeleton(arm, values, joints).origins)
         reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
-        draw_shells(recording, at, shells(model), body_poses(model, arm, values, joints))
+        draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, joints))
         _torques(recording, result)
         recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
-        ahead = origins[0, 0] + FAR * reach * np.array([1.0, -1.0, 0.0])
-        view = main_view("The arm on its path", eye(origins, origins[:, -1], reach, ahead))
+        view = main_view("The arm on its path", eye_on_arm(origins, origins[:, -1], reach))
         curves = [rrb.TimeSeriesView(origin=f"torques/{name}", name=name) for name in arm.chain.joint_names]
         text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
         right = rrb.Vertical(text, rrb.Grid(*curves, grid_columns=2), row_shares=[1, 1.6])

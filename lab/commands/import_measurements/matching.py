@@ -1,7 +1,7 @@
 """Which pose of a controller's file each point of a tracker's file belongs to: by name, in order, or by time."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +63,8 @@ def matched(options: ImportOptions, points: TrackerPoints, log: JointLog, prisma
 
 
 def _choice(options: ImportOptions, points: TrackerPoints, log: JointLog) -> By:
-    if all(log.names) and any(_split(options, points, i, set(log.names)) for i in range(len(points.names))):
+    known = set(log.names)
+    if all(log.names) and any(_split(options, points, i, known) for i in range(len(points.names))):
         return "name"
     timed = np.isfinite(points.seconds).all() and np.isfinite(log.seconds).all()
     return "time" if timed else "order"
@@ -84,7 +85,7 @@ def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *
 # By name
 
 
-def _split(options: ImportOptions, points: TrackerPoints, i: int, known: set[str]) -> tuple[str, str] | None:
+def _split(options: ImportOptions, points: TrackerPoints, i: int, known: Container[str]) -> tuple[str, str] | None:
     """The pose and the target that a point's name says; None where no pose is called so."""
     name, target = points.names[i], points.targets[i]
     if name in known:
@@ -111,7 +112,7 @@ def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Ma
     found: dict[str, dict[str, int]] = {}
     left = []
     for i, name in enumerate(points.names):
-        which = _split(options, points, i, set(first))
+        which = _split(options, points, i, first)
         if which is None:
             left.append(LeftOut(str(points.path), points.lines[i], name, "no pose is called so"))
             continue
@@ -182,7 +183,7 @@ def _by_time(options: ImportOptions, points: TrackerPoints, log: JointLog, stops
             f"of each, {_offset_hint(at, starts, ends)}"
         )
     said_at, at = at, at - (options.clock_offset_s or 0.0)
-    where = _window_of(at, starts, ends, exact=not _is_log(log))
+    where = _windows_by_time(starts, ends, exact=not _is_log(log))(at)
     inside = where >= 0
     if not inside.any() or np.nanmax(at) < starts[0] or np.nanmin(at) > ends[-1]:
         raise LabError(
@@ -196,11 +197,11 @@ def _by_time(options: ImportOptions, points: TrackerPoints, log: JointLog, stops
         )
         for i in np.flatnonzero(~inside)
     ]  # fmt: skip
-    poses = list(_timed_poses(options, points, stops, where))
+    poses, met = list(_timed_poses(options, points, stops, where)), set(where.tolist())
     left += [
         LeftOut(str(log.path), stops.lines[k], f"pose {k + 1}", "no point was measured there")
         for k in range(len(stops))
-        if k not in set(where.tolist())
+        if k not in met
     ]
     said = [f"Points belong to the poses at which the arm stood when they were measured ({len(stops)} in the log)."]
     if options.clock_offset_s:
@@ -225,19 +226,30 @@ def _one_clock(points: TrackerPoints, log: JointLog, stops: Windows) -> tuple[Ar
     return at - np.nanmin(at), starts - log.seconds[0], ends - log.seconds[0], False
 
 
-def _window_of(at: Array, starts: Array, ends: Array, *, exact: bool) -> NDArray[np.int_]:
-    """The window ``(n,)`` that each time falls into, -1 where none.
+def _windows_by_time(starts: Array, ends: Array, *, exact: bool) -> Callable[[Array], NDArray[np.int_]]:
+    """A callable: the window that each of times ``(n,)`` falls into, -1 where none.
 
     Args:
         exact: whether windows are moments: then that one which is nearest, within half the way to its neighbours.
     """
-    if exact:
-        gap = float(np.median(np.diff(starts))) if len(starts) > 1 else np.inf
-        apart = np.abs(at[:, None] - starts[None, :])
-        nearest = np.where(np.isnan(at), 0, np.argmin(np.nan_to_num(apart, nan=np.inf), axis=1))
-        return np.where(apart[np.arange(len(at)), nearest] <= gap / 2, nearest, -1)
-    k = np.clip(np.searchsorted(starts, at, side="right") - 1, 0, len(starts) - 1)
-    return np.where((at >= starts[k]) & (at <= ends[k]), k, -1)
+    last = len(starts) - 1
+    if not exact:
+
+        def around(at: Array) -> NDArray[np.int_]:
+            k = np.clip(np.searchsorted(starts, at, side="right") - 1, 0, last)
+            return np.where((at >= starts[k]) & (at <= ends[k]), k, -1)
+
+        return around
+    gap = float(np.median(np.diff(starts))) if last else np.inf
+    moments, rows = np.unique(starts, return_index=True)
+
+    def nearest(at: Array) -> NDArray[np.int_]:
+        after = np.minimum(np.searchsorted(moments, at), len(moments) - 1)
+        before = np.maximum(after - 1, 0)
+        k = np.where(np.abs(at - moments[before]) <= np.abs(moments[after] - at), before, after)
+        return np.where(np.abs(at - moments[k]) <= gap / 2, rows[k], -1)
+
+    return nearest
 
 
 def _offset_hint(at: Array, starts: Array, ends: Array) -> str:
@@ -245,13 +257,11 @@ def _offset_hint(at: Array, starts: Array, ends: Array) -> str:
     shown = at[np.isfinite(at)][:_TRIED]
     middles = (starts + ends)[:_TRIED] / 2
     apart = (shown[:, None] - middles[None, :]).ravel()
-    exact = bool((ends == starts).all())
-    counts = [
-        int((_window_of(shown - each, starts, ends, exact=exact) >= 0).sum()) for each in np.unique(apart.round(1))
-    ]
+    window_of, tried = _windows_by_time(starts, ends, exact=bool((ends == starts).all())), np.unique(apart.round(1))
+    counts = [int((window_of(shown - each) >= 0).sum()) for each in tried]
     best = int(np.argmax(counts))
     if counts[best] >= _ENOUGH * len(shown):
-        offset = float(np.unique(apart.round(1))[best])
+        offset = float(tried[best])
         return f"--clock-offset-s {offset:.10g} would place {counts[best]} of {len(shown)}"
     return "give --clock-offset-s, the seconds by which the tracker's clock is ahead"
 
@@ -260,10 +270,7 @@ def _timed_poses(
     options: ImportOptions, points: TrackerPoints, stops: Windows, where: NDArray[np.int_]
 ) -> "list[MatchedPose]":
     each, poses = len(options.targets), list[MatchedPose]()
-    for k in range(len(stops)):
-        rows = np.flatnonzero(where == k).tolist()
-        if not rows:
-            continue
+    for k, rows in _rows_of_windows(where):
         if len(rows) % each:
             lines = ", ".join(str(points.lines[i]) for i in rows[:8])
             raise LabError(
@@ -274,3 +281,12 @@ def _timed_poses(
             poses.append(MatchedPose(_pose_name(points, rows[n], len(poses)), stops.joints[k],
                                      _in_turn(options, rows[n : n + each])))  # fmt: skip
     return poses
+
+
+def _rows_of_windows(where: NDArray[np.int_]) -> list[tuple[int, list[int]]]:
+    """The windows that points ``(n,)`` fall into, in order, and the points of each in theirs."""
+    inside = np.flatnonzero(where >= 0)
+    order = inside[np.argsort(where[inside], kind="stable")]
+    windows, firsts = np.unique(where[order], return_index=True)
+    rows = np.split(order, firsts[1:])
+    return [(int(k), some.tolist()) for k, some in zip(windows, rows, strict=True)]

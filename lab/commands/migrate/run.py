@@ -30,6 +30,8 @@ def migrate(options: MigrateOptions) -> MigrationResult:
     with suppress(OSError):  # a run that was moved aside by a migration that was killed
         recover(resolved(options.folder))
     folders = list(_runs(options.folder))
+    for folder in folders:  # before any is changed
+        refuse_edits(folder)
     if options.date is not None and len(folders) > 1:
         raise LabError(f"{options.folder}: holds {len(folders)} runs, and --date is of one; give the folder of that")
     return MigrationResult(options, tuple(Migrated(each, _migrated(each, options.date)) for each in folders))
@@ -52,7 +54,6 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
     options = config.get("options")
     if "model_sha256" not in config or not isinstance(options, dict):
         raise LabError(f"{folder}/config.json: is not what the lab writes; {_NO_RUN}")
-    refuse_edits(folder)
     files, done = dict[str, Any](), []
     if is_older(folder):
         done.append(f"schema {SCHEMA}")

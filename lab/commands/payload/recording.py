@@ -14,12 +14,12 @@ from lab.commands.payload.result import PayloadResult, channels_of
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import FAR, SUMMARY, eye, layout, main_view
+from lab.render.recording_layout import SUMMARY, eye_on_arm, layout, main_view
 from lab.render.rerun_primitives import Times, draw_shells, markdown, recording_to
 from lab.render.scene import moved
 from lab.render.skeleton import skeleton
 from lab.render.style import RGB_MUTED, RGB_PAYLOAD, RGB_WEIGHT
-from lab.simulation.meshes import body_poses, shells
+from lab.simulation.meshes import arm_shells, body_poses
 
 __all__ = ["equivalent_ellipsoid", "record_payload"]
 
@@ -42,7 +42,7 @@ def record_payload(path: Path, result: PayloadResult) -> None:
         origins = moved(model.T_world_frame0, skeleton(arm, values, shown.joints).origins)
         reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
         recording.send_blueprint(_blueprint(result, origins, reach, timeline))
-        draw_shells(recording, at, shells(model), body_poses(model, arm, values, shown.joints))
+        draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, shown.joints))
         if np.isfinite(result.estimate.com_m).all():
             _load(recording, at, result, Ts)
         _channels(recording, result)
@@ -122,8 +122,7 @@ def _blueprint(result: PayloadResult, origins: Array, reach: float, timeline: st
         rrb.TimeSeriesView(origin=f"channels/{name}", name=f"{name}, {unit}", plot_legend=rrb.PlotLegend(visible=False))
         for name, unit in channels_of(result)
     ]
-    ahead = origins[0, 0] + FAR * reach * np.array([1.0, -1.0, 0.0])  # nothing to be in view, only where to look
-    controls = eye(origins, origins[:, -1], reach, ahead)
+    controls = eye_on_arm(origins, origins[:, -1], reach)
     text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
     right = rrb.Vertical(text, rrb.Grid(*views, grid_columns=2), row_shares=[1, 1.6])
     return layout(rrb.Vertical(main_view("Arm and load", controls)), right, timeline)

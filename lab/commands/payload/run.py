@@ -13,6 +13,7 @@ from lab.commands.payload.known_payload import HandLoad
 from lab.commands.payload.options import PayloadOptions
 from lab.commands.payload.result import PayloadResult, UncertaintyCost, wild_sample
 from lab.commands.rehearsal.day import MeasuringBench, load_of_rehearsal
+from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError, error_context
 from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements
@@ -111,6 +112,7 @@ def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSam
     """The file, and how arm and sensor stand."""
     chain = robot.chain
     samples = read_loads(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    samples = samples.without_copies(file)
     wrench = samples.wrench is not None if options.method is None else options.method == "wrench"
     if options.sensor is not None:
         return samples, read_mounting(options.sensor, sensor=wrench)
@@ -184,7 +186,7 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
     compliance = run.compliance
     if robot.loads is None:
         raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
-    joints, unloaded, loaded = _paired(options, data)
+    joints, unloaded, loaded, said = _paired(options, data)
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded)
         strange = implausibilities(fitted, ArmSize.of(robot.serial_model.chain, robot.loads))
@@ -192,12 +194,15 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
-    warnings = (*run.warnings, *data.warnings, *_warnings(estimate, strange))
+    warnings = (*run.warnings, *data.warnings, *said, *_warnings(estimate, strange))
     return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, strange)
 
 
-def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array]:
-    """Joint positions ``(n, joints)``, and points ``(n, k, 3)`` without and with the payload, at the same poses."""
+def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array, list[str]]:
+    """Joint positions ``(n, joints)``, and points ``(n, k, 3)`` without and with the payload, at the same poses.
+
+    Pairs that repeat an earlier one to the last digit are left out, and told.
+    """
     column = data.other.get("run")
     if column is None or set(column) - {"loaded", "unloaded"}:
         raise LabError(f"{options.file}: say in a column run of each row whether it is loaded or unloaded")
@@ -206,7 +211,12 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
     )
     if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > SAME_RAD:
         raise LabError(f"{options.file}: give the same joint positions loaded and unloaded, in one order")
-    return data.joints[with_it], data.points[without], data.points[with_it]
+    parts = data.joints[with_it], data.points[without], data.points[with_it]
+    copies = copied_rows(np.concatenate([each.reshape(len(with_it), -1) for each in parts], axis=1))
+    kept = np.setdiff1d(np.arange(len(with_it)), [row for row, _ in copies])
+    where = [data.where(int(with_it[row])) for row in copies[0]] if copies else []
+    said = [f"{said_of_copies(options.file, len(copies), *where)}: left out"] if copies else []
+    return parts[0][kept], parts[1][kept], parts[2][kept], said
 
 
 def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:

@@ -56,6 +56,10 @@ class Rehearsal:
                 raise LabError(f"--{flag.replace('_', '-')} {getattr(self, flag):g}: give a number from 0 to 1000")
         if self.friction_percent not in FRICTION_PERCENT:
             raise LabError(f"--friction-percent {self.friction_percent:g}: give 30 at most, or little torque is left")
+        if 0 < self.filter_hz < 1 / self.seconds:
+            raise LabError(
+                f"--filter-hz {self.filter_hz:g}: slower than --seconds {self.seconds:g} last; give 0 for none"
+            )
         if self.payload_kg is not None:
             positive("--payload-kg", self.payload_kg)
         for name, values, count in (

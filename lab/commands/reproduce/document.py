@@ -63,12 +63,12 @@ def _title(result: ReproductionResult) -> str:
 def _overview(result: ReproductionResult) -> Table:
     rows: list[Row] = []
     for each in result.computed:
-        agree, errata = sum(a.agrees is True for a in each.answers), sum(bool(a.erratum) for a in each.answers)
-        told = (
-            (str(len(each.answers)),) if result.options.exercise else (str(len(each.answers)), str(agree), str(errata))
-        )
-        rows.append((each.item.number, each.item.title, *told))
-    heads = ("values",) if result.options.exercise else ("values", "agree", "errata")
+        printed = [answer.agrees for answer in each.answers if answer.agrees is not None]
+        errata = sum(bool(answer.erratum) for answer in each.answers)
+        counts = (len(each.answers), len(printed), sum(printed), errata)
+        told = counts[:1] if result.options.exercise else counts
+        rows.append((each.item.number, each.item.title, *map(str, told)))
+    heads = ("values",) if result.options.exercise else ("values", "printed", "agree", "errata")
     return Table(("item", "", *heads), tuple(rows))
 
 

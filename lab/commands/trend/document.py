@@ -6,7 +6,7 @@ from lab.commands.trend.figures import errors_picture, moved_pictures, parameter
 from lab.commands.trend.result import TrendResult
 from lab.core.significance import TREND_YEAR
 from lab.render.document import Badge, Bullets, Code, Document, Figure, Paragraph, Row, Section, Table, Text, Warnings
-from lab.render.format import digits_of, fixed, short
+from lab.render.format import digits_of, fixed, plus_minus, short
 from lab.render.units import display_unit
 from lab.verification.change_points import ChangePoint
 
@@ -65,7 +65,7 @@ def _called(name: str) -> str:
 def _size(result: TrendResult, name: str, size: float, half: float) -> str:
     factor, unit = _unit(result, name)
     digits = digits_of(factor * half, _MOST_DIGITS)
-    return f"{fixed(factor * size, digits, signed=True)} ± {short(factor * half)} {unit}"
+    return f"{fixed(factor * size, digits, signed=True)} {plus_minus(factor * half, digits)} {unit}"
 
 
 def _unit(result: TrendResult, name: str) -> tuple[float, str]:
@@ -83,9 +83,11 @@ def _runs(result: TrendResult) -> Table:
     for each in result.runs:
         errors = each.run.result.after_mm
         numbers = ("–", "–") if errors is None else (short(errors["mean"]), short(errors["p95"]))
-        rows.append((each.date.isoformat(), Code(each.run.folder.name), each.run.result.verdict, *numbers))
-    caption = "Errors at positions that were not fitted, mm"
-    return Table(("date", "run", "verdict", "mean", "95 %"), tuple(rows), caption)
+        found = each.run.result
+        gate = "none" if found.gate_mm is None else f"{found.gate_mm:g}"
+        rows.append((each.date.isoformat(), Code(each.run.folder.name), found.verdict, gate, *numbers))
+    caption = "Errors at positions that were not fitted, and the gate of their mean, mm"
+    return Table(("date", "run", "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
 
 
 def _errors(result: TrendResult) -> Figure:

@@ -80,7 +80,7 @@ class TrendResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was left out, and those of the runs."""
-        said = [f"{each.run.folder}: {words}" for each in self.runs for words in each.run.warnings]
+        said = [words for each in self.runs for words in each.run.named_warnings]
         return tuple(dict.fromkeys([*self.left_out, *said]))
 
     @property
@@ -120,6 +120,7 @@ class TrendResult(Result):
                     "run": str(each.run.folder),
                     "date": each.date.isoformat(),
                     "verdict": each.run.result.verdict,
+                    "gate_mm": each.run.result.gate_mm,
                     "after_mm": None if each.run.result.after_mm is None else dict(each.run.result.after_mm),
                 }
                 for each in self.runs

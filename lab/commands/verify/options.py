@@ -29,7 +29,7 @@ class VerifyOptions:
     noise_mm: float | None = None
     """Their noise (1σ per axis) instead."""
     force: Flag = False
-    """Verify against a run too whose verdict is bad or not judged."""
+    """Verify against a run too whose verdict is bad or not judged, and by rows that it was identified from."""
     accept_edited: Flag = False
     """Build on a run too whose files were changed since it was written."""
 

@@ -22,7 +22,7 @@ from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
-from lab.commands.calibrate.plausibility import refuse_noise_beyond, without_copies
+from lab.commands.calibrate.plausibility import noise_beyond, without_copies
 from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
@@ -31,6 +31,7 @@ from lab.core.errors import LabError
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.progress import Progress
+from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
@@ -80,7 +81,9 @@ def verify(
     """
     if isinstance(run, VerifyOptions):
         run.check()
-        return _verified(run, read_calibrated(run.run, accept_edited=run.accept_edited))
+        with status("reading the run"):
+            calibrated = read_calibrated(run.run, accept_edited=run.accept_edited)
+        return _verified(run, calibrated)
     if measurements is None:
         raise LabError("lab.verify: give the new measurements, a file or in memory")
     in_memory = measurements if isinstance(measurements, Measurements) else None
@@ -118,17 +121,20 @@ def _tested(
             f"{options.file}: measured from stations {', '.join(stations)}; verify the rows of each alone, with "
             "--refit base"
         )
+    fitted = _if_fitted(calibrated, options, rows) if given is None else []
     tested = f"2 of 2, testing {len(rows):,} rows, twice or more"
     stage(tested)
     with _naming(options):
-        refuse_noise_beyond(options.noise_mm, rows, (calibrated.result.residual_mm or 0.0) / 1e3, "the run's residuals")
+        known_m = (calibrated.result.residual_mm or 0.0) / 1e3
+        noisy = noise_beyond(options.noise_mm, rows, known_m, "the run's residuals")
         observations, prediction = _against(calibrated, rows, options)
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
     lone = [rows.ids[i] for i in np.flatnonzero(calibrated.extrapolated(rows.joints))]
     said = _warnings(calibrated, read, rows, verified) + said_of_extrapolated("poses", lone, len(rows))
-    warnings = tuple(said + _repeat_where_measured(len(lone), len(rows), verified))
+    said += fitted
+    warnings = tuple(noisy + said + _repeat_where_measured(len(lone), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
@@ -296,6 +302,38 @@ def _widened(observations: Observations, lacking_m: float) -> Observations:
         return replace(observations, whiten=1 / np.sqrt(1 / observations.whiten**2 + lacking_m**2))
     root = np.linalg.inv(observations.whiten)
     return replace(observations, whiten=whitening(root @ np.swapaxes(root, -1, -2) + lacking_m**2 * np.eye(3)))
+
+
+def _if_fitted(calibrated: Calibrated, options: VerifyOptions, rows: Measurements) -> list[str]:
+    """Refuse rows that the run was identified from, to the last digit: of these it says nothing new.
+
+    Returns:
+        What is to be told where ``--force`` takes them all the same; mostly nothing.
+    """
+    own = calibrated.folder / "measurements.csv"
+    if not own.is_file():
+        return []
+    chain = calibrated.robot.chain
+    fitted = read_measurements(own, chain.joint_names, chain.prismatic)
+    if fitted.targets != rows.targets:
+        return []
+    known = {row.tobytes() for row in _numbers(fitted)}
+    again = [i for i, row in enumerate(_numbers(rows)) if row.tobytes() in known]
+    if not again:
+        return []
+    count = "1 row is" if len(again) == 1 else f"{len(again)} of {len(rows)} rows are"
+    said = (
+        f"{options.file}: {count} among those that the run was identified from (the first: {rows.where(again[0])}), "
+        "which verify nothing new; measure poses again"
+    )
+    if not options.force:
+        raise LabError(f"{said}, or say --force")
+    return [said]
+
+
+def _numbers(rows: Measurements) -> Array:
+    numbers: Array = np.column_stack([rows.joints, rows.points.reshape(len(rows), -1)])
+    return numbers
 
 
 def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:

@@ -1,7 +1,7 @@
 """One robot's workspace: its size, its sections, its orientations, and what is reached without a collision."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,13 @@ from lab.campaign.robot import Robot
 from lab.commands.inspect.format import tidy
 from lab.commands.values import number
 from lab.commands.workspace.options import WorkspaceOptions
+from lab.core.kept_pieces import current_keep, of_one
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.workspace.domain import anyhow
 from lab.kinematics.workspace.reach import reach_from_axis
 from lab.kinematics.workspace.space import Section, Workspace, workspace_of
+from lab.render.progress import Stage, no_stage
 from lab.simulation.collisions import collides
 
 __all__ = ["RobotWorkspace", "robot_workspace"]
@@ -125,7 +127,7 @@ class RobotWorkspace:
         }
 
 
-def robot_workspace(robot: Robot, options: WorkspaceOptions) -> RobotWorkspace:
+def robot_workspace(robot: Robot, options: WorkspaceOptions, stage: Stage = no_stage) -> RobotWorkspace:
     """Measure one robot's workspace.
 
     Raises:
@@ -133,7 +135,10 @@ def robot_workspace(robot: Robot, options: WorkspaceOptions) -> RobotWorkspace:
     """
     arm = robot.arm(("p1",))
     values = arm.nominal({"p1": options.tool_m})
-    space = workspace_of(arm, values, options.places, rng_for(options.seed, "poses"))
+    looked = partial(stage, f"{robot.name}, 1 of 2, places")
+    keep = of_one(current_keep(), robot.source, robot.sha256)
+    space = workspace_of(arm, values, options.places, rng_for(options.seed, "poses"), looked, keep)
+    stage(f"{robot.name}, 2 of 2, reach and orientations")
     chain, reach = arm.dh_chain(values), None
     if chain is not None:
         reach = (reach_from_axis(chain, options.tool_m, least=True), reach_from_axis(chain, options.tool_m))

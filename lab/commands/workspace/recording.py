@@ -18,7 +18,7 @@ from lab.render.rerun_primitives import draw_shells, markdown, recording_to
 from lab.render.scene import moved, world_legs
 from lab.render.style import RGB_CURRENT, RGB_LEG, RGB_MAPPING, RGB_PATH, RGB_ROD
 from lab.render.surfaces import halved
-from lab.simulation.meshes import body_poses, shells
+from lab.simulation.meshes import arm_shells, body_poses
 
 if TYPE_CHECKING:
     import trimesh
@@ -60,7 +60,7 @@ def _draw(
     model, joints = robot.model, arm.chain.home[None]
     T = model.T_world_frame0
     recording.log(under, rr.Transform3D(translation=shift), static=True)
-    draw_shells(recording, [], shells(model), body_poses(model, arm, each.space.values, joints), f"{under}/arm")
+    draw_shells(recording, [], arm_shells(model), body_poses(model, arm, each.space.values, joints), f"{under}/arm")
     legs = world_legs(T, arm, each.space.values, joints)
     if legs.measured:
         colours = [RGB_LEG if measured else RGB_ROD for measured in legs.measured]

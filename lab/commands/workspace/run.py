@@ -6,6 +6,7 @@ from lab.campaign.robot import load_robot
 from lab.commands.workspace.measured import robot_workspace
 from lab.commands.workspace.options import WorkspaceOptions
 from lab.commands.workspace.result import WorkspaceResult
+from lab.render.progress import status
 
 __all__ = ["measure_workspaces"]
 
@@ -17,7 +18,8 @@ def measure_workspaces(options: WorkspaceOptions) -> WorkspaceResult:
         LabError: there is no such robot, or its point stays on a line or a surface, which has no volume.
     """
     options.check()
-    found = tuple(robot_workspace(load_robot(name, options.cell), options) for name in options.named)
+    with status("measuring") as stage:
+        found = tuple(robot_workspace(load_robot(name, options.cell), options, stage) for name in options.named)
     result = WorkspaceResult(replace(options, out=None, overwrite=False), found)  # where it goes is no part of it
     if options.out is not None:
         result.save(options.out, overwrite=options.overwrite)

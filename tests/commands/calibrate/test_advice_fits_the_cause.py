@@ -51,3 +51,18 @@ def test_auto_is_proposed_before_poses_are_blamed() -> None:
     assert said and np.all([w.index("--model auto") < w.index("--robust") for w in said])
     again = [w for w in identified(2, day, model="auto").to_dict()["warnings"] if "--robust" in w]
     assert again and not any("--model auto" in w for w in again)
+
+
+def test_where_scatter_cannot_be_told_from_the_arm_the_intervals_are_those_of_whole_poses() -> None:
+    day = {"poses": 40, "targets": ("p1", "p2", "p3"), "repeatability_mrad": 0.03, "harmonic_mrad": 0.1}
+    undecided = identified(3, day)
+    (said,) = [words for words in undecided.to_dict()["warnings"] if "cluster-robust" in words]
+    assert "cannot be told apart" in said and said.endswith("--model auto tries what the arm may have")
+    assert undecided.to_dict()["cluster_robust"] and undecided.to_dict()["noise_model"] is None
+    found = undecided.identification
+    assert found.dof_each is not None and (found.dof_each < found.dof / 3).all()  # 40 clusters, not 360 numbers
+    plain = found.residual_sigma_m * np.sqrt(np.diag(found.fit.unit_covariance()))
+    assert np.mean(found.std > 1.1 * plain) > 0.5  # three targets of a pose err together
+    told = identified(3, {**day, "harmonic_mrad": 0.0})
+    assert not told.to_dict()["cluster_robust"] and told.to_dict()["noise_model"] is not None
+    assert not any("cluster-robust" in words for words in told.to_dict()["warnings"])

@@ -100,7 +100,7 @@ PLANS = [
     planned("degrees called radians", plan((1, 1, 10)).replace("deg", "rad"), "line 2", "q3", "572.958°", "unit"),
     planned("colliding", plan((10, 10, 10), (0, 108, 0)), "line 3", "collides", "take it out"),
     planned("empty", "", "empty", "header"),
-    planned("no pose", "q1_deg,q2_deg,q3_deg\n", "no rows", "one row a pose"),
+    planned("no pose", "q1_deg,q2_deg,q3_deg\n", "no rows", "below the header"),
     planned("a joint missing", "q1_deg,q2_deg\n1,2\n", "line 1", "q3", "q3_deg"),
     planned("a word", plan((1, 2, 3)).replace("3\n", "three\n").replace("qthree", "q3"), "line 2", "'three'"),
     planned("two poses", plan((1, 2, 3), (30, 20, 10)), "2 measured points", "at least 5 poses"),

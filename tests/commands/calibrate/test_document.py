@@ -19,7 +19,7 @@ from lab.commands.calibrate.run import calibrate, identify
 from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.format import capital, digits_of, short
+from lab.render.format import capital, digits_of, sentence, short
 from lab.render.units import display_unit
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
@@ -31,8 +31,12 @@ NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 
 
 def answers_of(verdict: Verdict) -> list[str]:
-    """What a page says of the three questions."""
-    return [f"{capital(name)}: {each.standing}. {capital(each.words)}." for name, each in verdict.answers.items()]
+    """What a page says of the three questions: what a reason has said already stands once."""
+    return [
+        f"{capital(name)}: {each.standing}. "
+        + ("See above." if any(reason.startswith(each.words) for reason in verdict.reasons) else sentence(each.words))
+        for name, each in verdict.answers.items()
+    ]
 
 
 def written(path: Path, seven) -> Page:
@@ -66,7 +70,8 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
         errors = result[f"{row[0]}_mm"]
         for cell, key in zip(row[1:], ("mean", "rms", "p95", "max", "count"), strict=True):
             assert seen.number(cell) == pytest.approx(errors[key], rel=5e-3)
-    rows = seen.table("parameter", "unit", "nominal", "estimated")
+    shown = seen.table("parameter", "correction", "95 % interval", "unit", "estimated", "nominal", "status")
+    rows = [[row[i] for i in (0, 3, 5, 4, 1, 2, 6)] for row in shown]
     stored = json.loads((seven_run / "parameters.json").read_text())
     stored = [each for each in stored if each["status"] != "converted"]  # Z and E, beside the parameters
     assert [row[0] for row in rows] == [each["name"] for each in stored]
@@ -80,7 +85,7 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
             continue
         low, high = (scale * end for end in each["interval_95"])
         assert seen.number(row[3]) == pytest.approx(scale * each["estimate"], abs=half)
-        assert seen.number(row[5]) == pytest.approx((high - low) / 2, rel=5.1e-3)
+        assert seen.number(row[5]) == pytest.approx((high - low) / 2, abs=half)  # two digits, as its value
         drawn = each["name"].startswith("link")
         assert has_correction(found) is drawn
         assert (row[4] != "") is drawn
@@ -146,7 +151,10 @@ def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
     assert found.verdict.word == verdict
     seen = written(tmp_path / "report.html", found)
     assert set(seen.figures) == set(FIGURES) - missing and seen.headings[0].endswith(verdict)
-    assert seen.items == [*map(capital, found.verdict.reasons), *answers_of(found.verdict), *found.warnings]
+    warnings = [each for each in found.warnings if each not in found.verdict.reasons]
+    assert seen.items == [*map(capital, found.verdict.reasons), *answers_of(found.verdict), *warnings]
+    for reason in found.verdict.reasons:
+        assert seen.text.lower().count(reason.lower()) == 1
     assert ("Outliers: " in " ".join(seen.headings)) is bool(found.fit.outliers)
 
 

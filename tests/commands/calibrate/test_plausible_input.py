@@ -58,6 +58,17 @@ def test_a_noise_in_micrometres_is_refused_with_what_it_would_be(day: Measuremen
     lab.identify(day, robot="scara", noise_mm=0.05, holdout=0.2)
 
 
+def test_a_noise_that_hides_errors_is_told_and_not_good(day: Measurements) -> None:
+    sound = lab.identify(day, robot="scara", noise_mm=0.008, holdout=0.2)
+    vague = lab.identify(day, robot="scara", noise_mm=0.2, holdout=0.2)
+    assert sound.verdict.word == "good" and vague.verdict.word == "doubtful"
+    assert vague.verdict.fit.standing == "doubtful"
+    assert any("--noise-mm 0.2: the residuals are those of a noise of 0.00" in each for each in vague.verdict.reasons)
+    known = lab.verify(sound, day, noise_mm=0.2).warnings
+    assert any("the run's residuals are those of" in each and "not noticed" in each for each in known)
+    assert not any("not noticed" in each for each in lab.verify(sound, day, noise_mm=0.01).warnings)
+
+
 def turned(data: Measurements, change: Callable[[Array], Array]) -> Measurements:
     return replace(data, joints=change(data.joints))
 
@@ -90,3 +101,26 @@ def test_a_mistake_is_never_good(mistake: str, robust: bool, day: Measurements) 
     """However many poses --robust would leave out to make the rest fit."""
     found = lab.identify(MISTAKES[mistake](day), robot="scara", instrument="uniform-8um", robust=robust)
     assert found.verdict.word == "bad" and found.exit_code == 1
+
+
+@pytest.mark.thorough
+def test_a_negated_joint_is_named_whether_the_fit_shows_it_or_not() -> None:
+    """A wrist with its fifth joint negated is the same arm, zeros of the fourth and sixth half a turn away."""
+    day = lab.simulate("irb120", poses=40, seed=1).measurements
+
+    def said(data: Measurements) -> list[str]:
+        found = lab.identify(data, robot="irb120", instrument="uniform-8um", holdout=0.2)
+        assert found.verdict.word == ("good" if data is day else "bad")
+        return [each for each in found.warnings if "negated" in each]
+
+    for joint in (1, 4):
+        signs = np.where(np.arange(6) == joint, -1, 1)
+        (words,) = said(turned(day, lambda joints, signs=signs: joints * signs))  # type: ignore[misc]
+        assert words.startswith(f"with joint q{joint + 1} negated these measurements fit to 0.005 mm")
+    assert said(day) == said(replace(day, points=day.points[..., [1, 0, 2]])) == []
+
+
+def test_next_to_nothing_but_copies_is_refused(day: Measurements) -> None:
+    with pytest.raises(LabError, match=r"39 rows are copies of an earlier one .* 1 row is left; measure more poses"):
+        without_copies(Path("day.csv"), doubled(day.take([0]), [0] * 39))
+    assert len(without_copies(Path("day.csv"), doubled(day.take(range(5)), [0] * 39))) == 5

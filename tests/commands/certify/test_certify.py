@@ -109,6 +109,9 @@ def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     assert 1.6 <= position.coverage_factor <= 2 and 1.9 <= distance.coverage_factor <= 2.1
     assert told["budgets"]["position"]["freedom"] > 12  # that of the only line that has a finite number
     assert any("repeatability was neither measured nor stated" in said for said in found.warnings)
+    Path("early.toml").write_text(DETAILS.replace('certificate = "C1"', "certificate_date = 2026-04-01"))
+    early = certify(CertifyOptions(Path("known"), Path("early.toml"))).warnings
+    assert any("2026-03-31, is before that of the instrument's certificate, 2026-04-01" in said for said in early)
     page = " ".join(found.summary().split())
     assert "calibration certificate 42" in page and "A <b>B</b>" in page and "Not measured: pose repeat" in page
 
@@ -200,9 +203,16 @@ def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_p
         told = certify(replace(asked_for, force=doubts)).to_dict()
         assert told["run_verdict"]["verdict"] == word and told["run_verdict"]["reasons"] == ["a doubt"]
     measured = (edited / "config.json").read_text()
-    (edited / "config.json").write_text(measured.replace('"observe": "points"', '"observe": "cable"'))
-    with pytest.raises(LabError, match="identified with --observe cable"):
-        certify(CertifyOptions(edited, accept_edited=True))
+    reasons = {
+        "cable": "--observe cable: lengths of a cable do not say where the robot stands",
+        "socket": "--observe socket: contacts with sockets do not say where",
+        "plane": "--observe plane: contacts with planes do not say where",
+        "pose": "--observe pose: the budget has no terms for measured orientations; identify the file again without",
+    }
+    for kind, said in reasons.items():
+        (edited / "config.json").write_text(measured.replace('"observe": "points"', f'"observe": "{kind}"'))
+        with pytest.raises(LabError, match=said):
+            certify(CertifyOptions(edited, accept_edited=True))
 
 
 def test_a_virtual_robot_s_certificate_says_so(seven_run: Path) -> None:

@@ -47,6 +47,8 @@ def test_an_older_run_is_read_with_a_word(old: Path, seven_run: Path) -> None:
     assert (found.estimates == ours.estimates).all()
     assert any("without checksums: nothing tells whether it was edited; lab migrate" in said for said in found.warnings)
     assert any("judged it by other rules" in said for said in found.warnings)
+    assert all(said.startswith(f"{old}: ") for said in found.named_warnings)
+    assert not any(said.startswith(f"{old}: {old}: ") for said in found.named_warnings)
     assert not any("older" in said for said in ours.warnings)
 
 
@@ -89,6 +91,10 @@ def test_what_cannot_be_migrated_is_left_as_it_was(old: Path, seven_run: Path, t
     (edited / "SHA256SUMS").unlink()  # a run that has a schema had checksums
     with pytest.raises(LabError, match="its checksums are missing"):
         migrate(MigrateOptions(edited))
+    shutil.move(edited, old.parent / "z_edited")
+    with pytest.raises(LabError, match="its checksums are missing"):  # and no run before it is touched
+        migrate(MigrateOptions(old.parent))
+    assert not (old / "SHA256SUMS").exists()
     monkeypatch.chdir(old)
     with pytest.raises(LabError, match="is the working folder"):
         migrate(MigrateOptions(Path()))
