@@ -32,7 +32,7 @@ from lab.render.rerun_primitives import (
 from lab.render.scene import LARGEST_FACTOR, magnification, moved, reach_of, world_legs
 from lab.render.skeleton import skeleton
 from lab.render.style import RGB_MEASURED, RGB_UNCERTAINTY
-from lab.simulation.meshes import body_poses, instrument_body, shells
+from lab.simulation.meshes import arm_shells, body_poses
 from lab.simulation.model import RobotModel
 
 __all__ = ["ErrorScene", "PointErrors", "record_errors"]
@@ -110,11 +110,9 @@ def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, docu
     there = np.isfinite(points).all(axis=2)
     origins = moved(T_world_frame0, skeleton(arm, values, joints).origins)
     reach = max(reach_of(T_world_frame0, points[there], legs), reach_of(T_world_frame0, origins, legs))
-    hidden = instrument_body(model)
     with recording_to(path, robot, identity) as recording:
         recording.send_blueprint(_blueprint(scene, origins, points[there], reach))
-        visible = [shell for shell in shells(model) if shell.body != hidden]
-        draw_shells(recording, at, visible, body_poses(model, arm, values, joints))
+        draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, joints))
         draw_legs(recording, at, legs, reach)
         draw_moves(recording, model, arm, values, scene.numbers, joints)
         draw_instrument(recording, "instrument's frame", scene.T_world_instrument)

@@ -2,7 +2,7 @@
 
 from math import floor, isfinite, log10
 
-__all__ = ["capital", "digits_of", "fixed", "format_magnification", "sentence", "short"]
+__all__ = ["capital", "digits_of", "fixed", "format_magnification", "plus_minus", "sentence", "short"]
 
 
 def short(value: float | None, unit: str = "") -> str:
@@ -33,6 +33,12 @@ def digits_of(half_width: float, most: int) -> int:
     return min(max(1 - floor(log10(half_width)), 0), most)
 
 
+def plus_minus(half_width: float, digits: int) -> str:
+    """Half of an interval, ``± 0.0038``, with the ``digits`` of its value; three significant where those say less."""
+    says_enough = digits >= digits_of(half_width, digits + 1)
+    return f"± {fixed(half_width, digits) if says_enough else short(half_width)}"
+
+
 def format_magnification(factor: float) -> str:
     """A magnification, as ``× 10,000``."""
     return f"× {factor:,.0f}" if factor >= 1 else f"× {factor:g}"
@@ -46,5 +52,5 @@ def capital(text: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """The text with a capital first letter and a full stop."""
-    return f"{capital(text)}."
+    """The text with a capital first letter and a full stop, where it does not end a sentence already."""
+    return capital(text) + "." * (not text.endswith((".", "?", "!")))

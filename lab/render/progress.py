@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 __all__ = ["Stage", "bars", "no_stage", "starting", "status", "time_left"]
 
-_SURE = 3.0  # s: before, nothing is said of the time left
+_SURE = 0.5  # s: before, nothing is said of the time left
 _NAMED = 12  # letters of a stage's words that say which it is
 _ERASE = "\r\x1b[K"
 
@@ -53,6 +53,8 @@ def status(work: str) -> Iterator[Stage]:
 
         def stage(words: str, done: int = 0, of: int = 0) -> None:
             name = words[:_NAMED]
+            if not done:  # it begins, or begins anew
+                begun[name] = time.monotonic()
             since = time.monotonic() - begun.setdefault(name, time.monotonic())
             count = f" ({done:,} of {of:,}{time_left(since, done, of)})" if of else ""
             shown.update(task, description=f"{work}: {words}{count}")
@@ -69,7 +71,7 @@ def time_left(seconds: float, done: int, of: int) -> str:
     if not done or seconds < _SURE or done >= of:
         return ""
     left = seconds / done * (of - done)
-    return f", about {left / 60:.0f} min left" if left >= 100 else f", about {left:.0f} s left"
+    return f", about {left / 60:.0f} min left" if left >= 100 else f", about {max(left, 1):.0f} s left"
 
 
 @contextmanager

@@ -10,12 +10,24 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.render.style import RGB_BACKDROP, RGB_FLOOR
 
-__all__ = ["FAR", "SUMMARY", "backdrop", "bars", "close_view", "eye", "layout", "magnified_view", "main_view"]
+__all__ = [
+    "FAR",
+    "SUMMARY",
+    "backdrop",
+    "bars",
+    "close_view",
+    "eye",
+    "eye_on_arm",
+    "layout",
+    "magnified_view",
+    "main_view",
+]
 
 SUMMARY = "summary"  # the entity of a recording's text
 _POSES_PER_SECOND = 2.0  # when it is played
 _CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
 _SHOULDER_RAD, _DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
+_SHELL = 0.12  # of the reach: how far bodies stand out from the frames, for an arm that fills the view
 _FLAT, _DOWN_ON_FLAT = 0.15, 1.8  # an arm of which all is lower than this share of its width lies in a plane
 FAR = 4.0  # reaches: an instrument further away does not have to be in view
 _HALF_FIELD, _ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewer's field of 55 degrees
@@ -115,6 +127,13 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
     return rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=target - back * forward, look_target=target, eye_up=(0.0, 0.0, 1.0)
     )
+
+
+def eye_on_arm(origins: Array, points: Array, reach_m: float) -> rrb.EyeControls3D:
+    """From in front and from the side, of an arm that nothing measures; arguments as those of ``eye``."""
+    shells = origins.reshape(-1, 3)[:, None] + _SHELL * reach_m * np.array([[0, 0, 1], [0, 0, -1], [1, -1, 0]])
+    behind = origins[0, 0] + FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
+    return eye(origins, np.concatenate([points, shells.reshape(-1, 3)]), reach_m, behind)
 
 
 def _framed(points: Array, forward: Array) -> tuple[Array, float]:

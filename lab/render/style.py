@@ -33,7 +33,7 @@ __all__ = [
     "MARK_EDGE",
     "MEASURED",
     "MUTED",
-    "ORDER_MAP",
+    "ORDER_SCALE",
     "OUTLIER",
     "PAGE_DARK",
     "PAGE_LIGHT",
@@ -95,7 +95,9 @@ RMS: Final = "#3f8f4f"
 INDEX: Final = "#7c3aed"  # an observability index
 BETTER: Final = "#86c5a4"
 COLOUR_SCALE: Final = ("#fde68a", "#f97316", "#b91c1c", "#4c0519")  # of lengths, from small to large
-ORDER_MAP: Final = "viridis"  # matplotlib's: first to last pose of a tour
+ORDER_SCALE: Final = (  # from the first pose of a tour to the last: viridis (Smith and van der Walt 2015)
+    "#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725",
+)  # fmt: skip
 EQUAL_CONTRAST: Final = 0.179  # the luminance on which black and white are read alike, at 4.6 to 1
 
 # The arm.
@@ -136,7 +138,7 @@ RGB_BEAM: Final[Rgb] = (235, 60, 60)
 RGB_ROD: Final[Rgb] = (170, 175, 185)
 RGB_TRACKER: Final[Rgb] = (205, 208, 214)
 RGB_LEG: Final[Rgb] = (242, 97, 15)  # whose length is a joint position
-RGB_LINKS: Final[tuple[Rgb, ...]] = (  # of an arm that bends, base outward
+RGB_LINKS: Final[tuple[Rgb, ...]] = (  # of an arm that bends, and of joints over time, base outward
     (250, 215, 70), (130, 205, 255), (240, 130, 90), (120, 220, 140), (210, 150, 255), (245, 160, 190),
 )  # fmt: skip
 RGB_ARROW: Final[Rgb] = (245, 245, 250)  # half-axes, wanted edges

@@ -12,10 +12,11 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import plain
 from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
 from lab.render.progress import bars, status
-from lab.render.recording_layout import eye, main_view
+from lab.render.recording_layout import eye, eye_on_arm, main_view
 from lab.render.rerun_primitives import draw_legs, recording_to
 from lab.render.scene import MOST_POSES, drawn_rows, legs_legend, magnification, moved, reach_of, world_legs
 from lab.render.skeleton import Legs, skeleton
+from lab.simulation.meshes import arm_shells, body_poses, shells
 
 
 @given(st.floats(1e-9, 1e3), st.floats(1e-3, 1e3))
@@ -48,6 +49,26 @@ def test_an_arms_lines_end_at_its_frames() -> None:
     turned = values.copy()
     turned[:6] = 0.3
     np.testing.assert_allclose(skeleton(arm, turned, joints).lines[0], found.lines[0], atol=1e-12)  # whatever the base
+
+
+def test_an_arm_that_nothing_measures_is_in_view_without_an_instrument() -> None:
+    robot = load_robot("irb120")
+    arm = robot.arm(("p1",))
+    values, joints = arm.nominal(robot.tool), np.zeros((1, 6))
+    origins = moved(robot.model.T_world_frame0, skeleton(arm, values, joints).origins)
+    controls = eye_on_arm(origins, origins[:, -1], 0.7)
+    position, target = (
+        np.asarray(each.as_arrow_array().to_pylist()[0]) for each in (controls.position, controls.look_target)
+    )
+    assert "tracker" in {each.body for each in shells(robot.model)}
+    bodies = body_poses(robot.model, arm, values, joints)
+    forward = (target - position) / np.linalg.norm(target - position)
+    for shell in arm_shells(robot.model):
+        assert shell.body != "tracker"
+        seen = moved(bodies[shell.body][0], shell.vertices.astype(float)) - position
+        depth = seen @ forward
+        off = np.linalg.norm(seen - depth[:, None] * forward, axis=1) / depth
+        assert depth.min() > 0 and off.max() < np.tan(np.deg2rad(27.5)) * np.hypot(1, 1.4)
 
 
 def test_legs_of_a_mechanism_in_the_world() -> None:

@@ -1,10 +1,12 @@
 """What a terminal shows, and what a pipe gets."""
 
 import io
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
+from lab.render import progress
 from lab.render.document import Badge, Bullets, Document, Paragraph, Table
 from lab.render.progress import time_left
 from lab.render.terminal import print_document
@@ -34,5 +36,21 @@ def test_on_a_terminal_no_number_is_cut_and_the_verdict_is_coloured(width: int) 
 
 
 def test_the_time_left_is_said_when_it_is_known() -> None:
-    assert time_left(1.0, 5, 10) == "" and time_left(9.0, 0, 10) == "" and time_left(9.0, 10, 10) == ""
+    assert time_left(0.4, 5, 10) == "" and time_left(9.0, 0, 10) == "" and time_left(9.0, 10, 10) == ""
+    assert time_left(0.8, 1, 10) == ", about 7 s left", "within a second of start"
+    assert time_left(9.0, 99, 100) == ", about 1 s left", "never none"
     assert time_left(6.0, 2, 10) == ", about 24 s left" and time_left(60.0, 1, 11) == ", about 10 min left"
+
+
+def test_a_stage_that_begins_anew_is_reckoned_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What earlier robots or designs took says nothing of the time that this one has left."""
+    said, clock = list[str](), iter(range(0, 1000, 10))
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr("rich.progress.Progress.update", lambda _, task, description: said.append(description))
+    with progress.status("planning") as stage:
+        for count in (9, 8):
+            for done in range(2):
+                stage(f"2 of 5, design of {count} poses", done, 4)
+    left = [words.partition(", about ")[2] for words in said]
+    assert left[0] == left[2] == "" and left[1] == left[3] != ""

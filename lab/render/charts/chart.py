@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from lab.core.se3 import Array
 from lab.render.charts.frame import FONT_SIZE, ChartAxis, Legend, line_sample
-from lab.render.charts.marks import ROUND, cells, colour, dashes, line, marks, path, rectangle, words
+from lab.render.charts.marks import ROUND, backdrop, cells, colour, dashes, line, marks, path, rectangle, words
 from lab.render.charts.sheet import Coordinates, Sheet, arrow, place
 from lab.render.charts.ticks import Scale
 
@@ -183,9 +183,13 @@ class Chart(Sheet):
     def annotate(
         self, text: str, xy: Any, xytext: Any = None, *, xycoords: Coordinates = "data",
         textcoords: Literal["offset points"] | None = None, color: str = "#000000", fontsize: float = FONT_SIZE,
-        fontweight: str = "", ha: str = "left", va: str = "baseline", arrowprops: Any = None, zorder: float = 3.0,
+        fontweight: str = "", ha: str = "left", va: str = "baseline", arrowprops: Any = None, bbox: Any = None,
+        zorder: float = 3.0,
     ) -> None:  # fmt: skip
-        """Words at a point, or so many points from it; with ``arrowprops`` an arrow from ``xytext`` to the point."""
+        """Words at a point, or so many points from it, on an area of their own with ``bbox``.
+
+        With ``arrowprops`` an arrow from ``xytext`` to the point.
+        """
         tint = colour(color)
         if arrowprops is not None:
             self.add(zorder, lambda across, up: arrow(across, up, xytext, xy, **arrowprops))
@@ -194,7 +198,9 @@ class Chart(Sheet):
 
         def draw(across: Scale, up: Scale) -> str:
             x, y = place(xy, xycoords, across, up)
-            return words(text, x + right, y - over, fontsize, tint, ha, va, bold=fontweight == "bold")
+            at = x + right, y - over
+            behind = "" if bbox is None else backdrop(text, *at, fontsize, ha, va, bbox["facecolor"], bbox["boxstyle"])
+            return behind + words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
 
         self.words.append(draw)
 

@@ -10,6 +10,7 @@ from lab.core.se3 import Array
 
 __all__ = [
     "ROUND",
+    "backdrop",
     "cells",
     "colour",
     "dashes",
@@ -189,3 +190,22 @@ def words(
         for each in lines[1:]
     )
     return f'<text {place} font-size="{shown_number(size)}" fill="{tint}"{anchor}{weight}{turn}>{said}</text>'
+
+
+def backdrop(text: str, x: float, y: float, size: float, across: str, up: str, fill: str, style: str) -> str:
+    """The area behind a line of words at a place, as ``words`` puts them there.
+
+    Args:
+        style: ``circle`` or ``round``, and how far the area reaches beyond the words, as ``"round,pad=0.1"`` (of the
+            words' size).
+    """
+    shape, _, more = style.partition(",pad=")
+    pad = float(more or 0.3) * size
+    width, height = text_width(text, size) + 2 * pad, size + 2 * pad
+    if shape == "circle":
+        width = height = max(width, height)
+    left = x - {"left": pad, "center": width / 2, "right": width - pad}[across]
+    middle = y + {"baseline": -0.36, "top": 0.5, "center": 0.0, "bottom": -0.5}[up] * size
+    n, turn = shown_number, width / 2 if shape == "circle" else pad
+    place = f'x="{n(left)}" y="{n(middle - height / 2)}" width="{n(width)}" height="{n(height)}"'
+    return f'<rect {place} rx="{n(turn)}" fill="{fill}"/>'
