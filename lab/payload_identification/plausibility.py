@@ -13,6 +13,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.load_samples import PayloadSamples
 from lab.core.se3 import Array
+from lab.core.wording import counted
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.payload_identification.estimate import LoadEstimate
@@ -144,7 +145,7 @@ def _readings(samples: PayloadSamples, upward: Upward | None) -> Iterator[tuple[
         shifted = _shifted(samples, rows)
         if shifted is not None:
             side = "later" if rows > 0 else "earlier"
-            count = f"{abs(rows)} row" + ("s" if abs(rows) > 1 else "")
+            count = counted(abs(rows), "row")
             yield f"the joint positions seem to be {count} {side} than what was measured there", shifted
     if samples.loaded.all() and len(samples) > 1:
         first = np.arange(len(samples)) < len(samples) // 2

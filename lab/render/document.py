@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
+from lab.core.wording import counted
+
 if TYPE_CHECKING:
     import matplotlib.figure
 
@@ -151,7 +153,7 @@ class Warnings(Block):
     @property
     def title(self) -> str:
         """How many there are."""
-        return "1 warning" if len(self.texts) == 1 else f"{len(self.texts)} warnings"
+        return counted(len(self.texts), "warning")
 
     def _reduced(self, medium: Medium) -> Iterable[Block]:
         return (self,) if self.texts else ()

@@ -18,6 +18,7 @@ from lab.core.measurements import seen_mask
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.wording import counted
 from lab.verification.change_test import ChangeTest, change_test, explained, freed, split_test
 from lab.verification.hypotheses import (
     ChangeHypothesis,
@@ -134,7 +135,7 @@ def verify(
     if held:  # what these poses do not determine stays as the run has it, and nothing here depends on it
         fit = problem.placed(prediction.values, np.delete(anew, held, axis=1), refit)
     if refit and (fit.dof < 1 or fit.numbers <= asked):
-        count = f"{len(observed.points)} pose{'' if len(observed.points) == 1 else 's'}"
+        count = counted(len(observed.points), "pose")
         raise LabError(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
             "measure more, or refit less"

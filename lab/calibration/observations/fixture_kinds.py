@@ -18,6 +18,7 @@ from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.core.wording import counted
 from lab.kinematics.model import Model
 
 __all__ = ["FixtureKind", "FixtureRows", "refuse_blank"]
@@ -91,10 +92,9 @@ class FixtureKind(ObservationKind, ABC):
         few = [i for i in range(len(labels)) if counts[i] < kind.least_rows]
         if len(few) == len(labels):
             most = int(counts.max(initial=0))
-            rows_of = "1 row" if most == 1 else f"{most} rows"
             raise LabError(
-                f"no {kind.group} has more than {rows_of}; its own position takes {len(kind.axes)} numbers: "
-                f"measure each from at least {kind.least_rows} poses"
+                f"no {kind.group} has more than {counted(most, 'row')}; its own position takes {len(kind.axes)} "
+                f"numbers: measure each from at least {kind.least_rows} poses"
             )
         left_out = tuple(
             f"{kind.group} {labels[i] or 'of the file'} has {counts[i]} of the {kind.least_rows} rows "

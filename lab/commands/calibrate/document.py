@@ -29,6 +29,7 @@ from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult, errors_without_outliers, outliers_found
 from lab.commands.provenance import provenance_section
 from lab.core.significance import VARIANCE_COMPONENTS
+from lab.core.wording import counted
 from lab.kinematics.parameter import Parameter
 from lab.render.document import (
     EVERYWHERE,
@@ -113,9 +114,10 @@ def _lead(result: CalibrationResult, words: ObservationWords) -> str:
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if words.names_targets else ""
     after_or_in = "after" if fit.status == "in a valley" else "in"
+    steps = counted(fit.iterations, "step")
     begun = (
         f"From {words.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
-        f"{len(result.parameters)} parameters were identified ({fit.status} {after_or_in} {fit.iterations} steps)."
+        f"{len(result.parameters)} parameters were identified ({fit.status} {after_or_in} {steps})."
     )
     if before is None or after is None:
         return f"{begun} The accuracy at other poses was not validated."

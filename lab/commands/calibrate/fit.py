@@ -34,6 +34,7 @@ from lab.commands.calibrate.residuals import adequacy_of, with_intervals_of_pose
 from lab.commands.calibrate.warnings import (
     of_export,
     of_groups,
+    of_held_out,
     of_joints,
     of_nominal,
     of_outliers,
@@ -258,8 +259,7 @@ class Fitter:
         if search.undecided and trusted is found and not self.options.prior and not self.options.residual:
             trusted, cause = with_intervals_of_poses(found, observations, self.options.parametric)
             warnings += cause
-        if count := sum(pose.held_out for pose in off):
-            warnings.append(f"{count} poses of the hold-out set are outliers: the error is with them")
+        warnings += of_held_out(off)
         warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
         if self.options.parametric == "auto":
             refused = {name: self.unanswerable(name) for name in CANDIDATES}

@@ -11,6 +11,7 @@ from lab.calibration.verdict import Answer, Verdict
 from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.wording import be, counted
 
 __all__ = ["doubted", "noise_beyond", "noise_in_another_unit", "without_copies"]
 
@@ -41,8 +42,7 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
         return data
     said, left = said_of_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
     if left < LEAST_ROWS:
-        rows = "1 row is" if left == 1 else f"{left} rows are"
-        raise LabError(f"{said}: {rows} left; measure more poses")
+        raise LabError(f"{said}: {counted(left, 'row')} {be(left)} left; measure more poses")
     gone = {row for row, _ in copies}
     kept = data.take([row for row in range(len(data)) if row not in gone])
     return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))

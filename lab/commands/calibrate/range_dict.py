@@ -10,6 +10,7 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.pose_cover import PoseCover
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.wording import be
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.kinematics.joints import JointSpec
 
@@ -102,8 +103,9 @@ def said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
     if not ids:
         return []
     return [
-        f"{len(ids)} of {count} {what} are extrapolated: not covered ({ids[0]} first); no pose that the run fitted is "
-        "near, and its model lacks something: what is predicted there says how regions that were left out were missed"
+        f"{len(ids)} of {count} {what} {be(len(ids))} extrapolated: not covered ({ids[0]} first); no pose that the "
+        "run fitted is near, and its model lacks something: what is predicted there says how regions that were "
+        "left out were missed"
     ]
 
 

@@ -46,6 +46,7 @@ from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.progress import Progress
 from lab.core.se3 import Array
+from lab.core.wording import be
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
@@ -368,7 +369,7 @@ def _outcome(
     warnings = of_joint_signs(fitter, fit.rows) if real is None and word.word == "bad" else []
     warnings += [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if blank := int((~fitter.kind.rows(data)).sum()):
-        warnings.append(f"{blank} of {len(data)} rows have no {fitter.kind.words.reading} and are left out")
+        warnings.append(f"{blank} of {len(data)} rows {be(blank)} left out: no {fitter.kind.words.reading} is in them")
     warnings += of_limits(robot, data)
     warnings += of_validation_beyond(identification, fit.measured, validation.rows)
     if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:

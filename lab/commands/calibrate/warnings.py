@@ -18,11 +18,13 @@ from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
+from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import listed
 from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
+from lab.core.wording import be, counted
 from lab.kinematics.dynamics.link_loads import link_ends
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.stations import at_first_station
@@ -33,6 +35,7 @@ from lab.kinematics.serial.chain import Chain
 __all__ = [
     "of_export",
     "of_groups",
+    "of_held_out",
     "of_joints",
     "of_limits",
     "of_nominal",
@@ -73,6 +76,12 @@ def of_outliers(found: Identification, seen: Observations, outliers: Outliers, m
     ]
 
 
+def of_held_out(off: tuple[Named, ...]) -> list[str]:
+    """That some of the poses that are off are of the hold-out set."""
+    count = sum(pose.held_out for pose in off)
+    return [f"{counted(count, 'pose')} of the hold-out set {be(count)} off: the error is with them"] if count else []
+
+
 def of_validation_beyond(found: Identification, measured: MeasuredRange | None, rows: Measurements | None) -> list[str]:
     """That validation poses are where nothing was measured, and the model knows less."""
     if measured is None or rows is None or not (measured.is_worse_beyond or found.process is not None):
@@ -87,9 +96,9 @@ def of_validation_beyond(found: Identification, measured: MeasuredRange | None, 
     size = float(np.sqrt((unknown**2).sum(axis=(2, 3))).max())
     return [
         *said,
-        f"{len(outside)} of {len(rows)} validation poses are beyond the fitted joint positions ({part.ids[0]} the "
-        f"first): there the model may be off by up to {1e3 * size:.2g} mm more (1σ), as the edges of the measured "
-        "range say",
+        f"{len(outside)} of {counted(len(rows), 'validation pose')} {be(len(outside))} beyond the fitted joint "
+        f"positions ({part.ids[0]} the first): there the model may be off by up to {1e3 * size:.2g} mm more "
+        "(1σ), as the edges of the measured range say",
     ]
 
 
@@ -298,7 +307,8 @@ def of_limits(robot: Robot, data: Measurements) -> list[str]:
     """That poses are beyond the joints' limits."""
     outside = robot.chain.beyond_limits(data.joints, 1e-3)
     return [
-        f"joint {name}: {int(count)} of {len(data)} poses are beyond its limits; check units, signs and offsets"
+        f"joint {name}: {int(count)} of {counted(len(data), 'pose')} {be(int(count))} beyond its limits; "
+        "check units, signs and offsets"
         for name, count in zip(robot.chain.joint_names, outside.sum(axis=0), strict=True)
         if count
     ]

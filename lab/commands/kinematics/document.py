@@ -10,6 +10,7 @@ from lab.commands.kinematics.result import KinematicsResult, pose_values
 from lab.commands.provenance import provenance_section
 from lab.commands.values import joint_values
 from lab.core.se3 import Array
+from lab.core.wording import counted
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings
 from lab.render.format import capital, fixed, short
@@ -80,14 +81,10 @@ def frames_of(arm: "RigidArm", values: Array, joints: Array) -> Array:
 def _title(result: KinematicsResult) -> str:
     count = len(result.placements)
     if len(result.reached) == 1:
-        return f"{result.robot.name}: {_counted(count, 'solution')} of the pose"
+        return f"{result.robot.name}: {counted(count, 'solution')} of the pose"
     if result.reached:
-        return f"{result.robot.name}: {_counted(count, 'solution')} of {len(result.reached)} poses"
-    return f"{result.robot.name}: {_counted(count, 'pose')} by the direct model"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+        return f"{result.robot.name}: {counted(count, 'solution')} of {len(result.reached)} poses"
+    return f"{result.robot.name}: {counted(count, 'pose')} by the direct model"
 
 
 def _reached(result: KinematicsResult) -> tuple[Block, ...]:
@@ -101,7 +98,7 @@ def _reached(result: KinematicsResult) -> tuple[Block, ...]:
         how = f"in closed form: {others}" if each.how == "closed form" else "by search: there may be others"
         name = f"{each.name}: " if each.name else ""
         modes = f"; {each.reassembled} more in another assembly mode" if each.reassembled else ""
-        lines.append(f"{name}({at}) mm{turned}: {_counted(len(each.solutions), 'solution')} {how}{modes}{missed}")
+        lines.append(f"{name}({at}) mm{turned}: {counted(len(each.solutions), 'solution')} {how}{modes}{missed}")
     return (Bullets(tuple(lines[:MOST_ROWS])),)
 
 

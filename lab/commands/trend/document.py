@@ -5,6 +5,7 @@ from lab.commands.provenance import provenance_section
 from lab.commands.trend.figures import errors_picture, moved_pictures, parameters_picture
 from lab.commands.trend.result import TrendResult
 from lab.core.significance import TREND_YEAR
+from lab.core.wording import counted
 from lab.render.document import Badge, Bullets, Code, Document, Figure, Paragraph, Row, Section, Table, Text, Warnings
 from lab.render.format import digits_of, fixed, plus_minus, short
 from lab.render.units import display_unit
@@ -20,7 +21,7 @@ def trend_document(result: TrendResult) -> Document:
     """Whether and when anything changed, what, errors and parameters over time, and what would be found."""
     first, last = result.runs[0], result.runs[-1]
     count = len(result.changes)
-    word = "no change" if not count else "1 change" if count == 1 else f"{count} changes"
+    word = counted(count, "change") if count else "no change"
     robot = first.run.robot
     span = f"{len(result.runs)} calibrations from {first.date} to {last.date}"
     return Document(

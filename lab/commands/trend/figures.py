@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.commands.trend.result import TrendResult
+from lab.core.wording import counted
 from lab.render.document import Picture
 from lab.render.style import AFTER, BEFORE, GRID, INK, OUTLIER, PREDICTED
 from lab.render.svg import figure_picture, log_ticks
@@ -113,4 +114,4 @@ def _date_axis(axes: "Axes") -> None:
 
 def _said(result: TrendResult) -> str:
     count = len(result.changes)
-    return "no change" if not count else "1 change" if count == 1 else f"{count} changes"
+    return counted(count, "change") if count else "no change"

@@ -14,6 +14,7 @@ from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.wording import counted
 from lab.formats.structured import read_json
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.verification.change_points import Directions, Series
@@ -35,7 +36,7 @@ def trend(options: TrendOptions) -> TrendResult:
     if len(runs) < 2:
         why = f" ({'; '.join(left_out)})" if left_out else ""
         raise LabError(
-            f"{options.folder}: holds {len(runs)} dated {'run' if len(runs) == 1 else 'runs'} of lab calibrate or lab "
+            f"{options.folder}: holds {counted(len(runs), 'dated run')} of lab calibrate or lab "
             f"identify, and a trend needs two{why}; give the folder above those of the runs"
         )
     without = tuple(group for group in SETUP if group not in options.kept)

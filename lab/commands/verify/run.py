@@ -32,6 +32,7 @@ from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.progress import Progress
 from lab.core.se3 import Array
+from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
@@ -321,10 +322,9 @@ def _if_fitted(calibrated: Calibrated, options: VerifyOptions, rows: Measurement
     again = [i for i, row in enumerate(_numbers(rows)) if row.tobytes() in known]
     if not again:
         return []
-    count = "1 row is" if len(again) == 1 else f"{len(again)} of {len(rows)} rows are"
     said = (
-        f"{options.file}: {count} among those that the run was identified from (the first: {rows.where(again[0])}), "
-        "which verify nothing new; measure poses again"
+        f"{options.file}: {len(again)} of {counted(len(rows), 'row')} {be(len(again))} among those that the "
+        f"run was identified from (the first: {rows.where(again[0])}), which verify nothing new; measure poses again"
     )
     if not options.force:
         raise LabError(f"{said}, or say --force")

@@ -8,6 +8,7 @@ from lab.commands.inspect.format import printed
 from lab.commands.provenance import provenance_section
 from lab.commands.workspace.measured import RobotWorkspace
 from lab.commands.workspace.result import WorkspaceResult
+from lab.core.wording import counted
 from lab.kinematics.workspace.space import Section as Cut
 from lab.render.charts.axes import Axes
 from lab.render.document import Bullets, Document, Figure, Picture, Section, Table, Warnings
@@ -108,7 +109,7 @@ def _lines(each: RobotWorkspace) -> tuple[str, ...]:
     voids = ", ".join(_size(each, size) for size in found.voids)
     count = len(found.voids)
     least = f"{short(3e3 * found.cell_m)} mm"
-    lines.append(f"{count} enclosed void{'s' if count > 1 else ''} of about {voids}" if count
+    lines.append(f"{counted(count, 'enclosed void')} of about {voids}" if count
                  else f"no enclosed void wider than {least}")  # fmt: skip
     lines.append(_orientations(each, values["orientations"]))
     if values["cell"] is not None:
