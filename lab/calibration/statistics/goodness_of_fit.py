@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
+from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
+from lab.core.measurements import evenly
 from lab.core.probabilities import f_cdf, f_sf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
@@ -32,6 +34,7 @@ __all__ = [
 
 _TOLD = 1e-3  # of a column that the model does not say already
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
+_MOST_POSES = 8_000  # by which residuals are held against the joints
 
 By = Literal["chi2", "repeats", "holdout", "joints", "distances", "nothing"]
 
@@ -90,10 +93,8 @@ def goodness_of_fit(
         return _by_noise(linear, shape)
     if labels is not None and (found := _by_repeats(linear, labels)).by != "nothing":
         return found
-    if held is not None:
-        return _by_holdout(linear, linearized(model, held, fit.least_squares, fit.free))
-    why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
-    return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")
+    by_holdout = None if held is None else _by_holdout(linear, linearized(model, held, fit.least_squares, fit.free))
+    return _by_signs(by_holdout, _by_joints(model, observed, fit, extra_residuals))
 
 
 def goodness_beside_shared_errors(linear: LinearizedFit, slopes: Array, joints: Array, shared: str) -> GoodnessOfFit:
@@ -109,31 +110,13 @@ def goodness_beside_shared_errors(linear: LinearizedFit, slopes: Array, joints: 
         joints: ``(n, joints)`` rad or m.
         shared: what they are, for a person.
     """
-    within = linear.everywhere()
-    periodic = np.concatenate([slopes * wave(joints)[:, None, :] for wave in (np.sin, np.cos)], axis=2)
-    columns = np.zeros((*linear.mask.shape, periodic.shape[2]))
-    columns[: len(periodic)] = periodic
-    left = within.residuals(np.moveaxis(columns, 2, 0)).reshape(periodic.shape[2], -1).T
-    sizes = np.linalg.norm(columns.reshape(left.shape), axis=0)
-    told = LinearModel.of(left[:, np.linalg.norm(left, axis=0) > _TOLD * sizes], _TOLD)
-    dof = within.dof - told.rank
-    if told.rank < 1 or dof < 1:
+    sign = _varying(linear, slopes, joints)
+    if sign is None:
         return GoodnessOfFit(None, float("nan"), "nothing", f"{shared}: lack of fit cannot be tested beside that")
-    explained = float((told.coordinates(linear.residual.ravel()) ** 2).sum())
-    variance = max((float((linear.residual**2).sum()) - explained) / dof, 1e-300)
-    p = float(p_value_of_squares(explained, told.rank, dof, variance))
-    test = f"(F test of each joint's sine and cosine, {told.rank} and {dof} degrees of freedom, p = {p:.2g})"
-    if p < LACK_OF_FIT:
-        return GoodnessOfFit(
-            False,
-            p,
-            "joints",
-            f"lack of fit: beside errors at random ({shared}) the residuals vary with the joints {test}",
-        )
-    words = (
-        f"{shared}: what is left does not vary with the joints {test}; only repeats could show that nothing is lacking"
-    )
-    return GoodnessOfFit(None, p, "joints", words)
+    if sign.p < LACK_OF_FIT:
+        return GoodnessOfFit(False, sign.p, sign.by, f"lack of fit: beside errors at random ({shared}) {sign.seen}")
+    words = f"{shared}: {sign.not_seen}; only repeats could show that nothing is lacking"
+    return GoodnessOfFit(None, sign.p, sign.by, words)
 
 
 def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:
@@ -196,7 +179,38 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> GoodnessOfFi
     )
 
 
-def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> GoodnessOfFit:
+@dataclass(frozen=True)
+class _Sign:
+    """What lack of fit would show in where the noise is not known: a test, and what it says in words."""
+
+    p: float
+    by: By
+    seen: str
+    not_seen: str
+
+
+def _by_signs(by_holdout: _Sign | None, by_joints: _Sign | None) -> GoodnessOfFit:
+    """What held-out errors and the joints' positions say, where nothing is known of the noise (Bonferroni).
+
+    Errors at held-out poses hardly grow where the same small part of the joints' ranges was fitted; there the second
+    test sees what the first one does not.
+    """
+    signs = [each for each in (by_holdout, by_joints) if each is not None]
+    if not signs:
+        return _nothing_left()
+    strongest = min(signs, key=lambda each: each.p)
+    p = min(1.0, len(signs) * strongest.p)
+    if p < LACK_OF_FIT:
+        return GoodnessOfFit(False, p, strongest.by, f"lack of fit: {strongest.seen}")
+    if by_holdout is None:
+        why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
+        return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")
+    words = " and ".join(each.not_seen for each in signs)
+    why = "only a known sigma or repeats could show that noise is all that is left"
+    return GoodnessOfFit(None, p, by_holdout.by, f"{words}; {why}")
+
+
+def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> _Sign | None:
     """F of held-out errors against what the fit says they are: sigma^2 (I + J C J') (Chow 1960).
 
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
@@ -204,20 +218,59 @@ def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> GoodnessOfFit:
     within = linear.everywhere()
     numbers = int(held.mask.sum())
     if within.dof < 1 or not numbers:
-        return _nothing_left()
+        return None
     moved = (held.jacobian * held.scale @ within.back).reshape(-1, within.back.shape[1])
     errors = held.residual.ravel()
     pull = moved.T @ errors
     rise = float(errors @ errors - pull @ np.linalg.solve(np.eye(len(pull)) + moved.T @ moved, pull))
     variance = max(float((linear.residual**2).sum()) / within.dof, 1e-300)
-    ratio = rise / numbers / variance
+    ratio = np.sqrt(rise / numbers / variance)
     p = float(p_value_of_squares(rise, numbers, within.dof, variance))
     test = f"(F test of held-out errors, {numbers} and {within.dof} degrees of freedom, p = {p:.2g})"
-    if p < LACK_OF_FIT:
-        words = f"lack of fit: the errors at held-out poses are {np.sqrt(ratio):.3g} times their prediction {test}"
-        return GoodnessOfFit(False, p, "holdout", words)
-    words = f"the errors at held-out poses are consistent with their prediction {test}; only a known sigma or repeats "
-    return GoodnessOfFit(None, p, "holdout", words + "could show that noise is all that is left")
+    errors_words = "the errors at held-out poses are"
+    return _Sign(
+        p,
+        "holdout",
+        f"{errors_words} {ratio:.3g} times their prediction {test}",
+        f"{errors_words} consistent with their prediction {test}",
+    )
+
+
+def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> _Sign | None:
+    """Whether a fit's residuals vary with the joints; of very many poses some are looked at, evenly spaced."""
+    some = evenly(len(observed.inputs), _MOST_POSES)
+    looked_at = observed if some is None else observed.take(some)
+    linear = linearized(model, looked_at, fit.least_squares, fit.free, extra_residuals)
+    count = looked_at.inputs.shape[1] - len(model.conditions)
+    slopes = by_joint_positions(model, looked_at.inputs, fit.least_squares, count)
+    return _varying(linear, linear.rows_of(looked_at, slopes), looked_at.inputs[:, :count])
+
+
+def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> _Sign | None:
+    """F of the sine and cosine of each joint's position, acting on that joint: what a model lacks comes back there.
+
+    Args:
+        slopes: ``(n, m, joints)`` derivatives by the joints' positions, whitened as the fit is.
+        joints: ``(n, joints)`` rad or m.
+    """
+    within = linear.everywhere()
+    periodic = np.concatenate([slopes * wave(joints)[:, None, :] for wave in (np.sin, np.cos)], axis=2)
+    columns = np.zeros((*linear.mask.shape, periodic.shape[2]))
+    columns[: len(periodic)] = periodic
+    left = within.residuals(np.moveaxis(columns, 2, 0)).reshape(periodic.shape[2], -1).T
+    sizes = np.linalg.norm(columns.reshape(left.shape), axis=0)
+    told = LinearModel.of(left[:, np.linalg.norm(left, axis=0) > _TOLD * sizes], _TOLD)
+    dof = within.dof - told.rank
+    if told.rank < 1 or dof < 1:
+        return None
+    residual = within.residuals(linear.residual)  # some of the poses have not their own least squares
+    explained = float((told.coordinates(residual.ravel()) ** 2).sum())
+    variance = max((float((residual**2).sum()) - explained) / dof, 1e-300)
+    p = float(p_value_of_squares(explained, told.rank, dof, variance))
+    test = f"(F test of each joint's sine and cosine, {told.rank} and {dof} degrees of freedom, p = {p:.2g})"
+    return _Sign(
+        p, "joints", f"the residuals vary with the joints {test}", f"what is left does not vary with the joints {test}"
+    )
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,12 @@ class LinearizedFit:
             rows = self.jacobian[part]
             yield part, (rows.reshape(-1, len(directions)) @ directions).reshape(*rows.shape[:2], -1)
 
+    def rows_of(self, observed: Observations, vectors: Array) -> Array:
+        """``(poses, m, c)`` vectors ``(n, k, d, c)`` at the poses, whitened as these residuals; zero where not seen."""
+        rows = np.zeros((self.poses, self.mask.shape[1], vectors.shape[3]))
+        _fill(rows, self.mask[: self.poses], observed.apply(vectors))
+        return rows
+
     def within(self, inside: Mask) -> "SubsetFit":
         """Least squares on the poses ``inside`` ``(n,)``."""
         rows = (np.where(inside[part, None, None], self.jacobian[part], 0.0) for part in self.blocks())

@@ -47,10 +47,8 @@ def _beside_shared_errors(
     """
     linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
     slopes = by_joint_positions(found.model, observations.inputs, found.values, rows.joints.shape[1])
-    white = np.zeros((*linear.mask.shape, slopes.shape[3]))
-    white[linear.mask & (np.arange(len(linear.mask)) < linear.poses)[:, None]] = observations.apply(slopes)
     words = "; ".join(shared.words)
-    judged = goodness_beside_shared_errors(linear, white[: linear.poses], rows.joints, words)
+    judged = goodness_beside_shared_errors(linear, linear.rows_of(observations, slopes), rows.joints, words)
     if judged.adequate is False or instrument is None:
         return judged
     extra = found.extra_residuals
