@@ -297,6 +297,12 @@ class _Judging:
             reasons.append(Reason(words, found.outlier_share / MOST_OUTLIERS))
         return reasons
 
+    @property
+    def lacks_fit(self) -> bool:
+        """Whether lack of fit is sure enough for a doubt."""
+        found = self.goodness
+        return found is not None and found.adequate is False and found.p < VERDICT_LACK_OF_FIT
+
     def fit(self) -> tuple[Answer, list[Reason]]:
         """Are the residuals what the noise explains?"""
         found = self.goodness
@@ -306,7 +312,7 @@ class _Judging:
             return Answer("holds", "the residuals are rounding"), []
         if found.adequate is not False and found.by != "nothing":
             return Answer("holds", found.words), []
-        if found.adequate is False and found.p >= VERDICT_LACK_OF_FIT:
+        if found.adequate is False and not self.lacks_fit:
             return Answer("holds", f"{found.words}: too weak for a doubt"), []
         if self._validated_below_gate():
             return Answer("does not matter", found.words), []
@@ -364,7 +370,7 @@ class _Judging:
         """
         predicted, found, errors = self.workspace, self.identification, self.validation.errors
         if self.gate_m is not None:
-            if self.goodness is not None and self.goodness.adequate is False:
+            if self.lacks_fit:
                 times, words = predicted.p95_m / self.gate_m, "with the lack of fit that"
             else:
                 times, words = (
