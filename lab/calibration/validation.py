@@ -98,7 +98,8 @@ class Validation:
         """With the share of the poses that are outliers, by their ids, and the errors of the others beside all."""
         if self.errors is None or self.rows is None:
             return self
-        others = np.array([name not in set(outliers) for name in self.rows.ids], dtype=np.bool_)
+        off = set(outliers)
+        others = np.array([name not in off for name in self.rows.ids], dtype=np.bool_)
         if others.all() or not others.any():
             return self
         robust = Errors(self.errors.before[others], self.errors.after[others])
@@ -357,7 +358,8 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
         reference = [i for i in rows if part.use[i] == "reference"]
     else:
         reference = rows[::REFERENCE_EVERY] if refit else []
-    test = [i for i in rows if i not in set(reference)]
+    chosen = set(reference)
+    test = [i for i in rows if i not in chosen]
     words = _setup_in_words(setups(part)[0] if refit else (part.sessions[0], ""))
     where = f"{words} of the validation file" if words else "the validation file"
     if refit and not reference:

@@ -24,7 +24,6 @@ from lab.calibration.workspace_prediction import (
     distances_from_nominal,
     predict_over_workspace,
 )
-from lab.core.significance import VERDICT_LACK_OF_FIT
 
 __all__ = ["MOST_TOLERANCES", "Answer", "Reason", "Verdict", "Word", "gate_words", "rotation_noise_rad", "verdict"]
 
@@ -297,12 +296,6 @@ class _Judging:
             reasons.append(Reason(words, found.outlier_share / MOST_OUTLIERS))
         return reasons
 
-    @property
-    def lacks_fit(self) -> bool:
-        """Whether lack of fit is sure enough for a doubt."""
-        found = self.goodness
-        return found is not None and found.adequate is False and found.p < VERDICT_LACK_OF_FIT
-
     def fit(self) -> tuple[Answer, list[Reason]]:
         """Are the residuals what the noise explains?"""
         found = self.goodness
@@ -312,7 +305,7 @@ class _Judging:
             return Answer("holds", "the residuals are rounding"), []
         if found.adequate is not False and found.by != "nothing":
             return Answer("holds", found.words), []
-        if found.adequate is False and not self.lacks_fit:
+        if found.adequate is False and not found.is_doubted:
             return Answer("holds", f"{found.words}: too weak for a doubt"), []
         if self._validated_below_gate():
             return Answer("does not matter", found.words), []
@@ -370,7 +363,7 @@ class _Judging:
         """
         predicted, found, errors = self.workspace, self.identification, self.validation.errors
         if self.gate_m is not None:
-            if self.lacks_fit:
+            if self.goodness is not None and self.goodness.is_doubted:
                 times, words = predicted.p95_m / self.gate_m, "with the lack of fit that"
             else:
                 times, words = (

@@ -181,7 +181,17 @@ class Measurements:
 
     def without(self, ids: Sequence[str]) -> "Measurements":
         """The rows that are called otherwise."""
-        return self.take([i for i, name in enumerate(self.ids) if name not in set(ids)])
+        left_out = set(ids)
+        return self.take([i for i, name in enumerate(self.ids) if name not in left_out])
+
+    def called(self, ids: Sequence[str]) -> list[int]:
+        """The first row of each of these names.
+
+        Raises:
+            KeyError: no row is called so.
+        """
+        first = {name: i for i, name in reversed([*enumerate(self.ids)])}
+        return [first[name] for name in ids]
 
     def only(self, *uses: str) -> "Measurements":
         """The rows of these uses."""

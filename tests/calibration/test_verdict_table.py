@@ -10,6 +10,7 @@ from helpers.judged import Case, campaign, errors
 from helpers.robots import table_robot
 
 from lab.calibration.identify import IdentifyOptions
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.validation import Validation
 from lab.calibration.verdict import verdict
 from lab.campaign.robot import load_robot
@@ -176,3 +177,17 @@ def test_no_answer_is_good_news_of_a_fit_that_is_not_of_this_arm(made: Callable[
     found = verdict(case.found, case.validation, GATE)
     assert found.word == "bad" and not {each.standing for each in found.answers.values()} & {"holds", "does not matter"}
     assert verdict(clean().found, clean().validation, GATE).accuracy.standing == "holds"
+
+
+def test_the_predicted_95_percent_error_counts_where_lack_of_fit_is_sure() -> None:
+    """What a model lacks is larger elsewhere; at the warning's level one clean campaign in twenty would be doubted."""
+    case = clean()
+    workspace = verdict(case.found, case.validation).workspace
+    gate_m = float(np.sqrt(workspace.mean_m * workspace.p95_m))  # the mean lies below it
+    held_out = Validation("holdout", errors(0.5 * SPREAD, 0.2e3 * gate_m * SPREAD))
+    words = {}
+    for p in (0.03, 0.003):
+        found = verdict(case.found, held_out, gate_m, goodness=GoodnessOfFit(False, p, "joints", "lack of fit"))
+        words[p] = found.word, found.reason
+    assert words[0.03] == ("good", "")
+    assert words[0.003][0] == "doubtful" and "with the lack of fit that is above the gate" in words[0.003][1]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import machine_code
 
 __all__ = ["Correlation"]
 
@@ -64,8 +65,13 @@ class Correlation:
         factors, _, _ = self._filter
         if not self._states:
             return np.asarray(np.einsum("nij,nj...->ni...", factors, rows))
-        flat = rows.reshape(*rows.shape[:2], -1)
+        flat = np.ascontiguousarray(rows, dtype=np.float64).reshape(*rows.shape[:2], -1)
         done = np.empty_like(flat)
+        if (code := machine_code()) is not None:
+            _, gains, through = self._filter
+            sizes = self.scatter.shape[1], self._states
+            code.whiten(*sizes, factors, self._observed, gains, through, self._order, flat, done)
+            return done.reshape(rows.shape)
         for t, state in self._walk(flat.shape[2]):
             done[t] = factors[t] @ (flat[t] - self._observed[t] @ state)
             state += self._filter[1][t] @ done[t]
@@ -98,8 +104,8 @@ class Correlation:
         return np.concatenate([self.shift, self.trend], axis=2)
 
     @cached_property
-    def _order(self) -> list[int]:
-        return [int(t) for t in np.argsort(self.times, kind="stable")]
+    def _order(self) -> NDArray[np.int64]:
+        return np.argsort(self.times, kind="stable").astype(np.int64)
 
     @cached_property
     def _filter(self) -> tuple[Array, Array, Array]:
@@ -113,8 +119,12 @@ class Correlation:
         through = np.ones((n, self._states))
         through[self._order] = np.where(wandering, (self.carry**gaps)[:, None], 1.0)
         factors, gains = np.empty((n, m, m)), np.empty((n, self._states, m))
+        if (code := machine_code()) is not None:
+            if not code.innovations(m, self._states, own, self._observed, through, self._order, factors, gains):
+                raise np.linalg.LinAlgError("Matrix is not positive definite")
+            return factors, gains, through
         spread = np.eye(self._states)
-        for t in self._order:
+        for t in self._order.tolist():
             spread = through[t][:, None] * spread * through[t] + np.diag(1 - through[t] ** 2)
             pull = spread @ self._observed[t].T
             factors[t] = np.linalg.inv(np.linalg.cholesky(own[t] + self._observed[t] @ pull))
@@ -125,6 +135,6 @@ class Correlation:
     def _walk(self, columns: int) -> Iterator[tuple[int, Array]]:
         """Each pose in the order of time, with the predicted state ``(s + q, columns)``, which the caller updates."""
         state, through = np.zeros((self._states, columns)), self._filter[2]
-        for t in self._order:
+        for t in self._order.tolist():
             state *= through[t][:, None]
             yield t, state

@@ -17,7 +17,6 @@ from lab.calibration.weights import Noise, weighed
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.core.significance import VERDICT_LACK_OF_FIT
 
 __all__ = ["NoiseSearch", "search_noise"]
 
@@ -153,7 +152,7 @@ def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measure
     whitened = replace(whitened, residual=left)
     slopes = correlation.white(shapes.scatter)[: linear.poses]
     found = goodness_beside_shared_errors(whitened, slopes, data.joints, "")
-    return found.adequate is False and found.p < VERDICT_LACK_OF_FIT
+    return found.is_doubted
 
 
 def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:

@@ -23,6 +23,7 @@ __all__ = ["NOTABLE", "Clock", "Move", "SharedErrors", "correlated", "counted", 
 
 NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
+_HARDLY = 0.15  # a correlation from one pose to the next that is told as none: the search ends at 0.1
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,11 @@ class SharedErrors:
             said.append(f"joints scatter by {1e3 * self.scatter_rad:.2g} mrad from pose to pose")
         if self.wandering_m:
             size = f"{1e6 * self.wandering_m:.2g} µm (1σ per axis)"
-            said.append(f"errors are correlated in time: {size}, {self.carry:.2g} from one pose to the next")
+            said.append(
+                f"errors are correlated in time: {size}, {self.carry:.2g} from one pose to the next"
+                if self.carry > _HARDLY
+                else f"errors that each pose has of its own: {size}, hardly correlated in time"
+            )
         if self.drift_m:
             said.append(f"the base or the instrument drifts steadily, by {2e6 * self.drift_m:.2g} µm over the campaign")
         return (*said, *(move.words for move in self.moves))

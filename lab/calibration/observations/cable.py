@@ -81,7 +81,7 @@ class CableKind(FixtureKind):
         found = found_sessions(model, observed, nominal)
         if len(found) == 1:
             return data
-        starts = (0, *(data.ids.index(observed.ids[start]) for start in found[1:]))
+        starts = (0, *data.called([observed.ids[start] for start in found[1:]]))
         rows = ", ".join(data.ids[start] for start in starts[1:])
         moved = (
             f"the anchor seems to have moved before rows {rows}: {len(starts)} anchors; name them in a column session"

@@ -17,7 +17,7 @@ from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
 from lab.core.measurements import evenly
 from lab.core.probabilities import f_cdf, f_sf
 from lab.core.se3 import Array
-from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
+from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING, VERDICT_LACK_OF_FIT
 from lab.kinematics.model import Model
 
 __all__ = [
@@ -55,6 +55,11 @@ class GoodnessOfFit:
     p: float
     by: By
     words: str
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether lack of fit is sure enough to make a verdict doubtful."""
+        return self.adequate is False and self.p < VERDICT_LACK_OF_FIT
 
 
 NOT_TESTED = GoodnessOfFit(

@@ -82,7 +82,7 @@ def error_maps(result: CalibrationResult, error: str) -> ErrorMap | None:
     if not len(known):
         return None
     rows = known[spread_by_size(after[known])]
-    outliers = [result.measurements.ids.index(pose.id) for pose in result.fit.outliers]
+    outliers = result.measurements.called([pose.id for pose in result.fit.outliers])
     crosses = _predicted(result, result.measurements.take(outliers)).reshape(-1, 3) if outliers else np.empty((0, 3))
     both = np.concatenate([before[rows], after[rows]])
     largest = max(float(np.percentile(both, 99)), 1e-12)

@@ -150,7 +150,7 @@ def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[Ou
     observation = observation_of(model)
     if not named or observation.positions < len(observation.units):
         return ()
-    part = data.take([data.ids.index(pose.id) for pose in named])
+    part = data.take(data.called([pose.id for pose in named]))
     expected = model.points(part.inputs(model.conditions), outcome.identification.values)
     worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
     inputs, values = part.inputs(model.conditions), outcome.identification.values

@@ -1,4 +1,5 @@
-/* Kinematics in machine code: the walk along serial chains and small linear algebra; inverse.c has closed forms of inverses.
+/* Kinematics in machine code: the walk along serial chains and small linear algebra; inverse.c has closed forms of inverses,
+ * shared_errors.c the filter of errors that poses share.
  *
  * Each function does what the numpy code that its comment names does, in the same order of sums, some poses at a time:
  * numpy's is the reference, and does all where there is no compiler. Contraction to fused operations is off.
@@ -13,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define VERSION 7 /* which kernels.py takes alone */
+#define VERSION 8 /* which kernels.py takes alone */
 
 #define BLOCK 32      /* poses at a time: what fits the processor's first cache */
 #define PER_LINK 6    /* axes that a link makes: x y of the joint, y z of alpha, z x of beta */
@@ -923,10 +924,12 @@ static PyObject *cholesky(PyObject *self, PyObject *const *args, Py_ssize_t give
 }
 
 #include "inverse.c"
+#include "shared_errors.c"
 
 static PyMethodDef methods[] = {
     {"cholesky", (PyCFunction)(void (*)(void))cholesky, METH_FASTCALL, NULL},
     {"independent", (PyCFunction)(void (*)(void))independent, METH_FASTCALL, NULL},
+    {"innovations", (PyCFunction)(void (*)(void))innovations, METH_FASTCALL, NULL},
     {"inverse", (PyCFunction)(void (*)(void))inverse, METH_FASTCALL, NULL},
     {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},
     {"parallel_pair", (PyCFunction)(void (*)(void))parallel_pair, METH_FASTCALL, NULL},
@@ -939,6 +942,7 @@ static PyMethodDef methods[] = {
     {"three_joints", (PyCFunction)(void (*)(void))three_joints, METH_FASTCALL, NULL},
     {"tool", (PyCFunction)(void (*)(void))tool, METH_FASTCALL, NULL},
     {"two_axes", (PyCFunction)(void (*)(void))two_axes, METH_FASTCALL, NULL},
+    {"whiten", (PyCFunction)(void (*)(void))whiten, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };
 

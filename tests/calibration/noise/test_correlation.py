@@ -1,5 +1,7 @@
 """Errors that numbers share: the filter against the dense covariance, the likelihood against its definition."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.estimation import best_components, chosen_components
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.small_samples import small_sample
+from lab.kinematics.compiled.kernels import machine_code
 
 POSES, NUMBERS = 12, 6
 PARTS = Components(scatter=0.7, shift=1.3, carry=0.8, trend=2.0, step=1.7)
@@ -45,12 +48,17 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
     return covariance
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("shuffled", [False, True])
 @pytest.mark.parametrize(
     "parts",
     [PARTS, Components(scatter=2.0), Components(shift=3.0, carry=0.5), Components(trend=9.0), Components(step=5.0)],
 )
-def test_whitened_errors_have_unit_covariance(parts: Components, shuffled: bool) -> None:
+def test_whitened_errors_have_unit_covariance(
+    parts: Components, shuffled: bool, compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not compiled:
+        monkeypatch.setattr("lab.calibration.noise.correlation.machine_code", lambda: None)
     rng = np.random.default_rng(0)
     of = shapes(rng)
     if shuffled:  # rows of a file need not stand in the order of time
@@ -62,6 +70,18 @@ def test_whitened_errors_have_unit_covariance(parts: Components, shuffled: bool)
     assert np.allclose(white @ dense(of, parts) @ white.T, np.eye(len(white)), atol=1e-12)
     assert np.allclose(shared.coloured(shared.white(unit)), unit, atol=1e-12)
     assert np.allclose(1 + shared.squares.ravel(), np.diag(dense(of, parts)))
+
+
+@pytest.mark.skipif(machine_code() is None, reason="built without a C compiler")
+def test_the_compiled_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    of, rows = shapes(rng, 200), rng.standard_normal((200, NUMBERS, 4, 2))
+    fast = correlation(of, PARTS).white(rows)
+    singular = replace(correlation(of, PARTS), scatter=np.full((200, NUMBERS, 4), np.nan))
+    with pytest.raises(np.linalg.LinAlgError):
+        singular.white(rows)
+    monkeypatch.setattr("lab.calibration.noise.correlation.machine_code", lambda: None)
+    np.testing.assert_allclose(fast, correlation(of, PARTS).white(rows), rtol=0, atol=1e-12)
 
 
 def test_single_poses_keep_their_own_covariance_and_nothing_else() -> None:
