@@ -165,7 +165,7 @@ def test_the_noise_of_many_rows_is_that_of_stretches(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(search, "_MOST_POSES", 80)
     observed, _ = seen()
     data = measured(IRB120.chain.joint_names, observed.inputs, ("p1",), observed.points)
-    rows = search._stretches(data)
+    rows = search.in_stretches(data)
     numbers = np.array([int(name) for name in rows.ids])
     assert len(rows) == 80 and numbers[0] == 0 and numbers[-1] == POSES - 1
     assert (np.diff(numbers) == 1).sum() == 72

@@ -18,7 +18,7 @@ from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 
-__all__ = ["NoiseSearch", "search_noise"]
+__all__ = ["NoiseSearch", "in_stretches", "search_noise"]
 
 _LEAST_POSES = 10  # fewer say nothing of how errors are shared
 _LEAST_DOF = 20
@@ -68,8 +68,6 @@ class NoiseSearch:
 def search_noise(found: Identification, data: Measurements, noise: Noise) -> NoiseSearch:
     """Choose the errors that the rows of an identification share, by restricted likelihood on its linear problem.
 
-    Of more than 4,000 rows it is that of eight stretches of consecutive ones, evenly spaced: they tell as well.
-
     Args:
         found: the identification.
         data: the rows that it comes from.
@@ -81,7 +79,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     nothing = NoiseSearch(known_errors, (), float("nan"))
     if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
         return nothing
-    model, data = observation.model, _stretches(data)
+    model = observation.model
     observed, known = weighed(observation, data, replace(noise, shared=known_errors))
     linear = linearized(model, observed, found.values, found.fit.free, found.extra_residuals)
     if not linear.everywhere().full_rank:
@@ -132,8 +130,8 @@ def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, 
     return tuple(sorted(found, key=lambda move: move.change.time))
 
 
-def _stretches(data: Measurements) -> Measurements:
-    """Rows that are not too many: all, or stretches of consecutive ones."""
+def in_stretches(data: Measurements) -> Measurements:
+    """Rows that tell of the noise as well as more do: all, or of over 4,000 eight stretches of consecutive ones."""
     if len(data) <= _MOST_POSES:
         return data
     length = _MOST_POSES // _STRETCHES

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.calibration.noise.search import NoiseSearch, search_noise
+from lab.calibration.noise.search import NoiseSearch, in_stretches, search_noise
 from lab.calibration.noise.shared_errors import SharedErrors, counted
 from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observations.protocol import observation_of, only_positions
@@ -61,8 +61,10 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
     Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
     differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
     residuals. What whole counts of known encoders make is weighed before anything is looked for. Of a fit that ended
-    in a valley nothing is: its parameters are not to be used, and what it leaves is not the noise.
+    in a valley nothing is: its parameters are not to be used, and what it leaves is not the noise. Of very many rows
+    some stretches tell.
     """
+    rows = in_stretches(rows)
     whole = fits.fitted(rows, None)
     if (counts := _counted(whole, rows, fits.encoders)) is not None:
         whole = fits.fitted(rows, counts)
