@@ -22,6 +22,7 @@ __all__ = [
     "evenly",
     "last_moves",
     "measured",
+    "rows_called",
     "seen_mask",
     "setups",
     "thinned",
@@ -184,15 +185,6 @@ class Measurements:
         left_out = set(ids)
         return self.take([i for i, name in enumerate(self.ids) if name not in left_out])
 
-    def called(self, ids: Sequence[str]) -> list[int]:
-        """The first row of each of these names.
-
-        Raises:
-            KeyError: no row is called so.
-        """
-        first = {name: i for i, name in reversed([*enumerate(self.ids)])}
-        return [first[name] for name in ids]
-
     def only(self, *uses: str) -> "Measurements":
         """The rows of these uses."""
         return self.take([i for i, use in enumerate(self.use) if use in uses])
@@ -222,6 +214,16 @@ def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable
 def setups(data: Measurements) -> tuple[tuple[str, str], ...]:
     """The session and the station of each row: what was set up anew between two rows where they differ."""
     return tuple(zip(data.sessions, data.stations, strict=True))
+
+
+def rows_called(data: Measurements, ids: Sequence[str]) -> list[int]:
+    """The first row of each of these names.
+
+    Raises:
+        KeyError: no row is called so.
+    """
+    first = {name: i for i, name in reversed([*enumerate(data.ids)])}
+    return [first[name] for name in ids]
 
 
 def evenly(rows: int, most: int) -> NDArray[np.int_] | None:

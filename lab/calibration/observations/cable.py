@@ -12,7 +12,7 @@ from lab.calibration.observations.fixture_kinds import FixtureKind, FixtureRows,
 from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.kind import ObservationWords
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, rows_called
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
@@ -81,7 +81,7 @@ class CableKind(FixtureKind):
         found = found_sessions(model, observed, nominal)
         if len(found) == 1:
             return data
-        starts = (0, *data.called([observed.ids[start] for start in found[1:]]))
+        starts = (0, *rows_called(data, [observed.ids[start] for start in found[1:]]))
         rows = ", ".join(data.ids[start] for start in starts[1:])
         moved = (
             f"the anchor seems to have moved before rows {rows}: {len(starts)} anchors; name them in a column session"

@@ -12,7 +12,7 @@ from lab.calibration.stations import in_first_frame
 from lab.calibration.validation import Errors, JudgedBy, errors_of
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import world_of
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, rows_called
 from lab.core.se3 import Array, transform
 from lab.render.plots import SizeMap, spread_by_size
 from lab.render.scene import moved
@@ -82,7 +82,7 @@ def error_maps(result: CalibrationResult, error: str) -> ErrorMap | None:
     if not len(known):
         return None
     rows = known[spread_by_size(after[known])]
-    outliers = result.measurements.called([pose.id for pose in result.fit.outliers])
+    outliers = rows_called(result.measurements, [pose.id for pose in result.fit.outliers])
     crosses = _predicted(result, result.measurements.take(outliers)).reshape(-1, 3) if outliers else np.empty((0, 3))
     both = np.concatenate([before[rows], after[rows]])
     largest = max(float(np.percentile(both, 99)), 1e-12)

@@ -12,7 +12,7 @@ from lab.calibration.stations import in_first_frame, station_poses
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.commands.calibrate.result import CalibrationResult
 from lab.core import se3
-from lab.core.measurements import seen_mask
+from lab.core.measurements import rows_called, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.effects.stations import at_first_station
 from lab.kinematics.model import RigidArm
@@ -150,7 +150,7 @@ def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[Ou
     observation = observation_of(model)
     if not named or observation.positions < len(observation.units):
         return ()
-    part = data.take(data.called([pose.id for pose in named]))
+    part = data.take(rows_called(data, [pose.id for pose in named]))
     expected = model.points(part.inputs(model.conditions), outcome.identification.values)
     worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
     inputs, values = part.inputs(model.conditions), outcome.identification.values
