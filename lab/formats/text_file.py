@@ -1,5 +1,6 @@
 """The gate of every file that is read: only regular files of a stated size, as text, and values that are finite."""
 
+import os
 import stat
 from collections.abc import Mapping
 from math import isfinite
@@ -30,8 +31,8 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
             kind = "a directory" if stat.S_ISDIR(found.st_mode) else "no regular file"
             raise LabError(f"{path}: cannot be read (it is {kind}); {mend}")
         most(path, found.st_size)
-        with path.open("rb") as file:
-            content = file.read(most.most + 1)
+        with open(path, "rb", opener=_without_waiting) as file:
+            content = file.read(most.most + 1) or b""
     except OSError as error:
         raise LabError(f"{path}: cannot be read ({error.strerror}); {mend}") from error
     except ValueError as error:
@@ -40,6 +41,11 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
         raise LabError(f"{str(path)!r}: is no path ({error}); {mend}") from error
     most(path, content)
     return content
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Some files of the system call themselves regular and keep a reader waiting for what may never come."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:

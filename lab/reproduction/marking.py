@@ -63,12 +63,13 @@ def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
         raise LabError(f"{path}: has no columns item and value; fill in the CSV that --exercise writes")
     asked = dict(_asked(computed))
     given: dict[str, str] = {}
-    for row, (label, value) in enumerate(zip(labels, values, strict=True)):
-        if label.strip() not in asked:
+    for row, (cell, value) in enumerate(zip(labels, values, strict=True)):
+        label = " ".join(cell.split())
+        if label not in asked:
             raise table.fail(row, "item", f"'{label}' is no answer of this source; keep the labels of --exercise")
-        if label.strip() in given:
+        if label in given:
             raise table.fail(row, "item", f"'{label}' is there twice; keep one")
-        given[label.strip()] = value.strip()
+        given[label] = value.strip()
     return tuple(_mark(label, given.get(label, ""), answer) for label, answer in asked.items())
 
 

@@ -58,6 +58,7 @@ _NAMES = {
     "expansion_ppm_per_k": "expansion, ppm/K",
 }
 _MOST_DIGITS = 6
+_ENDLESS = 10_000  # degrees of freedom: from there on Student's t is normal to three digits
 _METHOD = (
     "What was measured is the robot's points in the frame of the instrument; the result is the robot's model, with the "
     "positions that it predicts. A calibrated position is where the model says that the first target is, at a pose of "
@@ -209,10 +210,10 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         "%",
     )
     rows = tuple(_line(line) for line in budget.lines)
-    freedom = "∞" if np.isinf(budget.freedom) else short(budget.freedom)
     drawn = digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
     words = (
-        f"Combined standard uncertainty {short(1e3 * budget.combined_m)} mm, effective degrees of freedom {freedom}, "
+        f"Combined standard uncertainty {short(1e3 * budget.combined_m)} mm, effective degrees of freedom "
+        f"{_freedom(budget.freedom)}, "
         f"k = {budget.coverage_factor:.2f}: ",
         Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
         f" By Monte Carlo, {budget.draws:,} draws: {fixed(1e3 * budget.drawn_m, drawn)} mm, which "
@@ -244,7 +245,7 @@ def _line(line: BudgetLine) -> Row:
         short(quantity.factor * uncertainty.standard, quantity.unit).replace(" ", "\u00a0"),
         short(1e6 * line.sensitivity / quantity.factor),
         short(1e6 * line.contribution_m),
-        "∞" if np.isinf(uncertainty.freedom) else short(uncertainty.freedom),
+        _freedom(uncertainty.freedom),
         f"{100 * line.share:.1f}",
     )
 
@@ -277,3 +278,8 @@ def _characteristics(result: Certificate) -> tuple[Block, ...]:
 
 def _two(found: Accuracy) -> tuple[str, str]:
     return short(1e3 * found.mean_m), short(1e3 * found.largest_m)
+
+
+def _freedom(count: float) -> str:
+    """Degrees of freedom; so many that they make no difference are infinite (JCGM 100:2008, table G.2)."""
+    return "∞" if count > _ENDLESS else short(count)

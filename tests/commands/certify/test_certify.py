@@ -13,6 +13,7 @@ from helpers.robots import ROOT
 
 import lab
 from lab.cli import main
+from lab.commands.certify.document import _freedom
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.result import Certificate
 from lab.commands.certify.run import certify
@@ -94,6 +95,11 @@ def groups(found: Certificate) -> set[str]:
 
 
 @thorough
+@pytest.mark.parametrize(("count", "words"), [(12.0, "12.0"), (127_010_271.0, "∞"), (np.inf, "∞")])
+def test_degrees_of_freedom_without_end_are_infinite(count: float, words: str) -> None:
+    assert _freedom(count) == words
+
+
 def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     found = certify(CertifyOptions(Path("known"), Path("details.toml")))
     told = found.to_dict()
