@@ -20,16 +20,15 @@ from lab.core.ranges import NUMBER_SIZE
 from lab.core.se3 import Array
 from lab.formats.text_file import read_text
 
-__all__ = ["CsvTable", "text_cell", "write_columns"]
+__all__ = ["CsvTable", "name_cell", "text_cell", "write_columns"]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
 _BLOCK = 10_000  # rows that are held as lists of cells
 
-_FORMULA = re.compile(
-    r"'*[=+\-@\t\r]"
-)  # how a text begins that a spreadsheet takes for a formula, or one that was marked
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")  # how a text begins that a spreadsheet takes for a formula, or a marked one
 _MARK = "'"
+_NAMES = ("id", "item", "robot")  # columns of names: there +1 is no number
 
 
 def text_cell(text: str) -> str:
@@ -40,6 +39,14 @@ def text_cell(text: str) -> str:
     return _MARK + text if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
+def name_cell(text: str) -> str:
+    """A name as a cell that a spreadsheet takes for text; of +1 it would keep the 1.
+
+    ``CsvTable`` reads it back as it was.
+    """
+    return _MARK + text if _FORMULA.match(text) else text
+
+
 def write_columns(path: Path, columns: Mapping[str, Sequence[Any] | Array]) -> None:
     """Write columns of texts and numbers, numbers with every digit; arrays of numbers are the quickest."""
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -48,14 +55,15 @@ def write_columns(path: Path, columns: Mapping[str, Sequence[Any] | Array]) -> N
         count = len(next(iter(columns.values()), ()))
         assert all(len(values) == count for values in columns.values())
         for first in range(0, count, _BLOCK):
-            cells = [_cells(values[first : first + _BLOCK]) for values in columns.values()]
+            cells = [_cells(name, values[first : first + _BLOCK]) for name, values in columns.items()]
             writer.writerows(zip(*cells, strict=True))
 
 
-def _cells(values: Sequence[Any] | Array) -> list[str]:
+def _cells(column: str, values: Sequence[Any] | Array) -> list[str]:
     if isinstance(values, np.ndarray):
         return list(map(repr, values.astype(np.float64).tolist()))
-    return [text_cell(value) if isinstance(value, str) else repr(float(value)) for value in values]
+    cell = name_cell if column in _NAMES else text_cell
+    return [cell(value) if isinstance(value, str) else repr(float(value)) for value in values]
 
 
 class CsvTable:
@@ -273,5 +281,5 @@ def _plain_numbers(packed: _Cells, exponent: int) -> Array | None:
 
 
 def _unmarked(cell: str) -> str:
-    """A cell as ``text_cell`` was given it."""
+    """A cell as ``text_cell`` or ``name_cell`` was given it."""
     return cell[1:] if cell.startswith(_MARK) and _FORMULA.match(cell) else cell

@@ -18,7 +18,7 @@ from lab.core.limits import ROWS, TARGETS, Limit, checked_name
 from lab.core.measurements import Measurements
 from lab.core.ranges import PAYLOAD_KG, SIGMA_MM
 from lab.core.se3 import Array
-from lab.formats.csv_table import CsvTable, text_cell
+from lab.formats.csv_table import CsvTable, name_cell, text_cell
 from lab.formats.orientations import ENDS
 
 __all__ = ["USES", "ObservedColumns", "PoseReader", "read_measurements", "write_measurements"]
@@ -64,9 +64,9 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
         for first in range(0, max(len(data), 1), _BLOCK):
             part = data if len(data) <= _BLOCK else data.take(range(first, min(first + _BLOCK, len(data))))
             told = {
-                "id": [text_cell(name) for name in part.ids] if named else None,
+                "id": [name_cell(name) for name in part.ids] if named else None,
                 "use": part.use if purposed else None,
-                "session": [text_cell(name) for name in part.sessions] if sessioned else None,
+                "session": [name_cell(name) for name in part.sessions] if sessioned else None,
             }
             texts: dict[str, Sequence[str]] = {name: cells for name, cells in told.items() if cells is not None}
             columns = texts | _numbers(data, part, prismatic)

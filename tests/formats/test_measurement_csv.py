@@ -167,6 +167,24 @@ def test_texts_are_no_formulas_to_a_spreadsheet_and_come_back(text: str, tmp_pat
     assert back.ids == data.ids and back.sessions == data.sessions and back.other["note"] == (text, "-3.5")
 
 
+NUMBERS = ("+1", "-1", "-0", "+1.5e3", "'-1", "=1", "@x")
+
+
+def test_names_like_numbers_are_texts_to_a_spreadsheet_and_come_back(tmp_path: Path) -> None:
+    """Of an id +1 it would keep the 1, and then there are two."""
+    data = measured(("q1",), np.zeros((len(NUMBERS), 1)), ("p1",), np.ones((len(NUMBERS), 1, 3)))
+    data = replace(data, ids=NUMBERS, sessions=NUMBERS, other={"note": ("-3.5",) * len(NUMBERS)})
+    write_measurements(tmp_path / "day.csv", data, (False,))
+    csv_table.write_columns(tmp_path / "joints.csv", {"id": NUMBERS, "q1_deg": [-1.0] * len(NUMBERS)})
+    for name, columns in (("day.csv", ("id", "session")), ("joints.csv", ("id",))):
+        rows = list(csv.DictReader((tmp_path / name).read_text().splitlines()))
+        assert all(row[column].startswith("'") for row in rows for column in columns)
+        assert csv_table.CsvTable(tmp_path / name).texts("id") == NUMBERS
+    assert {row["note"] for row in csv.DictReader((tmp_path / "day.csv").read_text().splitlines())} == {"-3.5"}
+    back = read_measurements(tmp_path / "day.csv", ("q1",), (False,))
+    assert back.ids == NUMBERS and back.sessions == NUMBERS
+
+
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([0, 3]))
 def test_a_decimal_is_moved_exactly(value: float, exponent: int) -> None:
     assert measurement_csv._decimal(value, exponent) == (
