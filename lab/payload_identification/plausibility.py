@@ -23,6 +23,8 @@ __all__ = ["ArmSize", "Implausibility", "implausibilities"]
 
 MOST_OF_ARM = 1.5  # times its own mass that an arm carries: the strongest carry half of it
 MOST_KG = 1000.0  # where the arm's mass is not known
+KGF_N = 9.80665  # of a kilogram's weight
+LEAST_DISTANCE_M = 0.001  # of a centre of mass that a unit would make plausible: hands have a length
 FITS_BADLY = 0.3  # of what was to be explained that is left
 FAR_BETTER = 0.5  # times as much left
 NEAR_SHIFTS = (1, -1, 2, -2)  # rows, which are tried in any case
@@ -104,12 +106,21 @@ def _of_centre(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
     distance = float(np.linalg.norm(centre))
     if not np.isfinite(distance) or distance <= arm.reach_m or not found.mass_kg > found.mass_half_width_kg:
         return
-    if (found.com_half_width > arm.reach_m).any():
+    nearest = float(np.linalg.norm(np.maximum(np.abs(centre) - found.com_half_width, 0)))
+    if nearest <= arm.reach_m and (found.com_half_width > arm.reach_m).any():
         return  # it is not known, and its interval says so
-    unit = f"Nmm (it would be {distance:.3g} mm away)" if distance / 1e3 <= arm.reach_m else "another unit"
+    units = [
+        f"{unit} (it would be {1e3 * distance / larger:.3g} mm away)"
+        for unit, larger in (
+            ("forces in kgf", KGF_N),
+            ("moments in Nmm", 1e3),
+            ("forces in kgf and moments in Nmm", 1e3 * KGF_N),
+        )
+        if LEAST_DISTANCE_M <= distance / larger <= arm.reach_m
+    ]
     yield (
         f"the centre of mass is {distance:.3g} m from the flange, farther than the arm reaches ({arm.reach_m:.2g} m): "
-        f"are moments in {unit}?"
+        f"are {', or '.join(units) or 'moments in another unit'}?"
     )
 
 

@@ -48,7 +48,11 @@ def later(samples: PayloadSamples, rows: int) -> PayloadSamples:
 
 
 WRENCH_MISTAKES: dict[str, tuple[Callable[[PayloadSamples], PayloadSamples], str]] = {
-    "moments in Nmm": (lambda s: replace(s, wrench=s.wrench * [1, 1, 1, 1e3, 1e3, 1e3]), "are moments in Nmm"),
+    "moments in Nmm": (lambda s: replace(s, wrench=s.wrench * [1, 1, 1, 1e3, 1e3, 1e3]), "moments in Nmm (it would be"),
+    "forces in kgf, moments in Nmm": (
+        lambda s: replace(s, wrench=s.wrench * [*3 * [1 / 9.80665], 1e3, 1e3, 1e3]),
+        "forces in kgf and moments in Nmm (it would be",
+    ),
     "forces and moments in mN": (lambda s: replace(s, wrench=s.wrench * 1e3), "forces in Nmm or mN?"),
     "joints a row late": (lambda s: later(s, 1), "seem to be 1 row later than"),
     "joints two rows early": (lambda s: later(s, -2), "seem to be 2 rows earlier than"),

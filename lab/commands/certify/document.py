@@ -221,7 +221,10 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
     )
     drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
     figure = Figure(f"budget-{budget.measurand}-figure", (contributions_picture(budget),), drawing)
-    caption = "Standard uncertainty u, contribution in µm, degrees of freedom ν, share of the variance in %"
+    caption = (
+        f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
+        "share of the variance in %"
+    )
     return Table(tuple(columns), rows, caption), Paragraph(words), figure
 
 

@@ -94,12 +94,12 @@ def groups(found: Certificate) -> set[str]:
     return {line.quantity.group for line in found.budgets[0].lines}
 
 
-@thorough
 @pytest.mark.parametrize(("count", "words"), [(12.0, "12.0"), (127_010_271.0, "∞"), (np.inf, "∞")])
 def test_degrees_of_freedom_without_end_are_infinite(count: float, words: str) -> None:
     assert _freedom(count) == words
 
 
+@thorough
 def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     found = certify(CertifyOptions(Path("known"), Path("details.toml")))
     told = found.to_dict()
