@@ -13,6 +13,7 @@ import tyro
 from lab.campaign.config_file import read_options
 from lab.campaign.option_types import Flag, number, whole_number
 from lab.commands.parser_errors import one_line_errors
+from lab.commands.provenance import positional
 from lab.commands.registry import Command
 from lab.core.errors import LabError
 
@@ -65,7 +66,7 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     made: Any = make_dataclass("Arguments", [options, *common])
     program = f"lab {command.name}"
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
-    with one_line_errors(program, flags):
+    with one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
         found = tyro.cli(made, prog=program, description=_described(command), args=rest, registry=_numbers())
     given_flags = (getattr(found, name, False) for name in ("overwrite", "json", "resume"))
     return Arguments(found.options, getattr(found, "out", None), *given_flags)

@@ -14,7 +14,7 @@ from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Ta
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["command_line", "provenance_section"]
+__all__ = ["command_line", "positional", "provenance_section"]
 
 (_POSITIONAL,) = get_args(tyro.conf.Positional[str])[1:]  # the mark of an option without a flag
 _SHOWN = ("robot", "instrument", "seed")  # also where they are at their defaults
@@ -23,12 +23,16 @@ _SHOWN = ("robot", "instrument", "seed")  # also where they are at their default
 def command_line(name: str, options: "DataclassInstance") -> str:
     """What to type for these options: those that are not at their defaults."""
     given, words, flags = dict(_asked(options)), ["lab", name], []
-    for option, hint in get_type_hints(type(options), include_extras=True).items():
-        if _POSITIONAL in get_args(hint) and option in given:
-            words.append(shlex.quote(given.pop(option)))
+    words += [shlex.quote(given.pop(option)) for option in positional(type(options)) if option in given]
     for option, value in given.items():
         flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
     return " ".join([*words, *flags])
+
+
+def positional(kind: type[Any]) -> list[str]:
+    """The options of a command that stand without a flag."""
+    hints = get_type_hints(kind, include_extras=True)
+    return [option for option, hint in hints.items() if _POSITIONAL in get_args(hint)]
 
 
 def _asked(options: Any) -> Iterator[tuple[str, str]]:

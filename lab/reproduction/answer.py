@@ -64,9 +64,10 @@ def number(name: str, printed: str, ours: float, unit: str = "", *, erratum: str
         return abs(off(_read(text))) <= last * (1 + _EDGE)
 
     apart = off(_read(printed)) if printed else 0.0
+    more = 1 if printed and (decimals or ours != round(ours)) else 0
     return Answer(
-        name, printed, _written(ours, decimals + (1 if printed else 0)), unit,
-        f"{apart:+.1g}".replace("-", _MINUS) if printed else "", check(printed) if printed else None, erratum, check,
+        name, printed, _written(ours, decimals + more), unit, _small(apart, "+") if printed else "",
+        check(printed) if printed else None, erratum, check,
     )  # fmt: skip
 
 
@@ -92,8 +93,9 @@ def formula(
     shown = right or printed
     if not check(shown):
         raise AssertionError(f"{name}: '{shown}' is not what the model gives, but off by {missed(shown):.2g}")
+    apart = missed(printed) if printed else 0.0
     return Answer(
-        name, printed, shown, "", f"up to {missed(printed):.1g}" if printed else "",
+        name, printed, shown, "", f"{'up to ' if apart else ''}{_small(apart)}" if printed else "",
         check(printed) if printed else None, erratum, check,
     )  # fmt: skip
 
@@ -110,7 +112,7 @@ def drawn(name: str, printed: str, draws: Array, unit: str = "", *, erratum: str
     middle = float(np.median(draws))
     return Answer(
         name, printed, f"{_written(low, decimals)} to {_written(high, decimals)}", unit,
-        f"{_read(printed) - middle:+.1g} of the median".replace("-", _MINUS), check(printed), erratum, check, False,
+        f"{_small(_read(printed) - middle, '+')} of the median", check(printed), erratum, check, False,
     )  # fmt: skip
 
 
@@ -121,15 +123,15 @@ def at_least(name: str, printed: str, ours: float, unit: str = "") -> Answer:
     def check(text: str) -> bool:
         return abs(_read(text) - ours) <= 2e-3 * abs(ours)
 
-    apart = f"{ours - value:+.1g}".replace("-", _MINUS)
-    return Answer(name, printed, _written(ours, decimals), unit, apart, bool(ours >= value * (1 - 1e-3)), "", check)
+    enough = bool(ours >= value * (1 - 1e-3))
+    return Answer(name, printed, _written(ours, decimals), unit, _small(ours - value, "+"), enough, "", check)
 
 
 def holds(name: str, gap: float, *, within: float = _EXACT, erratum: str = "") -> Answer:
     """An identity that the source states, and by how much its two sides differ at random positions."""
     true = bool(gap <= within)  # NumPy's booleans are none of JSON
-    ours = f"{'holds' if true else 'does not hold'}, to {gap:.1g}"
-    return Answer(name, "holds", ours, "", f"{gap:.1g}", true, erratum, lambda text: False, False)
+    ours = f"{'holds' if true else 'does not hold'}, to {_small(gap)}"
+    return Answer(name, "holds", ours, "", _small(gap), true, erratum, lambda text: False, False)
 
 
 def word(name: str, printed: str, ours: str, *, erratum: str = "") -> Answer:
@@ -162,6 +164,11 @@ def _read(text: str) -> float:
     if not np.isfinite(value):
         raise LabError(f"'{text}' is not a finite number")
     return value
+
+
+def _small(value: float, sign: str = "-") -> str:
+    """A difference, with one digit; a minus that no line breaks at."""
+    return format(value, f"{sign}.1g").replace("-", _MINUS) if value else "0"
 
 
 def _written(value: float, decimals: int) -> str:

@@ -51,6 +51,7 @@ def test_a_command_is_its_options_and_an_entry(throw_away: Command) -> None:
         ("a b", "b is not understood; see"),
         ("a --cont 3", "--cont 3 is not understood; is --count meant?; see"),
         ("a --file b", "--file b is not understood; give it without --file; see"),
+        ("a 20", "20 is not understood; separate the numbers of one option by commas, without spaces; see"),
         ("a --count 1.5", "--count: '1.5' is not a whole number; see"),
         ("a --size big", "--size: 'big' is not a number; see"),
         ("a --count", "--count: its value is missing; see"),
@@ -110,3 +111,12 @@ def test_measurements_come_back_and_their_frame_is_the_world_s(tmp_path: Path) -
     in_base = se3.transform(se3.inverse(arm.T_tracker_frame0(values)), arm.points(back.joints, values)[:, 0])
     assert abs(in_world - se3.transform(frames.T_world_base, in_base)).max() < 1e-12
     assert abs(world_frames("irb120").T_world_base - frames.T_world_base).max() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("design", "is --robot tx40 meant?"), ("inspect", "is not understood; see")]
+)
+def test_a_robot_without_its_option_is_told_how_it_is_given(name: str, says: str) -> None:
+    """Where a robot stands without an option, one word more is none."""
+    with pytest.raises(LabError, match=re.escape(says)):
+        parsed(command_named(name), ["irb120", "tx40"][name == "design" :])

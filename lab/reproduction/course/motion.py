@@ -72,9 +72,9 @@ MOTION_ITEMS = (
     Item("Section 10.3, question 1", "Models of the robot of two hinges", _models,
          "lab kinematics course2r --symbolic"),
     Item("Section 10.3, question 2", "Its trajectory through P1", _exact,
-         "lab trajectory points.csv --robot course2r --accelerations 50 --speeds 171.9",
-         "points.csv holds the joints of P0, P1 and P2 and the speed of 11.459 °/s at P1, as docs/how_to/trajectories "
+         "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9",
+         "POINTS.csv holds the joints of P0, P1 and P2 and the speed of 11.459 °/s at P1, as docs/how_to/trajectories "
          "shows. X2 = 0.86 is √3/2 with its last digits left out. The largest speed, 171.88 °/s, is not reached."),
     Item("Section 10.3, approximation", "The trajectory past P1 with dX = 0.1 m", _past,
-         "lab trajectory points.csv --robot course2r --accelerations 50 --speeds 171.9"),
+         "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9"),
 )  # fmt: skip

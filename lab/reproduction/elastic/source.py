@@ -187,18 +187,20 @@ ELASTIC = Source(
     "elastic",
     "Benmisra 2007, programming of industrial robots (Blida), section 3-2-3 on: elastic links",
     (
-        Item("Equation 3.21", "The elastic error", _errors, "lab calibrate rx130 --help",
+        Item("Equation 3.21", "The elastic error", _errors, "python scripts/elastic_error_absorbed.py",
              "Of an RX 130 whose links 2 and 3 give way by up to 1 mm and 1 mrad, at random poses."),
         Item("Equations 3.22 to 3.29", "Elementary matrices", _rotations, "lab kinematics rx130 --symbolic"),
         Item("Equations 3.30 to 3.34", "Small displacements and turns", _small,
              note="The order of the turns matters by the square of their size: 1e-6 at 1 mrad."),
         Item("Equations 3.35, 3.36 a", "The corrected direct model", _chain, "python scripts/elastic_links_found.py",
              "T_flex stands at the segment's far end, with whole rotations in the lab."),
-        Item("Equations 3.36 b to 3.38, figure 3.7", "Compensation", _compensation, "lab compensate RUN targets.csv",
-             "One correction leaves a few per cent of a small error, since the deformation is another one at the "
-             "corrected joints; the lab iterates. Poses near a singularity are left out."),
+        Item("Equations 3.36 b to 3.38, figure 3.7", "Compensation", _compensation,
+             "lab compensate TARGETS.csv --run RUN",
+             "TARGETS.csv and RUN are targets and a calibration of your own. One correction leaves a few per cent "
+             "of a small error, since the deformation is another one at the corrected joints; the lab iterates. Poses "
+             "near a singularity are left out."),
         Item("Remark on fewer than six joints", "Components that no joint can make", _planar,
-             "lab compensate RUN targets.csv"),
+             "lab compensate TARGETS.csv --run RUN", "TARGETS.csv and RUN are targets and a calibration of your own."),
         Item("Equations 3.39, 3.40", "Calibration and deformations", _calibrated,
              "python scripts/elastic_error_absorbed.py"),
     ),

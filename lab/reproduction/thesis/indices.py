@@ -80,11 +80,11 @@ def _ellipse() -> tuple[Picture, ...]:
 
 
 INDEX_ITEMS = (
-    Item("Equations II.1 to II.4", "Singular values bound the errors", _bounds, "lab inspect irb120 --observe points",
+    Item("Equations II.1 to II.4", "Singular values bound the errors", _bounds, "lab inspect irb120",
          "At 20 random poses and 1,000 random errors of the 19 parameters."),
-    Item("Figure II.1", "The ellipsoid of errors", command="lab calibrate irb120 --out RUN",
+    Item("Figure II.1", "The ellipsoid of errors", command="lab calibrate --robot irb120 --out ellipsoids",
          note="Two parameters of one pose: the circle of unit errors (a2, d4; mm) becomes an ellipse (mm). Every run's "
          "report and recording has the ellipsoids of its own poses.", pictures=_ellipse),
-    Item("Equations II.5 to II.9", "The indices O1 to O5", _indices, "lab design irb120 --criterion O1",
+    Item("Equations II.5 to II.9", "The indices O1 to O5", _indices, "lab design --robot irb120 --criterion O1",
          "From the eigenvalues of J'J here, and from singular values in the lab."),
 )  # fmt: skip

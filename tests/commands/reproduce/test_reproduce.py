@@ -2,17 +2,20 @@
 
 import csv
 import json
+import shlex
 from pathlib import Path
 
 import pytest
+from helpers.robots import ROOT
 
 from lab.cli import main
+from lab.commands.command_line import parsed
 from lab.commands.registry import command_named
 from lab.commands.reproduce.options import ReproduceOptions
 from lab.commands.reproduce.run import reproduce
 from lab.core.errors import LabError
 from lab.reproduction.marking import marked
-from lab.reproduction.registry import source_named
+from lab.reproduction.registry import SOURCES, source_named
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +108,27 @@ def test_an_exercise_is_not_marked_at_once(capsys: pytest.CaptureFixture[str]) -
     assert "give one of them" in capsys.readouterr().err
     assert main(["reproduce", "thesys"]) == 2
     assert "thesis" in capsys.readouterr().err and command_named("reproduce").folder
+
+
+LAB_COMMANDS = sorted(
+    {item.command for name in SOURCES for item in source_named(name).items if item.command.startswith("lab ")}
+)
+
+
+@pytest.mark.parametrize("line", LAB_COMMANDS)
+def test_each_item_names_a_command_that_there_is(line: str) -> None:
+    _, name, *arguments = shlex.split(line)
+    parsed(command_named(name), arguments)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("line", [line for line in LAB_COMMANDS if not {"POINTS.csv", "TARGETS.csv"} & {*line.split()}])
+def test_each_item_names_a_command_that_works(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(line)[1:]) == 0
+
+
+def test_scripts_of_items_are_there() -> None:
+    lines = [item.command for name in SOURCES for item in source_named(name).items if item.command]
+    scripts = {line.split()[1] for line in lines if not line.startswith("lab ")}
+    assert scripts and all((ROOT / script).is_file() for script in scripts)
