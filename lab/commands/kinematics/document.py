@@ -93,9 +93,11 @@ def _reached(result: KinematicsResult) -> tuple[Block, ...]:
     for each in result.reached:
         at = ", ".join(fixed(1e3 * value, 3) for value in each.position)
         turned = "" if np.isfinite(each.rotation).all() else ", the orientation is free"
-        missed = "" if each.solutions or np.isnan(each.gap_m) else f", out of reach by {short(1e3 * each.gap_m, 'mm')}"
-        others = f"{each.others} more in other configurations" if each.others else "there are no others"
-        how = f"in closed form: {others}" if each.how == "closed form" else "by search: there may be others"
+        missed = f"; {each.away}" if each.away else ""
+        none = "there are no others" if each.solutions else "there is none"
+        others = f"{each.others} more in other configurations" if each.others else none
+        more = "there may be others" if each.solutions else "there may be some"
+        how = f"in closed form: {others}" if each.how == "closed form" else f"by search: {more}"
         name = f"{each.name}: " if each.name else ""
         modes = f"; {each.reassembled} more in another assembly mode" if each.reassembled else ""
         lines.append(f"{name}({at}) mm{turned}: {counted(len(each.solutions), 'solution')} {how}{modes}{missed}")

@@ -36,7 +36,8 @@ class Reached:
         position: ``(3,)`` m.
         rotation: ``(3, 3)``, NaN where the orientation is free.
         solutions: numbers of its placements, from 0.
-        gap_m: how far it is out of reach; NaN where that is not known.
+        gap_m: how far it is out of reach, of a search by how much the nearest place that it found misses it; NaN where
+            that is not known.
         how: ``closed form``, whose solutions are all, or ``search``.
         reassembled: how many more there are in another assembly mode of a mechanism with loops.
         others: how many more there are in configurations that were not asked for.
@@ -50,6 +51,14 @@ class Reached:
     how: str
     reassembled: int = 0
     others: int = 0
+
+    @property
+    def away(self) -> str:
+        """How far it is from what was reached, in words; empty where it has solutions, or that is not known."""
+        if self.solutions or not self.gap_m or not np.isfinite(self.gap_m):
+            return ""
+        gap = f"{1e3 * self.gap_m:.6g} mm"
+        return f"it is {gap} out of reach" if self.how == "closed form" else f"the nearest place found is {gap} away"
 
 
 @dataclass(frozen=True, repr=False, eq=False)

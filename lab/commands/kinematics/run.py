@@ -202,7 +202,7 @@ class _Model:
         said = []
         for each in reached:
             if not each.solutions:
-                far = "" if np.isnan(each.gap_m) else f": it is {1e3 * each.gap_m:.6g} mm out of reach"
+                far = f": {each.away}" if each.away else ""
                 far = self._off_plane(each) or far
                 far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
                 said.append(f"{_called(each)} has no solution{far}")

@@ -49,7 +49,8 @@ class PoseSolutions:
 
     Attributes:
         solutions: nearest to the reference first.
-        gap_m: how far the pose is out of reach; zero where there is a solution, NaN where that is not known.
+        gap_m: how far the pose is out of reach, of a search by how much the nearest place that it found misses it;
+            zero where there is a solution, NaN where that is not known.
         how: ``closed form`` (then these are all) or ``search``.
         reassembled: how many more there are that a mechanism with loops takes in another assembly mode alone.
         others: how many more there are in configurations that were not asked for.
@@ -106,7 +107,7 @@ class Solver:
             exact = bool(closed[i])
             if form is not None and form.exact_only and kept and tilt[kept].any():  # near to a pose that it cannot take
                 exact = False
-            missed = 0.0 if kept else float(gap.min()) if exact else np.nan
+            missed = 0.0 if kept else float(gap.min(initial=np.inf))
             out.append(PoseSolutions(ways, missed, "closed form" if exact else "search"))
         return out
 

@@ -1,6 +1,7 @@
 """``lab kinematics``: the sources' worked examples by a command, and every model against another way to it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -225,3 +226,12 @@ def test_a_freedom_that_an_arm_does_not_have_is_told_in_one_line() -> None:
         "the pose has no solution: it is 20 mm off the plane across (0, 0, 1) in which the arm moves",
     )
     assert len(lab.solve_kinematics("planar3r", pose=(500, 200, 0, 0, 0, 60)).placements) == 2
+
+
+def test_a_pose_that_a_search_misses_is_told_with_its_distance(capsys: pytest.CaptureFixture[str]) -> None:
+    """An orientation that is free leaves an arm of five axes to the search, which says how near it came."""
+    assert main(["kinematics", "scorbot", "--pose", "3000,0,0"]) in (0, 1)
+    told = capsys.readouterr()
+    said = re.search(r"the nearest place found is ([\d.]+) mm away", told.err + told.out)
+    assert said is not None and 2000 < float(said[1]) < 3000
+    assert "0 solutions by search: there may be some" in told.out
