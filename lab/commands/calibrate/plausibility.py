@@ -1,5 +1,6 @@
-"""Whether measurements are what they are taken for: rows that are copies, and a noise in another unit."""
+"""Whether measurements are what they are taken for: copies, a noise in another unit, points in another scale."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.wording import be, counted
 
-__all__ = ["doubted", "noise_beyond", "noise_in_another_unit", "without_copies"]
+__all__ = ["doubted", "noise_beyond", "noise_in_another_unit", "points_in_another_scale", "without_copies"]
 
 LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
 LEAST_FREEDOM = 10
@@ -21,6 +22,12 @@ LEAST_ROWS = 5  # of fewer the fit says what they lack
 MANY = 10.0  # times the residuals' noise: what is given hides errors
 UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
 ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
+LENGTH = re.compile(r"link\d+\.(a|d)")
+LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as large
+LEAST_LENGTHS = 3
+SCALE = 0.005  # steel is so much longer at 400 K more
+MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
+ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
 
 
 def without_copies(path: Path, data: Measurements) -> Measurements:
@@ -94,8 +101,28 @@ def noise_beyond(
     return [f"{said}: intervals are as many times too wide, and errors smaller than the given noise are not noticed"]
 
 
+def points_in_another_scale(found: Identification) -> list[str]:
+    """Where all long links are longer, or shorter, by about one share: no arm is made so, but points are written so."""
+    names, free = found.model.names, [i for i in found.fit.free if LENGTH.fullmatch(found.model.names[i])]
+    long = [i for i in free if abs(found.nominal_aligned[i]) >= LONG_M]
+    if len(long) < LEAST_LENGTHS:
+        return []
+    nominal = found.nominal_aligned[long]
+    more = found.values[long] - nominal
+    scale = float(more @ nominal / (nominal @ nominal))
+    if abs(scale) < max(SCALE, MADE_M / np.abs(nominal).max()):
+        return []
+    if ((more - scale * nominal) ** 2).sum() > ALIKE * (more @ more):
+        return []
+    return [
+        f"all {len(long)} long links ({', '.join(names[i] for i in long)}) are about {100 * abs(scale):.2g} % "
+        f"{'longer' if scale > 0 else 'shorter'} than the robot's: look at the scale of the points (the instrument's "
+        "unit, its correction for air and temperature), or take the right --robot"
+    ]
+
+
 def doubted(word: Verdict, said: Sequence[str]) -> Verdict:
-    """The verdict where the given noise is not that of the residuals: it is not good."""
+    """The verdict where the noise or the scale cannot be what was given: it is not good."""
     if not said:
         return word
     fit, reasons = Answer("doubtful", said[0]), tuple(dict.fromkeys((*word.reasons, *said)))

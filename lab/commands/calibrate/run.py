@@ -35,7 +35,7 @@ from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.joint_signs import of_joint_signs
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, without_copies
+from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, points_in_another_scale, without_copies
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.commands.calibrate.warnings import of_limits, of_several_sessions, of_validation_beyond
@@ -387,7 +387,7 @@ def _outcome(
         fitter.nominal(identification.model),
         fitter.tolerance,
         validation,
-        doubted(word, noisy),
+        doubted(word, [*noisy, *points_in_another_scale(identification)]),
         seconds,
         tuple(dict.fromkeys(warnings)),
         real,

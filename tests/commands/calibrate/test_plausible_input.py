@@ -124,3 +124,15 @@ def test_next_to_nothing_but_copies_is_refused(day: Measurements) -> None:
     with pytest.raises(LabError, match=r"39 rows are copies of an earlier one .* 1 row is left; measure more poses"):
         without_copies(Path("day.csv"), doubled(day.take([0]), [0] * 39))
     assert len(without_copies(Path("day.csv"), doubled(day.take(range(5)), [0] * 39))) == 5
+
+
+@pytest.mark.parametrize("scale", [1.01, 0.985, 1.001, 1.0])
+def test_points_in_another_scale_are_told_and_not_good(scale: float) -> None:
+    """As of an instrument whose unit or whose air is wrong: all lengths grow together, and everything fits."""
+    day = lab.simulate("irb120", poses=40, seed=5).measurements
+    found = lab.identify(replace(day, points=scale * day.points), robot="irb120", holdout=0.25)
+    said = [reason for reason in found.verdict.reasons if "look at the scale of the points" in reason]
+    assert bool(said) == (found.verdict.word != "good") == (abs(scale - 1) > 0.005)
+    for each in said:
+        assert "all 3 long links (link2.a, link3.a, link4.d)" in each
+        assert f"{'longer' if scale > 1 else 'shorter'} than the robot's" in each
