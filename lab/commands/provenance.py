@@ -23,7 +23,10 @@ _SHOWN = ("robot", "instrument", "seed")  # also where they are at their default
 def command_line(name: str, options: "DataclassInstance") -> str:
     """What to type for these options: those that are not at their defaults."""
     given, words, flags = dict(_asked(options)), ["lab", name], []
-    words += [shlex.quote(given.pop(option)) for option in positional(type(options)) if option in given]
+    for option in positional(type(options)):
+        value, told = getattr(options, option), given.pop(option, "")
+        several = map(str, value) if isinstance(value, tuple) else (told,)
+        words += map(shlex.quote, several if told else ())
     for option, value in given.items():
         flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
     return " ".join([*words, *flags])

@@ -5,6 +5,7 @@ from pathlib import Path
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.compare.options import CompareOptions
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.provenance import command_line
 
@@ -20,3 +21,8 @@ def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:
     told = command_line("identify", MeasuredCampaign(Path("a b.csv"), holdout=0.3, refit=("base",)))
     assert told == "lab identify 'a b.csv' --holdout 0.3 --refit base"
     assert command_line("compensate", CompensateOptions(Path("run"), Path("t.csv"))) == "lab compensate t.csv --run run"
+
+
+def test_several_words_without_a_flag_stand_side_by_side() -> None:
+    told = command_line("compare", CompareOptions((Path("a b"), Path("c"))))
+    assert told == "lab compare 'a b' c"

@@ -134,7 +134,7 @@ def _cost(result: PayloadResult) -> str:
         return ""
     soft = result.cost.compliance[result.cost.compliance > 0]
     alike = len(soft) and np.ptp(soft) < 1e-9 * soft[0]
-    stiffness = f"joints of {1 / soft[0]:g} Nm/rad" if alike else "joints of the identified stiffness"
+    stiffness = f"joints of {1 / soft[0]:,.6g} Nm/rad" if alike else "joints of the identified stiffness"
     return (
         f"Its uncertainty moves a point that is corrected for it by {1e6 * result.cost.rms_m:.2g} µm (1σ, root mean "
         f"square over the workspace, {stiffness})."

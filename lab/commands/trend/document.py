@@ -101,7 +101,7 @@ def _errors(result: TrendResult) -> Figure:
 
 def _parameters(result: TrendResult) -> tuple[Figure, ...]:
     every = (
-        "Differences from the first calibration, each in halves of its own 95 % interval: up to one half is what an "
+        "Differences from the first calibration, each in halves of its own 95 % interval: up to 1 is what an "
         "unchanged arm shows in 19 of 20. Blue is more, vermilion less; a line is a change."
     )
     moved = "What changed, as the difference from the first calibration with 95 % intervals; a dotted line is a change."
