@@ -346,9 +346,9 @@ class Fitter:
 
     @property
     def _shape(self) -> NoiseDistribution:
-        """Of the noise that is assumed."""
-        device = self.noise.instrument
-        uniform = device is not None and device.kind == "uniform" and self.noise.sigma_m is None
+        """Of the assumed noise; what was estimated beside an instrument's bounded one has tails."""
+        shared, device = self.noise.shared, self.noise.instrument if self.noise.sigma_m is None else None
+        uniform = device is not None and device.kind == "uniform" and (shared is None or shared.is_known)
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
     def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
