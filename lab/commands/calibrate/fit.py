@@ -252,10 +252,10 @@ class Fitter:
         warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
         warnings += [] if robust else of_outliers(found, observations, outliers, self.options.parametric)
         trusted = search.corrected(found)
-        if not warnings and only_positions(observation) and search.shared is None:
-            trusted, warnings = with_own_intervals(
-                found, observations, self.noise, believed=known or self.options.prior
-            )
+        by_joints = [judged.words] if judged.by == "joints" else []
+        if warnings in ([], by_joints) and only_positions(observation) and search.shared is None:
+            trusted, uneven = with_own_intervals(found, observations, self.noise, believed=known or self.options.prior)
+            warnings += uneven
         if search.undecided and trusted is found and not self.options.prior and not self.options.residual:
             trusted, cause = with_intervals_of_poses(found, observations, self.options.parametric)
             warnings += cause
