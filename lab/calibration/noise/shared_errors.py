@@ -23,7 +23,7 @@ __all__ = ["NOTABLE", "Clock", "Move", "SharedErrors", "correlated", "counted", 
 
 NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
-_HARDLY = 0.15  # a correlation from one pose to the next that is told as none: the search ends at 0.1
+_HARDLY = 0.15  # a correlation from one pose to the next that is taken as none: the search ends at 0.1
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,8 @@ def correlated(
         shapes = replace(shapes, changes=(ANOTHER_DAY,) if shared.clock is None else changes)
     sizes = (shared.scatter_rad, shared.wandering_m, shared.drift_m, shared.step_m)
     scatter, shift, trend, step = ((size / unit) ** 2 for size in sizes)
-    correlation = shapes.correlation(Components(scatter, shift, shared.carry, trend, step))
+    carry = shared.carry if shared.carry > _HARDLY else 0.0
+    correlation = shapes.correlation(Components(scatter, shift, carry, trend, step))
     if shared.counts_rad is not None:
         rounded = shapes.scatter @ shared.counts_rad / unit
         correlation = replace(correlation, scatter=np.concatenate([correlation.scatter, rounded], axis=2))

@@ -52,7 +52,14 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
 @pytest.mark.parametrize("shuffled", [False, True])
 @pytest.mark.parametrize(
     "parts",
-    [PARTS, Components(scatter=2.0), Components(shift=3.0, carry=0.5), Components(trend=9.0), Components(step=5.0)],
+    [
+        PARTS,
+        Components(scatter=2.0),
+        Components(shift=3.0, carry=0.5),
+        Components(scatter=1.0, shift=3.0),
+        Components(trend=9.0),
+        Components(step=5.0),
+    ],
 )
 def test_whitened_errors_have_unit_covariance(
     parts: Components, shuffled: bool, compiled: bool, monkeypatch: pytest.MonkeyPatch
@@ -65,6 +72,7 @@ def test_whitened_errors_have_unit_covariance(
         order = rng.permutation(POSES)
         of = ErrorShapes(of.scatter[order], of.shift[order], of.trend[order], of.times[order], of.changes)
     shared = correlation(of, parts)
+    assert shared.between_poses == bool(parts.carry or parts.trend or parts.step)
     unit = np.eye(POSES * NUMBERS).reshape(POSES, NUMBERS, -1)
     white = shared.white(unit).reshape(POSES * NUMBERS, -1)
     assert np.allclose(white @ dense(of, parts) @ white.T, np.eye(len(white)), atol=1e-12)
