@@ -70,19 +70,20 @@ class ErrorShapes:
         return np.asarray((along[:, None, :, None] * self.shift[:, :, None]).reshape(*self.shift.shape[:2], -1))
 
     def correlation(self, of: Components) -> Correlation:
-        """The errors of these variances, each per unit of its shape; a shift, trend or step of none is left out.
+        """The errors of these variances, each per unit of its shape; what has none is left out.
 
         A shift that nothing carries on is drawn anew at each pose, as scatter is: rows are then white pose by pose.
         """
         lasting = [np.sqrt(size) * each for size, each in ((of.trend, self.trend), (of.step, self.step)) if size]
-        scatter, shift = np.sqrt(of.scatter) * self.scatter, np.sqrt(of.shift) * self.shift
-        if of.shift and not of.carry:
-            scatter = np.concatenate([scatter, shift], axis=2)
+        pairs = ((of.scatter, self.scatter), (0.0 if of.carry else of.shift, self.shift))
+        alone = [np.sqrt(size) * each for size, each in pairs if size]
+        shift = np.sqrt(of.shift) * self.shift if of.shift and of.carry else self.shift[..., :0]
+        none = self.trend[..., :0]
         return Correlation(
-            scatter,
-            shift[..., : self.shift.shape[2] * bool(of.shift and of.carry)],
+            np.concatenate(alone or [none], axis=2),
+            shift,
             of.carry,
-            np.concatenate(lasting or [self.trend[..., :0]], axis=2),
+            np.concatenate(lasting or [none], axis=2),
             self.times,
         )
 
