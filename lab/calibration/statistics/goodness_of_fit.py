@@ -198,14 +198,14 @@ def _by_signs(by_holdout: _Sign | None, by_joints: _Sign | None) -> GoodnessOfFi
     """What held-out errors and the joints' positions say, where nothing is known of the noise (Bonferroni).
 
     Errors at held-out poses hardly grow where the same small part of the joints' ranges was fitted; there the second
-    test sees what the first one does not.
+    test sees what the first one does not. Alone it shows a lack of fit that is sure, never that there is none.
     """
     signs = [each for each in (by_holdout, by_joints) if each is not None]
     if not signs:
         return _nothing_left()
     strongest = min(signs, key=lambda each: each.p)
     p = min(1.0, len(signs) * strongest.p)
-    if p < LACK_OF_FIT:
+    if p < (VERDICT_LACK_OF_FIT if by_holdout is None else LACK_OF_FIT):
         return GoodnessOfFit(False, p, strongest.by, f"lack of fit: {strongest.seen}")
     if by_holdout is None:
         why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"

@@ -166,11 +166,12 @@ def test_what_poses_nearby_do_not_show_the_joints_do() -> None:
 
 
 def test_some_of_very_many_poses_say_whether_residuals_vary(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every second pose is looked at: at the level where nothing is lacking, and surely where something is."""
+    """Every second pose is looked at: at the level of a doubt where nothing is lacking, surely where something is."""
     monkeypatch.setattr("lab.calibration.statistics.goodness_of_fit._MOST_POSES", 40)
     assert all(in_a_part(seed, 6e-4, held=False).adequate is False for seed in range(5))
-    rejected = [in_a_part(seed, 0.0, held=False).adequate is False for seed in range(80)]
-    assert np.mean(rejected) == pytest.approx(0.05, abs=three_sigma(0.05, 80))
+    clean = [in_a_part(seed, 0.0, held=False) for seed in range(80)]
+    assert np.mean([found.adequate is False for found in clean]) <= 0.01 + three_sigma(0.01, 80)
+    assert all(found.by == "nothing" for found in clean if found.adequate is None)
 
 
 def test_where_nothing_tells_nothing_is_said() -> None:
