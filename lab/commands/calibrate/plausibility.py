@@ -91,6 +91,9 @@ def noise_beyond(
     name, given_mm = "--noise-mm", noise_mm
     if given_mm is None:
         name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
+        if known.size and known.max() > UNIT * known.min():
+            least, most = (f"{1e3 * each:.3g}" for each in (known.min(), known.max()))
+            return [f"{name} goes from {least} to {most}: is it all in mm? Rows with much more noise hardly count"]
         given_mm = 1e3 * float(np.median(known)) if known.size else None
     if given_mm is None or known_m <= LEAST_RESIDUAL_M or given_mm / 1e3 <= MANY * known_m:
         return []

@@ -146,3 +146,15 @@ def test_more_noise_than_a_bounded_one_is_no_outliers() -> None:
     found = lab.identify(replace(day, points=day.points + noise), robot="irb120", instrument="uniform-8um")
     assert any("lack of fit: the residuals are" in each for each in found.warnings)
     assert not any("outlier" in each for each in found.warnings)
+
+
+def test_a_column_of_noise_in_two_units_is_told_and_not_good() -> None:
+    day = lab.simulate("irb120", poses=60, seed=5, noise_mm=0.008).measurements
+    sigma = np.full(len(day), 8e-6 / np.sqrt(3))
+    for factor in (1e3, 1.0):
+        mixed = replace(day, sigma_m=np.where(np.arange(len(day)) % 3 == 0, factor * sigma, sigma))
+        found = lab.identify(mixed, robot="irb120", holdout=0.25)
+        assert (found.verdict.word == "good") == (factor == 1.0), found.verdict.reasons
+        assert any("column sigma_mm goes from 0.00462 to 4.62" in each for each in found.verdict.reasons) == (
+            factor > 1
+        )
