@@ -13,8 +13,8 @@ from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.pose_selection.exchange import Feasible
 from lab.pose_selection.tour import FreePath, fastest_way
-from lab.simulation.candidate_poses import path_check
 from lab.simulation.collisions import collides, collisions_in_words
+from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel
 
 __all__ = ["HUBS", "ReachabilityGraph", "free_home", "reachability", "refusals", "stops_in_order"]

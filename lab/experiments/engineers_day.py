@@ -31,8 +31,8 @@ from lab.experiments.day_files import controller_log, leica
 from lab.experiments.script import Answer, named_values, paragraphs
 from lab.experiments.ur5e import ur5e_urdf
 from lab.render.document import Document
-from lab.simulation.candidate_poses import path_check
 from lab.simulation.collisions import collides, random_poses
+from lab.simulation.free_path import path_check
 from lab.simulation.observations.points import track
 
 __all__ = ["Options", "answer", "planned_cell", "worked_day"]

@@ -30,22 +30,18 @@ __all__ = [
     "feasibility",
     "field_of_view",
     "incidence",
-    "path_check",
     "seeing_station",
     "view_of",
 ]
 
 MARGIN = 0.02  # of a joint's range, kept from each limit
-_STEP_M = 0.010  # along a path no point of the arm moves further than this between two looks
 Feasible = Callable[[Array], NDArray[np.bool_]]
-FreePath = Callable[[Array, Array], bool]
 _REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even
 _PATIENCE, _WORST_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
 _HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
 _LOOKED_AT = 500  # colliding draws whose contacts a refusal counts
 _SAME_NOISE = 6  # decimals to which variances are alike
-_GOLDEN = (np.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True)
@@ -116,22 +112,6 @@ def feasibility(
     """
     first_reason = _judge(robot, field_of_view(robot, targets, instrument, station), margin)
     return lambda joints: first_reason(joints) < 0
-
-
-def path_check(robot: RobotModel) -> FreePath:
-    """A callable: whether the arm touches nothing while all joints move in proportion from ``(n,)`` to ``(n,)``.
-
-    Looked at so often that no point of it moves more than ``_STEP_M`` in between. By one thread.
-    """
-    data, reach = mujoco.MjData(robot.model), robot.travel_per_joint()
-
-    def is_free(start: Array, end: Array) -> bool:
-        steps = max(1, int(np.ceil(np.abs(end - start) @ reach / _STEP_M)))
-        # evenly spread from the first look on, so that an obstacle is met early
-        order = np.argsort(np.argsort(np.arange(steps + 1) * _GOLDEN % 1.0))
-        return not any(collision_flags(robot, start + (order / steps)[:, None] * (end - start), data))
-
-    return is_free
 
 
 def _judge(robot: RobotModel, sees: Feasible, margin: float) -> Callable[[Array], NDArray[np.int_]]:

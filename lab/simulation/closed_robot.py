@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
@@ -35,6 +35,8 @@ class ClosedModel(RobotModel):
     Attributes:
         height_m: of its base above the floor; None where there is none.
     """
+
+    travel_is_bounded: ClassVar[bool] = False
 
     chain: Mechanism
     height_m: float | None

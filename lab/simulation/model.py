@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -60,8 +61,12 @@ class RobotModel(ABC):
         held: joints of a gripper, which are held at zero.
         stations: names of the places from which the instrument measures, the first of which is the site ``tracker``;
             none where there is one alone without a name.
+        travel_is_bounded: whether no point of it moves further than ``travel_per_joint`` says; of the kind, not of the
+            model.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
     """
+
+    travel_is_bounded: ClassVar[bool] = True
 
     path: Path
     spec: mujoco.MjSpec
@@ -90,7 +95,10 @@ class RobotModel(ABC):
 
     @abstractmethod
     def travel_per_joint(self) -> Array:
-        """``(joints,)``: how far (m) a point of the arm moves at most per rad or m of each joint, in any pose."""
+        """``(joints,)``: how far (m) a point of the arm moves at most per rad or m of each joint, in any pose.
+
+        It is a bound only where ``travel_is_bounded``.
+        """
 
     @abstractmethod
     def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:

@@ -13,8 +13,8 @@ from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.pose_selection.tour import plan_tour, rated
-from lab.simulation.candidate_poses import path_check
 from lab.simulation.collisions import collides, random_poses
+from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel
 
 CELL = """clearance_mm = 20

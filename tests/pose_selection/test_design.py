@@ -24,8 +24,9 @@ from lab.pose_selection.certificate import certify
 from lab.pose_selection.criteria import CRITERIA, Scaling, criterion
 from lab.pose_selection.exchange import ascend, exchange, information
 from lab.pose_selection.predicted_accuracy import predict, smallest_count
-from lab.simulation.candidate_poses import feasibility, path_check
+from lab.simulation.candidate_poses import feasibility
 from lab.simulation.collisions import random_poses
+from lab.simulation.free_path import path_check
 from lab.simulation.observations.points import track
 
 ARM = SerialArm(IRB120.chain)

@@ -36,8 +36,9 @@ from lab.pose_selection.tsp import (
     lengths,
     random_starts,
 )
-from lab.simulation.candidate_poses import draw_candidates, path_check
+from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import collides, random_poses
+from lab.simulation.free_path import path_check
 
 MODEL = IRB120.model
 RATES = IRB120.chain.speed, IRB120.chain.acceleration

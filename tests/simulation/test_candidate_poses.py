@@ -18,9 +18,9 @@ from lab.simulation.candidate_poses import (
     draw_candidates,
     feasibility,
     field_of_view,
-    path_check,
 )
 from lab.simulation.collisions import collides, random_poses
+from lab.simulation.free_path import path_check
 
 EXACT, CORNER_CUBE = INSTRUMENTS["exact"], INSTRUMENTS["leica-at960"]
 LEICA = replace(CORNER_CUBE, field_of_view=replace(CORNER_CUBE.field_of_view, acceptance_rad=np.deg2rad(75.0)))

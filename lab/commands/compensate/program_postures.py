@@ -16,8 +16,8 @@ from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.pose_selection.tour import FreePath
-from lab.simulation.candidate_poses import path_check
 from lab.simulation.collisions import collides, collisions_in_words
+from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel
 
 __all__ = ["asked_for", "ways_touched"]

@@ -19,8 +19,9 @@ from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.pose_selection.tour import rated
-from lab.simulation.candidate_poses import field_of_view, path_check
+from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collisions_in_words
+from lab.simulation.free_path import path_check
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
