@@ -112,17 +112,17 @@ def _gauss_newton(block: BatchObservation, values: Array, free: list[int], short
     def step(unknowns: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
         values[:, free] = unknowns
         columns, residual = block.linearized(values, free)
-        scale = np.sqrt(np.einsum("bfr,bfr->bf", columns, columns))
-        scale[scale == 0] = 1.0
-        columns /= scale[:, :, None]
-        square = columns @ columns.swapaxes(1, 2)
-        right = (columns @ residual[:, :, None])[:, :, 0]
+        products = columns @ columns.swapaxes(1, 2)
+        scale = np.sqrt(np.diagonal(products, axis1=1, axis2=2))
+        scale = np.where(scale == 0, 1.0, scale)
+        square = products / (scale[:, :, None] * scale[:, None, :])
+        right = (columns @ residual[:, :, None])[:, :, 0] / scale
         if shortest:
             scaled: Array = np.einsum("bfg,bg->bf", np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True), right)
         else:
             scaled = solve_positive(square, right)
         squares = np.einsum("bf,bfg,bg->b", scaled, square, scaled)
-        information[going] = (square * scale[:, :, None] * scale[:, None, :])[going]
+        information[going] = products[going]
         return scaled / scale, block.settled(scaled / scale, squares, SETTLED)
 
     found = newton(step, values[:, free], max_steps)
