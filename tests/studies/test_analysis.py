@@ -305,6 +305,8 @@ def test_sentences_say_who_is_best_and_what_cannot_be_told() -> None:
         ((1.041, 1.037, 1.046), "4.1 % (3.7 to 4.6)"),
         ((1.0335, 0.9984, 1.0687), "3.4 % (−0.2 to 6.9)"),
         ((2.13, 2.05, 2.21), "2.13 times (2.05 to 2.21)"),
+        ((3.1262, 0.00024, 40809.4), "3.1 times (0.00024 to 41,000)"),
+        ((1.5, 0.2, 11.0), "1.5 times (0.2 to 11)"),
         ((1.5, np.nan, np.nan), "50 % (too few robots for an interval)"),
     ],
 )

@@ -36,6 +36,7 @@ _AXES = {
     "position_sigma_mm": "position σ of the arm, mm",
     "rotation_sigma_mrad": "rotation σ of the arm, mrad",
 }
+_WIDE = 10  # a ratio's upper end over its lower
 _MOST_DIGITS = 9  # after the point, to show a bound that is not zero
 _NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "scaling "}
 
@@ -68,12 +69,18 @@ def varying(cells: Sequence[Cell]) -> tuple[str, ...]:
 
 
 def effect_words(pair: Pair, kind: Kind) -> str:
-    """How much more the second cell of a pair has, e.g. "4.1 % (3.7 to 4.6)"; "2.1 times (2.0 to 2.2)" from 2 on."""
+    """How much more the second cell of a pair has, e.g. "4.1 % (3.7 to 4.6)".
+
+    A ratio from 2 on, or one of which little more than its size is known, is told as "2.1 times (2.0 to 2.2)".
+    """
     ends = (pair.effect, pair.lower, pair.upper)
     if not isfinite(pair.effect):
         return "not known"
     if kind == "difference":
         return _with_interval(ends, "")
+    if pair.upper > _WIDE * pair.lower:  # few robots: hardly the order of magnitude is known
+        value, lower, upper = (f"{float(f'{end:.2g}'):,.10g}" for end in ends)
+        return f"{value} times ({lower} to {upper})"
     return _with_interval(ends, " times") if pair.effect >= 2 else _with_interval([100 * (e - 1) for e in ends], " %")
 
 
