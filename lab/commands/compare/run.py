@@ -9,7 +9,8 @@ from lab.commands.calibrate.load_run import Calibrated, calibrated_by, read_cali
 from lab.commands.compare.options import CompareOptions
 from lab.commands.compare.result import ComparisonResult
 from lab.commands.keywords import options_of, takes
-from lab.verification.difference import difference_of
+from lab.core.errors import LabError
+from lab.verification.difference import Estimates, difference_of
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
@@ -30,7 +31,7 @@ def compare(runs: "Sequence[str | Path | CalibrationResult] | CompareOptions", *
         The differences of each later run from the first, with their intervals and a test at a level of 1 %.
 
     Raises:
-        LabError: a run is not good, is of another robot, or identified other parameters.
+        LabError: a run is not good, is of another robot, identified other parameters, or is given twice.
 
     Example:
         >>> import lab
@@ -59,5 +60,18 @@ def _compared(options: CompareOptions, runs: Sequence[Calibrated]) -> Comparison
             run.refuse_unfit("a comparison")
     estimates = [estimates_of(run) for run in runs]
     refuse_other_parameters(runs, estimates)
+    _refuse_same(runs, estimates)
     differences = tuple(difference_of(estimates[0], each) for each in estimates[1:])
     return ComparisonResult(options, tuple(runs), differences)
+
+
+def _refuse_same(runs: Sequence[Calibrated], estimates: Sequence[Estimates]) -> None:
+    """Refuse a run that is given twice, or a copy of one: between the same numbers nothing can have moved."""
+    seen: dict[bytes, Path] = {}
+    for run, each in zip(runs, estimates, strict=True):
+        numbers = each.values.tobytes()
+        if (twin := seen.get(numbers)) is not None:
+            raise LabError(
+                f"{run.folder}: has the parameters of {twin}, to the last digit; give another calibration of the robot"
+            )
+        seen[numbers] = run.folder

@@ -50,6 +50,11 @@ def test_folders_are_compared_as_results_are(three: list, tmp_path: Path, capsys
     assert main(["compare", folders[0]]) == 2 and "two or more runs" in capsys.readouterr().err
 
 
+def test_a_run_given_twice_is_refused(three: list) -> None:
+    with pytest.raises(LabError, match=r"run-3-in-memory: has the parameters of run-1-in-memory, to the last digit"):
+        lab.compare([three[0], three[1], three[0]])
+
+
 @pytest.mark.thorough
 def test_what_cannot_be_compared_is_refused(three: list) -> None:
     other = lab.calibrate("scara", poses=12)
