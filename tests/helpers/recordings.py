@@ -80,6 +80,16 @@ def views_of(recording, home, timeline="pose"):
         viewer.wait(10)
 
 
+def settled(client, deadline):
+    """What a viewer shows once all is read: a busy machine takes its time, and what is wrong stays wrong."""
+    time.sleep(1)
+    while True:
+        state = client.get_state()
+        if time.monotonic() > deadline or (state.views and not any(view.reports for view in state.views)):
+            return state
+        time.sleep(0.5)
+
+
 def opened(port, path, timeline):
     deadline = time.monotonic() + 20
     while True:
@@ -87,8 +97,7 @@ def opened(port, path, timeline):
             with ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy") as client:
                 client.open(str(path))
                 client.set_time(timeline, sequence=3)
-                time.sleep(1)
-                return client.get_state()
+                return settled(client, time.monotonic() + 10)
         except Exception:
             if time.monotonic() > deadline:
                 raise
