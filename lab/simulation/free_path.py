@@ -52,8 +52,8 @@ class _Clear:
         self.clear_m = _CLEAR_M if robot.travel_is_bounded else 0.0
 
     def __call__(self, qpos: Array, step_m: float) -> bool:
-        """Args: coordinates ``(n, nq)`` of the places; how far a point moves at most from one to the next."""
-        width = 1 + 2 * int(self.clear_m / step_m) if step_m > 0 else len(qpos)
+        """Whether it is so at coordinates ``(n, nq)``; from one to the next no point moves further than a step."""
+        width = 1 + 2 * int(self.clear_m / max(step_m, 1e-9))
         begins = np.arange(0, len(qpos), width)
         # evenly spread from the first look on, so that an obstacle is met early
         begins = begins[np.argsort(np.arange(len(begins)) * _GOLDEN % 1.0)]
