@@ -27,6 +27,20 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+_PRODUCTS = np.array(
+    [
+        [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1],
+        [0, 0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, -1, 0, 0, 0],
+        [0, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0],
+        [0, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0],
+        [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1],
+        [0, -1, 0, 0, -1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 1, 0],
+        [0, 0, -1, 0, 0, 0, 0, 1, -1, 0, 0, 0, 0, 1, 0, 0],
+        [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 1, 0],
+        [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1],
+    ],
+    dtype=np.float64,
+)  # of the nine numbers of a rotation in 4 q q' - 1, for its quaternion q = wxyz
 
 
 def skew(v: Array) -> Array:
@@ -74,11 +88,10 @@ def exp(vector: Array) -> Array:
 def log(rotation: Array) -> Array:
     """Rotation vector of a rotation, of length at most pi, right at every angle; the inverse of exp."""
     q = quaternion_from_rotation(rotation)
-    q = np.where(q[..., :1] < 0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, q[..., :1])
-    scale = np.where(sine < 1e-12, 2.0, angle / np.where(sine < 1e-12, 1.0, sine))
-    vector: Array = scale * q[..., 1:]
+    sine = np.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
+    angle = 2 * np.arctan2(sine, np.abs(q[..., :1]))
+    scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 1e-12)
+    vector: Array = np.where(q[..., :1] < 0, -scale, scale) * q[..., 1:]
     return vector
 
 
@@ -94,28 +107,11 @@ def left_jacobian(vector: Array) -> Array:
 def quaternion_from_rotation(rotation: Array) -> Array:
     """Unit quaternion wxyz from the largest pivot of four; ``(..., 3, 3)`` in, ``(..., 4)`` out."""
     r = np.asarray(rotation, dtype=np.float64)
-    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
-    candidates = np.stack(
-        [
-            _stack(
-                1 + xx + yy + zz, r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
-            ),
-            _stack(
-                r[..., 2, 1] - r[..., 1, 2], 1 + xx - yy - zz, r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0]
-            ),
-            _stack(
-                r[..., 0, 2] - r[..., 2, 0], r[..., 0, 1] + r[..., 1, 0], 1 - xx + yy - zz, r[..., 1, 2] + r[..., 2, 1]
-            ),
-            _stack(
-                r[..., 1, 0] - r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1], 1 - xx - yy + zz
-            ),
-        ],
-        axis=-2,
-    )  # each row is 4 q_k q, k = w, x, y, z
-    pivot = np.argmax(np.diagonal(candidates, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(candidates, pivot[..., None, None], axis=-2)[..., 0, :]
-    unit: Array = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return unit
+    products = (np.eye(4).ravel() + r.reshape(-1, 9) @ _PRODUCTS).reshape(-1, 4, 4)
+    pivot = np.argmax(products[:, range(4), range(4)], axis=1)
+    q = products[np.arange(len(products)), pivot]
+    unit: Array = q / np.sqrt((q * q).sum(axis=1, keepdims=True))
+    return unit.reshape(*r.shape[:-2], 4)
 
 
 def rotation_from_quaternion(quaternion: Array) -> Array:
