@@ -24,6 +24,7 @@ from lab.kinematics.serial.chain import Chain
 __all__ = ["STRUCTURE_POSES", "BaseSet", "base_set", "base_set_of", "independent_columns", "named", "preferred_columns"]
 
 INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
+_MUCH = 0.1  # of a unit column: so much left of it is orthogonal to the others but for its last digit
 STRUCTURE_POSES = 200
 
 
@@ -148,24 +149,27 @@ def _of_kept(upper: Array, kept: tuple[int, ...]) -> BaseSet:
 
 
 def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
-    """Columns that those before them in ``order`` do not span, ascending (Gram-Schmidt, done twice)."""
-    norms = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / np.where(norms > 0, norms, 1.0)
+    """Columns that those before them in ``order`` do not span, ascending.
+
+    Gram-Schmidt, done twice where the first time leaves little of a column (Daniel et al. 1976).
+    """
     if (code := machine_code()) is not None:
         wanted, found = np.array(order, dtype=np.int64), np.empty(len(order), dtype=np.int64)
-        columns = np.ascontiguousarray(scaled.T)
-        columns[norms <= INDEPENDENT] = 0.0
-        code.independent(columns, len(scaled), wanted, INDEPENDENT, found)
+        code.independent(np.ascontiguousarray(jacobian.T), len(jacobian), wanted, INDEPENDENT, found)
         return tuple(np.sort(wanted[found > 0]).tolist())
-    basis = np.empty((len(scaled), len(order)), order="F")
+    norms = np.linalg.norm(jacobian, axis=0)
+    basis = np.empty((len(jacobian), len(order)), order="F")
     kept: list[int] = []
     for column in order:
-        rest = scaled[:, column]
-        known = basis[:, : len(kept)]
-        rest = rest - known @ (known.T @ rest)
-        rest = rest - known @ (known.T @ rest)
-        size = np.sqrt(rest @ rest)
-        if norms[column] > INDEPENDENT and size > INDEPENDENT:
+        if norms[column] <= INDEPENDENT:
+            continue
+        rest, known = jacobian[:, column] / norms[column], basis[:, : len(kept)]
+        for _ in range(2):
+            rest = rest - known @ (known.T @ rest)
+            size = np.sqrt(rest @ rest)
+            if size > _MUCH:
+                break
+        if size > INDEPENDENT:
             basis[:, len(kept)] = rest / size
             kept.append(column)
     return tuple(sorted(kept))

@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define VERSION 8 /* which kernels.py takes alone */
+#define VERSION 9 /* which kernels.py takes alone */
 
 #define BLOCK 32      /* poses at a time: what fits the processor's first cache */
 #define PER_LINK 6    /* axes that a link makes: x y of the joint, y z of alpha, z x of beta */
@@ -810,11 +810,23 @@ static PyObject *reach(PyObject *self, PyObject *const *args, Py_ssize_t given)
 
 /* ------------------------------------------------------------------------------------------------ linear algebra */
 
-/* independent(columns, order, tolerance, kept): gauge.independent_columns, Gram-Schmidt done twice.
- * columns (p, rows), of unit norm or zero; order (m,) of them; kept (m,), written: 1 where those before do not span it. */
+WIDE static double norm_of(const double *restrict v, Py_ssize_t rows)
+{
+    double part[4] = {0, 0, 0, 0};
+    Py_ssize_t t = 0;
+    for (; t + 4 <= rows; t += 4)
+        for (int j = 0; j < 4; j++) part[j] += v[t + j] * v[t + j];
+    for (; t < rows; t++) part[0] += v[t] * v[t];
+    return sqrt((part[0] + part[1]) + (part[2] + part[3]));
+}
+
+/* independent(columns, rows, order, tolerance, kept): gauge.independent_columns, Gram-Schmidt done twice where the
+ * first time leaves little. columns (p, rows); order (m,) of them; kept (m,), written: 1 where those before do not
+ * span it. */
 WIDE static double without(const double *restrict basis, Py_ssize_t known, Py_ssize_t rows, double *restrict rest)
 {
-    for (int twice = 0; twice < 2; twice++)
+    double left = 1;
+    for (int twice = 0; twice < 2 && (twice == 0 || left <= 0.1); twice++) {
         for (Py_ssize_t i = 0; i < known; i++) {
             const double *q = basis + i * rows;
             double part[4] = {0, 0, 0, 0}, dot = 0;
@@ -825,9 +837,9 @@ WIDE static double without(const double *restrict basis, Py_ssize_t known, Py_ss
             dot += (part[0] + part[1]) + (part[2] + part[3]);
             for (t = 0; t < rows; t++) rest[t] -= dot * q[t];
         }
-    double square = 0;
-    for (Py_ssize_t t = 0; t < rows; t++) square += rest[t] * rest[t];
-    return sqrt(square);
+        left = norm_of(rest, rows);
+    }
+    return left;
 }
 
 static PyObject *independent(PyObject *self, PyObject *const *args, Py_ssize_t given)
@@ -854,7 +866,11 @@ static PyObject *independent(PyObject *self, PyObject *const *args, Py_ssize_t g
     }
     for (Py_ssize_t i = 0; i < m; i++) {
         double *rest = basis + known * rows;
-        memcpy(rest, columns + order[i] * rows, rows * sizeof(double));
+        const double *column = columns + order[i] * rows;
+        double norm = norm_of(column, rows);
+        kept[i] = 0;
+        if (!(norm > tolerance)) continue;
+        for (Py_ssize_t t = 0; t < rows; t++) rest[t] = column[t] / norm;
         double left = without(basis, known, rows, rest);
         kept[i] = left > tolerance;
         if (!kept[i]) continue;

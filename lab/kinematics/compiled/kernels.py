@@ -17,7 +17,7 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["CompiledChain", "machine_code", "solve_positive"]
 
-_VERSION = 8  # of kernels.c: what an earlier build left behind is not taken
+_VERSION = 9  # of kernels.c: what an earlier build left behind is not taken
 Columns = NDArray[np.int64]
 
 

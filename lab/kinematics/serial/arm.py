@@ -258,11 +258,18 @@ class SerialArm:
 
     def rank_point(self, values: Array) -> Array:
         """``values`` with nominally parallel axes exactly parallel, where the rank is decided."""
-        base, table, tool = self.split(values)
-        flags = np.array(self.chain.parallel)
-        table[flags, 3] = np.pi * np.round(table[flags, 3] / np.pi)
-        table[flags, 4] = 0.0
-        return self.assemble(base, table, tool)
+        turns, skews = self._parallel_columns
+        found = values.copy()
+        found[turns] = np.pi * np.round(found[turns] / np.pi)
+        found[skews] = 0.0
+        return found
+
+    @cached_property
+    def _parallel_columns(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+        """Where the alpha and the beta of nominally parallel axes stand."""
+        of_parallel = np.array(self.chain.parallel)[self.table_rows]
+        turns, skews = (6 + np.flatnonzero(of_parallel & (self.table_columns == column)) for column in (3, 4))
+        return turns, skews
 
     def compiled(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> CompiledChain | None:
         """The arm in machine code; None where there is none, links bend, or numbers are not real ones of 8 bytes."""
