@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.noise.correlation import Correlation
-from lab.core.linear_model import pseudo_inverse, triangle, triangle_of, unit_columns
+from lab.core.linear_model import condition_bound, pseudo_inverse, triangle, triangle_of, unit_columns
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -27,7 +27,6 @@ __all__ = [
     "Observations",
     "Status",
     "fit",
-    "whitening",
 ]
 
 Status = Literal["converged", "in a valley", "not converged"]
@@ -41,6 +40,7 @@ _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
 _PROBE = 0.1  # of a step, at which its curvature is looked for
 _MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
+_ILL_CONDITIONED = 1e3  # a condition above which poses hardly tell the parameters apart
 
 
 @dataclass(frozen=True)
@@ -196,6 +196,11 @@ class Fit:
         smallest = self.singular_values[-1]
         return float(self.singular_values[0] / smallest) if smallest > 0 else float("inf")
 
+    @property
+    def ill_conditioned(self) -> bool:
+        """Whether these poses hardly tell the parameters apart: a condition above 1000."""
+        return condition_bound(self.triangle) > _ILL_CONDITIONED and self.condition > _ILL_CONDITIONED
+
     def unit_covariance(self) -> Array:
         """Covariance ``(f, f)`` of the free parameters where whitened noise has variance one."""
         if self.other is not None:
@@ -203,11 +208,6 @@ class Fit:
         inverse = pseudo_inverse(self.triangle, RANK_TOLERANCE) / self.scale[:, None]
         covariance: Array = inverse @ inverse.T
         return covariance
-
-
-def whitening(covariance: Array) -> Array:
-    """Matrices ``(..., 3, 3)`` that make noise of these covariances white: inverse Cholesky factors."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
 
 
 def fit(

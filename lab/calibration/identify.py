@@ -30,7 +30,6 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import frame_rotations
 
 __all__ = [
-    "ILL_CONDITIONED",
     "PLAUSIBLE_SPREAD",
     "WEAK",
     "Identification",
@@ -43,7 +42,6 @@ __all__ = [
 ]
 
 Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
-ILL_CONDITIONED = 1e3  # a condition above which poses hardly tell the parameters apart
 _FIRST_POSES = 4_000  # of very many, by which a fit finds where to start, and most often what they tell apart
 _MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
@@ -161,22 +159,18 @@ class Identification:
 
 def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:
     """Nominal links with what is placed fitted: what *before* is, and where *after* starts."""
-    model = observation.model
-    placing = list(columns_of(model, observation.placed))
+    model, placing = observation.model, columns_of(observation.model, observation.placed)
+    constraints = weighted_constraints(observation, observed)
+    start = observation.initial_guess(observed.thinned(_FIRST_POSES), nominal)
+    placed = fit(model, observed, placing, start, tolerance_m=1e-7, extra_residuals=constraints)
+    if not placed.ill_conditioned:
+        return placed.values
     inputs = model.structure_joints(50, rng_for(0, "structure"))
     _, jacobian = model.observe(inputs, model.rank_point(nominal))
-    free = independent_columns(jacobian.reshape(-1, len(model.names))[:, placing], range(len(placing)))
-    start = observation.initial_guess(observed.thinned(_FIRST_POSES), nominal)
-    held = [column for i, column in enumerate(placing) if i not in free]
+    free = independent_columns(jacobian.reshape(-1, len(model.names)), placing)
+    held = [column for column in placing if column not in free]
     start[held] = nominal[held]
-    return fit(
-        model,
-        observed,
-        [placing[i] for i in free],
-        start,
-        tolerance_m=1e-7,
-        extra_residuals=weighted_constraints(observation, observed),
-    ).values
+    return fit(model, observed, free, start, tolerance_m=1e-7, extra_residuals=constraints).values
 
 
 def identify(
@@ -300,13 +294,13 @@ def _identifiable(
     model: Model, observed: Observations, aligned: Array, structure: BaseSet, known: Array
 ) -> tuple[int, ...]:
     """Those of the base set that the measured poses tell apart, at the nominal links."""
-    kept, at = list(structure.kept), model.rank_point(aligned)
-    order = [kept.index(i) for i in model.column_priority() if i in structure.kept]
+    kept, at = set(structure.kept), model.rank_point(aligned)
+    order = [i for i in model.column_priority() if i in kept]
     few = observed.thinned(_FIRST_POSES)
     for some in (few, observed):
         parts = (model.observe(each.inputs, at)[1][each.seen].reshape(-1, len(model.names)) for each in some.blocks())
         rows = np.concatenate([next(parts) if some.in_one_block else triangle_of(parts), known])
-        found = tuple(kept[i] for i in independent_columns(rows[:, kept], order))
+        found = independent_columns(rows, order)
         if some is observed or len(found) == len(kept):
             break
     return found
@@ -368,7 +362,8 @@ def _relative_spread(observation: Observation, observed: Observations, aligned: 
 def spread(points: Array) -> float:
     """Root mean square distance (m) of points from their mean; NaN are left out."""
     visible = points[seen_mask(points)]
-    return float(np.sqrt(((visible - visible.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    off = visible - visible.mean(axis=0)
+    return float(np.sqrt(np.vdot(off, off) / len(off)))
 
 
 def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
@@ -389,7 +384,7 @@ def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
             f"these poses do not tell {', '.join(unobservable)} apart from the others: they stay nominal; "
             "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
         )
-    elif found.status != "in a valley" and found.fit.condition > ILL_CONDITIONED:
+    elif found.status != "in a valley" and found.fit.ill_conditioned:
         weigh = "" if weighed_prior else ", or weigh tolerances (--prior)"
         warnings.append(
             f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.core import se3
+from lab.core.linear_model import pseudo_inverse, triangle
 from lab.core.se3 import Array
 from lab.kinematics.effects.stations import at_first_station, further_stations
 from lab.kinematics.model import Model
@@ -19,7 +20,8 @@ from lab.kinematics.parameter import indices_of_groups
 
 __all__ = ["columns_of", "initial_guess"]
 
-Mask = NDArray[np.bool_]
+_AXES = np.arange(3)
+_DEPENDENT = 1e-9  # of the largest singular value: one below is zero
 
 
 def columns_of(model: Model, groups: Sequence[str]) -> tuple[int, ...]:
@@ -46,24 +48,25 @@ def initial_guess(
 
 def _of_one_station(model: Model, observed: Observations, values: Array, groups: Sequence[str]) -> Array:
     """With one station, or with the rows of one that are taken for the first's."""
-    base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
-    placed = values.copy()
-    placed[list(base)] = 0.0
-    origins, rotations = _flange_poses(model, observed.inputs, placed, tool)
-    offsets = values[list(tool)].reshape(-1, 3)  # (k, 3)
-    mask = observed.seen
+    base, tool = list(columns_of(model, ("base",))), list(columns_of(model, ("tool",)))
+    placed, offsets = values.copy(), values[tool].reshape(-1, 3)  # (k, 3)
+    placed[base] = 0.0
+    pose, target = np.nonzero(observed.seen)
+    origins, rotations = (each[pose] for each in _flange_poses(model, observed.inputs, placed, tool))
+    measured = observed.points[pose, target]
+    columns = _columns(rotations, target, len(offsets))
     if "base" not in groups:
-        starts = [se3.exp(values[list(base)][3:])]
+        starts = se3.exp(values[None, base[3:]])
     else:
-        expected = origins[:, None] + np.einsum("nij,kj->nki", rotations, offsets)
-        starts = [_kabsch(expected[mask], observed.points[mask])]
+        about_mean = measured - measured.mean(0)
+        moments = [_moment(origins + (rotations @ offsets[target, :, None])[:, :, 0], about_mean)]
         if "tool" in groups:
-            starts.append(_direct_rotation(origins, rotations, observed.points, mask))
-    rotation, position, targets = _with_the_rest(
-        np.array(starts), origins, rotations, observed.points, mask, (values[list(base[:3])], offsets), groups
-    )
-    placed[list(base)] = np.concatenate([position, se3.log(rotation)]) if "base" in groups else values[list(base)]
-    placed[list(tool)] = targets.ravel()
+            moments.append(_direct_rotation(columns, origins, about_mean))
+        starts = se3.nearest_rotation(np.array(moments))
+    known = np.concatenate([values[base[:3]], offsets.ravel()])
+    rotation, position, targets = _with_the_rest(starts, columns, origins, measured, known, groups)
+    placed[base] = np.concatenate([position, se3.log(rotation)]) if "base" in groups else values[base]
+    placed[tool] = targets
     return placed
 
 
@@ -109,58 +112,65 @@ def _flange_poses(model: Model, joints: Array, values: Array, tool: Sequence[int
     return origins, rotations
 
 
-def _kabsch(source: Array, measured: Array) -> Array:
-    """The rotation ``(3, 3)`` that takes ``source`` best into ``measured``, each ``(m, 3)`` about its mean."""
-    moment: Array = (measured - measured.mean(0)).T @ (source - source.mean(0))
-    return se3.nearest_rotation(moment)
+def _moment(source: Array, measured: Array) -> Array:
+    """A matrix ``(3, 3)`` whose nearest rotation takes ``source`` best into ``measured`` (Kabsch 1976).
+
+    Args:
+        source, measured: ``(m, 3)``, the second about its mean.
+    """
+    moment: Array = measured.T @ (source - source.mean(0))
+    return moment
 
 
-def _direct_rotation(origins: Array, rotations: Array, points: Array, mask: Mask) -> Array:
-    """The base's rotation ``(3, 3)`` from ``origin + R_flange t = A p + s``, linear in A, s and each t."""
-    pose, target = np.nonzero(mask)
-    measured = points[pose, target]
-    m, k = len(pose), mask.shape[1]
-    system = np.zeros((m, 3, 12 + 3 * k))
-    for i in range(3):
-        system[:, i, 3 * i : 3 * i + 3] = measured - measured.mean(0)
-        system[:, i, 9 + i] = 1.0
-    for t in range(k):
-        chosen = target == t
-        system[chosen, :, 12 + 3 * t : 15 + 3 * t] = -rotations[pose[chosen]]
-    solution = np.linalg.lstsq(system.reshape(3 * m, -1), origins[pose].ravel(), rcond=1e-9)[0]
-    return se3.nearest_rotation(np.array(solution[:9]).reshape(3, 3).T)
+def _columns(rotations: Array, target: NDArray[np.int_], count: int) -> Array:
+    """Derivatives ``(3 m, 3 + 3 count)`` of points on the flange, in the base, by its position and by the targets.
+
+    Args:
+        rotations: ``(m, 3, 3)`` of the flange, at each point.
+        target: ``(m,)`` which one each is.
+    """
+    columns = np.zeros((len(target), 3, 1 + count, 3))
+    columns[:, _AXES, 0, _AXES] = 1.0
+    columns[np.arange(len(target)), :, 1 + target] = rotations
+    return columns.reshape(3 * len(target), -1)
+
+
+def _direct_rotation(columns: Array, origins: Array, measured: Array) -> Array:
+    """A matrix ``(3, 3)`` near the base's rotation, from ``A p - s - R_flange t = origin``, linear in A, s and each t.
+
+    Args:
+        columns, origins, measured: of m points: as ``_columns`` has them; ``(m, 3)``; ``(m, 3)`` about their mean.
+    """
+    by_rotation = np.zeros((len(measured), 3, 3, 3))
+    by_rotation[:, _AXES, _AXES] = measured[:, None]
+    both = np.concatenate([by_rotation.reshape(len(columns), 9), columns], axis=1)
+    return _least_squares(both, origins.reshape(-1, 1))[:9].reshape(3, 3).T
 
 
 def _with_the_rest(
-    starts: Array,
-    origins: Array,
-    rotations: Array,
-    points: Array,
-    mask: Mask,
-    known: tuple[Array, Array],
-    groups: Sequence[str],
+    starts: Array, columns: Array, origins: Array, measured: Array, known: Array, groups: Sequence[str]
 ) -> tuple[Array, Array, Array]:
-    """Of the base's rotations ``(s, 3, 3)`` the one that leaves least, the base's position, and the targets ``(k, 3)``.
+    """Of the base's rotations ``(s, 3, 3)`` the one that leaves least, the base's position, and the targets ``(3 k,)``.
 
     Seen from the base, a measured point less the flange's origin is the base's position and the target turned by the
     flange, whatever the base's rotation is: one factorization for all rotations.
 
     Args:
-        known: the base's position ``(3,)`` and the targets ``(k, 3)``, for what is not in ``groups``.
+        columns, origins, measured: of m points, as ``_columns`` has them; ``(m, 3)``; ``(m, 3)``.
+        known: ``(3 + 3 k,)`` the base's position and the targets, for what is not in ``groups``.
     """
-    pose, target = np.nonzero(mask)
-    m, k = len(pose), mask.shape[1]
-    system = np.zeros((m, 3, 3 + 3 * k))
-    system[:, :, :3] = np.eye(3)
-    for t in range(k):
-        chosen = target == t
-        system[chosen, :, 3 + 3 * t : 6 + 3 * t] = rotations[pose[chosen]]
-    flat = system.reshape(3 * m, -1)
-    found = np.concatenate([starts.transpose(0, 2, 1) @ known[0], np.tile(known[1].ravel(), (len(starts), 1))], axis=1)
-    free = np.concatenate([np.full(3, "base" in groups), np.full(3 * k, "tool" in groups)])
-    if "base" in groups:
-        found[:, :3] = 0.0
-    wanted = (points[pose, target] @ starts - origins[pose]).reshape(len(starts), -1).T
-    found[:, free] += np.linalg.lstsq(flat[:, free], wanted - flat @ found.T, rcond=1e-9)[0].T
-    best = int(np.argmin(np.linalg.norm(wanted - flat @ found.T, axis=0)))
-    return starts[best], starts[best] @ found[best, :3], found[best, 3:].reshape(k, 3)
+    found = np.tile(known[:, None], len(starts))
+    found[:3] = 0.0 if "base" in groups else (known[:3] @ starts).T
+    free = slice(0 if "base" in groups else 3, None if "tool" in groups else 3)
+    wanted = (measured @ starts - origins).reshape(len(starts), -1).T
+    found[free] += _least_squares(columns[:, free], wanted - columns @ found)
+    best = int(np.argmin(((wanted - columns @ found) ** 2).sum(axis=0)))
+    return starts[best], starts[best] @ found[:3, best], found[3:, best]
+
+
+def _least_squares(columns: Array, right: Array) -> Array:
+    """The shortest solutions ``(f, s)`` for columns ``(r, f)`` and right sides ``(r, s)``."""
+    f = columns.shape[1]
+    both = triangle(np.concatenate([columns, right], axis=1))
+    solution: Array = pseudo_inverse(both[:f, :f], _DEPENDENT) @ both[:f, f:]
+    return solution

@@ -60,7 +60,7 @@ def split_of(observation: Observation, observed: Observations, free: Sequence[in
     rows = jacobian[:, positions:][observed.seen[:, positions:]].reshape(-1, len(model.names))
     rotating = [i for i in free if model.parameters[i].is_angle]
     order = [i for i in model.column_priority() if i in rotating]
-    angles = tuple(order[i] for i in independent_columns(rows[:, order], range(len(order))))
+    angles = independent_columns(rows, order)
     lost = [i for i in order if i not in angles]
     single = np.eye(len(model.names))
     coefficients = np.linalg.lstsq(rows[:, angles], rows[:, lost])[0]

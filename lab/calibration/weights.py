@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.gauss_newton import ExtraResiduals, Observations, whitening
+from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.noise.shared_errors import SharedErrors, correlated
 from lab.calibration.observations.protocol import Observation
+from lab.core.covariance import whitening
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, is_isotropic
 from lab.core.measurements import Measurements, seen_mask

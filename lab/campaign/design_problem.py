@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.gauss_newton import whitening
 from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.stations import refuse_idle_stations, stations_in
+from lab.core.covariance import whitening
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, is_isotropic, observing
 from lab.core.kept_pieces import current_keep

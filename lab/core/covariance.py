@@ -1,11 +1,11 @@
-"""What a matrix must be to be a covariance."""
+"""What a matrix must be to be a covariance, and what makes noise of one white."""
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
-__all__ = ["refuse_impossible_covariance"]
+__all__ = ["refuse_impossible_covariance", "whitening"]
 
 _ROUNDING = 1e-9  # relative to the standard deviations: what writing, reading and projecting a matrix may change
 
@@ -34,3 +34,8 @@ def refuse_impossible_covariance(where: object, matrix: Array) -> None:
         raise LabError(f"{where}: the covariance is not symmetric; identify again")
     if len(matrix) and np.linalg.eigvalsh((correlation + correlation.T) / 2)[0] < -_ROUNDING * len(matrix):
         raise LabError(f"{where}: the covariance is not positive semidefinite; identify again")
+
+
+def whitening(covariance: Array) -> Array:
+    """Matrices ``(..., 3, 3)`` that make noise of these covariances white: inverse Cholesky factors."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)

@@ -20,6 +20,7 @@ from lab.core.se3 import Array
 
 __all__ = [
     "LinearModel",
+    "condition_bound",
     "half_width_95",
     "matched_dof",
     "p_value_of_squares",
@@ -138,14 +139,24 @@ def pseudo_inverse(upper: Array, tolerance: float) -> Array:
     Far from it both are the same, and the inverse takes a small part of the time.
 
     Args:
-        upper: ``(f, f)``, a triangle.
+        upper: ``(f, f)``, a triangle; of fewer rows than columns its upper ones ``(r, f)``, for ``(f, r)``.
         tolerance: of the largest singular value, below which one is zero.
     """
-    if np.diag(upper).all():
-        inverse = np.asarray(scipy.linalg.lapack.dtrtri(upper)[0], dtype=float)
-        if np.linalg.norm(upper) * np.linalg.norm(inverse) < WELL_CONDITIONED:
-            return inverse
-    return np.asarray(np.linalg.pinv(upper, rcond=tolerance), dtype=float)
+    inverse, bound = _inverse(upper)
+    return inverse if bound < WELL_CONDITIONED else np.asarray(np.linalg.pinv(upper, rcond=tolerance), dtype=float)
+
+
+def condition_bound(upper: Array) -> float:
+    """What the condition of a triangle ``(f, f)`` is at most, by Frobenius norms; infinite where it is singular."""
+    return _inverse(upper)[1]
+
+
+def _inverse(upper: Array) -> tuple[Array, float]:
+    """The inverse of a triangle, and a bound of its condition."""
+    if len(upper) < upper.shape[1] or not np.diag(upper).all():
+        return upper, np.inf
+    inverse = np.asarray(scipy.linalg.lapack.dtrtri(upper)[0], dtype=float)
+    return inverse, float(np.linalg.norm(upper) * np.linalg.norm(inverse))
 
 
 def triangle(rows: Array, *, overwrite: bool = False) -> Array:

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from lab.calibration.gauss_newton import Observations, fit, whitening
+from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.observations.protocol import observation_of
 from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
@@ -21,6 +21,7 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.certification.budget import MEASURANDS, InputQuantity, propagated
 from lab.certification.propagation import Propagation
 from lab.certification.quantities import KnownSpread, RandomErrors, quantities_of, temperature_of
+from lab.core.covariance import whitening
 from lab.core.distributions import Uncertain
 from lab.core.instruments import Instrument
 from lab.core.random import rng_for

@@ -12,7 +12,6 @@ import numpy as np
 
 from lab.calibration.batch import BatchFits
 from lab.calibration.batch_points import PointBatch, align, fit_points, in_nominal_frame
-from lab.calibration.gauss_newton import whitening
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
@@ -20,6 +19,7 @@ from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
 from lab.core import se3
+from lab.core.covariance import whitening
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, instrument, is_isotropic, observing
 from lab.core.random import Purpose, rng_for, seed_of

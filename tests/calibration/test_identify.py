@@ -8,6 +8,7 @@ from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import _canonical, identify
+from lab.calibration.initial_guess import initial_guess
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.calibration.validation import Validation, compare_with_truth, errors_at
 from lab.calibration.verdict import verdict
@@ -75,6 +76,40 @@ def test_the_base_is_found_from_anywhere() -> None:
         found = identify(ARM, data, ARM.nominal())
         assert found.status == "converged"
         assert np.nanmax(np.abs(found.residuals)) < 1e-10
+
+
+def test_what_no_pose_can_place_stays_nominal() -> None:
+    """A SCARA's target can be as much higher as its base is lower: it stays where the drawing has it."""
+    rng, arm = np.random.default_rng(4), SerialArm(SCARA)
+    truth = truth_of(arm, rng)
+    joints = SCARA.random_joints(30, rng)
+    data = measured(SCARA.joint_names, joints, ("p1",), arm.points(joints, truth.values))
+    nominal = arm.nominal({"p1": np.array([0.02, 0.01, -0.123])})
+    placed = identify(arm, data, nominal).nominal_aligned
+    assert placed[-1] == -0.123 and (placed[:6] != 0).all() and (placed[-3:-1] != nominal[-3:-1]).all()
+
+
+def test_four_points_place_a_base_with_the_nominal_tool() -> None:
+    """Twelve numbers for the fifteen of the direct way: the shortest solution is of no use, the nominal tool's is."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        values, joints = ARM.nominal(), IRB120.chain.random_joints(4, rng)
+        values[:6] = rng.normal(size=6)
+        observed = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, values)))
+        guess = initial_guess(ARM, observed, ARM.nominal())
+        np.testing.assert_allclose(ARM.points(joints, guess), observed.points, atol=1e-12)
+        np.testing.assert_allclose(guess, values, atol=1e-9)
+
+
+@pytest.mark.parametrize(("share", "told"), [(1.0, False), (0.03, True)])
+def test_poses_that_are_nearly_alike_are_told(share: float, told: bool) -> None:
+    rng = np.random.default_rng(2)
+    truth = truth_of(ARM, rng)
+    joints = share * IRB120.chain.random_joints(60, rng)
+    data = measured(NAMES, joints, ("p1",), ARM.points(joints, truth.values))
+    found = identify(ARM, data, ARM.nominal(), Noise(sigma_m=5e-6))
+    assert found.fit.ill_conditioned == told
+    assert any(warning.startswith("the condition is") for warning in found.warnings) == told
 
 
 def test_at_the_statistical_floor() -> None:
@@ -192,10 +227,10 @@ def test_an_unidentifiable_parameter_left_in_is_reported() -> None:
     free = sorted([*truth.base_set.kept, ARM.names.index("link2.d")])
     solution = fit(ARM, seen, free, rank_point)
     assert solution.rank == 27 < len(free)
-    assert solution.condition > 1e9
+    assert solution.condition > 1e9 and solution.ill_conditioned
     assert np.isfinite(solution.values).all()
     whole = fit(ARM, Observations.unweighted(data), truth.base_set.kept, start)
-    assert whole.rank == 27 and whole.condition < 1e3
+    assert whole.rank == 27 and whole.condition < 1e3 and not whole.ill_conditioned
 
 
 def test_poses_that_never_move_a_joint_are_a_bad_result() -> None:

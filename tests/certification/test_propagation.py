@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
-from lab.calibration.gauss_newton import Observations, fit, whitening
+from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.observations.protocol import observation_of
 from lab.certification.propagation import Propagation
 from lab.certification.quantities import KnownSpread, RandomErrors, quantities_of, temperature_of
+from lab.core.covariance import whitening
 from lab.core.distributions import Uncertain
 from lab.core.instruments import instrument
 from lab.core.random import rng_for

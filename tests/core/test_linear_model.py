@@ -6,6 +6,7 @@ from scipy import stats
 
 from lab.core.linear_model import (
     LinearModel,
+    condition_bound,
     half_width_95,
     matched_dof,
     p_value_of_squares,
@@ -103,6 +104,21 @@ def test_the_inverse_of_a_triangle_leaves_out_what_is_not_determined() -> None:
         inverse = pseudo_inverse(triangle, 1e-10)
         assert np.abs(triangle @ inverse @ triangle - triangle).max() < 1e-12
         assert np.linalg.norm(inverse) < 1e3 and np.linalg.matrix_rank(inverse, 1e-6) == 5
+
+
+def test_of_fewer_rows_than_columns_the_inverse_is_the_shortest() -> None:
+    rows = np.random.default_rng(4).standard_normal((3, 5))
+    np.testing.assert_allclose(pseudo_inverse(triangle(rows), 1e-10), np.linalg.pinv(triangle(rows)), atol=1e-13)
+
+
+def test_a_condition_is_at_most_its_bound() -> None:
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        upper = triangle(rng.standard_normal((20, 6)) * 10.0 ** rng.uniform(-2, 2, 6))
+        condition = np.linalg.cond(upper)
+        assert condition <= condition_bound(upper) <= 6 * condition * (1 + 1e-9)
+    upper[3, 3] = 0.0
+    assert np.isinf(condition_bound(upper)) and np.isinf(condition_bound(upper[:4]))
 
 
 @pytest.mark.parametrize("dependent", [False, True])

@@ -9,7 +9,7 @@ import pytest
 from helpers.robots import IRB120, data_file, somewhere
 from scipy import stats
 
-from lab.calibration.gauss_newton import Observations, whitening
+from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
@@ -17,6 +17,7 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.cli import main
 from lab.core import se3
+from lab.core.covariance import whitening
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured

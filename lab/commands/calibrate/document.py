@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from lab.calibration.identifiability import Direction
-from lab.calibration.identify import ILL_CONDITIONED
 from lab.calibration.observations.kind import ObservationWords
 from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.verdict import Answer, Verdict, Word, gate_words, rotation_noise_rad
@@ -378,7 +377,7 @@ def _identifiable(result: CalibrationResult) -> str:
     found, condition = result.identification, result.identification.fit.condition
     count, rank = len(found.base_set.kept), found.fit.rank
     which = "all of them" if count == rank else str(rank)
-    poorly = ", but hardly" if np.isfinite(condition) and condition > ILL_CONDITIONED else ""
+    poorly = ", but hardly" if np.isfinite(condition) and found.fit.ill_conditioned else ""
     number = f" (condition number {short(condition)})" if np.isfinite(condition) else ""
     return (
         f"Of {len(result.parameters)} parameters, {count} are identifiable on such a robot with such measurements; "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
-from lab.calibration.gauss_newton import Observations, whitening
+from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.shared_errors import SharedErrors
@@ -27,6 +27,7 @@ from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
+from lab.core.covariance import whitening
 from lab.core.errors import LabError
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask

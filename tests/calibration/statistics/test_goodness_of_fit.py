@@ -7,9 +7,10 @@ import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 from scipy import stats
 
-from lab.calibration.gauss_newton import Fit, Observations, fit, whitening
+from lab.calibration.gauss_newton import Fit, Observations, fit
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
+from lab.core.covariance import whitening
 from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT
