@@ -78,4 +78,5 @@ def read_residual(
     seen = rows[:, first : first + len(targets)] > 0
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
     likely, upper = map(np.array, sizes)
-    return JointProcess(rows[:, :first], seen, likely, upper, rows[:, -size:], turning, chance)
+    inputs, weights = map(np.ascontiguousarray, (rows[:, :first], rows[:, -size:]))  # as in memory: sums round alike
+    return JointProcess(inputs, seen, likely, upper, weights, turning, chance)
