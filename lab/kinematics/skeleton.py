@@ -17,7 +17,7 @@ class Skeleton:
         frames: ``(n, f, 3)`` the frames on the lines, last the one that carries the targets.
         origins: ``(n, f, 3)`` all frames, from the base's own outward to the one that carries the targets.
         rods: ``(n, rods, 2, 3)`` the ends of a mechanism's rods, and of legs whose length is a joint position, the
-            base's side first; two where a rod stands for a parallelogram.
+            base's side first; the four sides where a rod stands for a parallelogram, the long ones first.
         measured: of each rod, whether its length is a joint position.
     """
 

@@ -187,8 +187,7 @@ class ClosedArm:
         for rod, ends, hinge in zip(
             self.chain.tree.rods, self.rods(joints, values).swapaxes(0, 1), self._hinges(joints, values), strict=True
         ):
-            apart = () if hinge is None else (sign * _HALF_PARALLELOGRAM * rod.length_m * hinge for sign in (1, -1))
-            sides = [ends + each[:, None] for each in apart] or [ends]
+            sides = [ends] if hinge is None else _parallelogram(ends, _HALF_PARALLELOGRAM * rod.length_m * hinge)
             drawn += sides
             measured += [rod.joint is not None] * len(sides)
         rods = np.stack(drawn, axis=1) if drawn else np.empty((len(joints), 0, 2, 3))
@@ -316,3 +315,9 @@ def _answers(closed: Closed, motions: Array) -> Array:
         for motion, part in zip(motions, row, strict=True):
             answer[i] += motion * part
     return answer
+
+
+def _parallelogram(ends: Array, aside: Array) -> list[Array]:
+    """The four sides ``(n, 2, 3)`` around a line from end to end; ``aside`` ``(n, 3)`` is half of a short one."""
+    corners = np.stack([ends + aside[:, None], ends - aside[:, None]])  # side, pose, end
+    return [*corners, *np.moveaxis(corners, (2, 0), (0, 2))]

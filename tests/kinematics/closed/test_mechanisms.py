@@ -282,7 +282,9 @@ def test_a_delta_is_drawn_with_parallelograms_along_its_hinges() -> None:
     robot = load_robot("delta")
     arm = robot.arm(("p1",))
     joints = arm.chain.random_joints(5, np.random.default_rng(3))
-    rods = arm.skeleton(joints, arm.nominal(robot.tool)).rods.reshape(5, 3, 2, 2, 3)  # pose, leg, side, end
+    rods = arm.skeleton(joints, arm.nominal(robot.tool)).rods.reshape(5, 3, 4, 2, 3)  # pose, leg, side, end
+    rods, short = rods[:, :, :2], rods[:, :, 2:]
+    np.testing.assert_array_equal(short, rods.swapaxes(2, 3))  # from a corner of one long side to that of the other
     middle = arm.rods(joints, arm.nominal(robot.tool))
     np.testing.assert_allclose(rods.mean(axis=2), middle, atol=1e-12)
     across = rods[:, :, 0, 0] - rods[:, :, 1, 0]
