@@ -96,7 +96,7 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
         lines.append((Strong("violet"), f": uncertainty ellipsoid, predicted 1σ of the position, {factor}"))
     lines.append(legs_legend(shown.legs))
     if shown.outliers:
-        lines.append((Strong("magenta"), ": outliers, joined to where they should be"))
+        lines.append((Strong("magenta"), ": outliers with their residuals, joined to where they should be"))
     if len(shown.rows) < len(outcome.fitted):
         count = f"{len(shown.rows)} of {len(outcome.fitted)} poses"
         lines.append(f"{count} are drawn, evenly spaced; the plots have them all")

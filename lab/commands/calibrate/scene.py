@@ -157,7 +157,7 @@ def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[Ou
     both = (in_first_frame(model, values, inputs, points) for points in (part.points, expected))
     ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in both)
     return tuple(
-        OutlierPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm residual", measured, should)
+        OutlierPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm", measured, should)
         for pose, measured, should in zip(named, *ends, strict=True)
     )
 
