@@ -23,11 +23,11 @@ def trend_document(result: TrendResult) -> Document:
     count = len(result.changes)
     word = counted(count, "change") if count else "no change"
     robot = first.run.robot
-    span = f"{len(result.runs)} calibrations from {first.date} to {last.date}"
+    badge = Badge("changed", "bad") if count else Badge("unchanged", "good")
     return Document(
-        f"{robot.name}: {word} in {span}",
+        f"{robot.name}: {word} in {len(result.runs)} calibrations",
         (
-            Paragraph((Badge("changed", "bad") if count else Badge("unchanged", "good"), f" {_LEVEL}")),
+            Paragraph((badge, f" between {first.date} and {last.date} {_LEVEL}")),
             Bullets(tuple(_words(result, each) for each in result.changes)),
             Warnings(result.warnings),
             Section("Errors over time", (_runs(result), _errors(result))),
