@@ -6,13 +6,14 @@ names of robots, targets, files and poses are a user's.
 """
 
 import gc
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from lab.render import style
 from lab.render.document import (
@@ -94,7 +95,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"inlines": inlines, "svg": _svg}
+    environment.filters |= {"inlines": inlines, "svg": _svg, "dates": _dates}
     environment.tests |= {"badge": lambda part: isinstance(part, Badge), "code": lambda part: isinstance(part, Code)}
     environment.globals |= {
         "light": style.PAGE_LIGHT,
@@ -103,6 +104,11 @@ def _environment() -> Environment:
         "mono": Markup(style.FONT_MONO),
     }
     return environment
+
+
+def _dates(text: str) -> Markup:
+    """Text with its dates marked as such, which no line breaks in."""
+    return Markup(re.sub(r"\b\d{4}-\d\d-\d\d\b", r"<time>\g<0></time>", str(escape(text))))
 
 
 def _svg(picture: Picture) -> Markup:

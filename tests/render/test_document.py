@@ -143,6 +143,15 @@ def test_what_a_user_named_is_text_everywhere() -> None:
         assert code or re.search(r"(?<!\\)[<*`\[\]]", line.replace("**", "")) is None, line
 
 
+def test_no_line_of_a_page_breaks_in_a_date() -> None:
+    said = (Paragraph("<i> since 2026-01-10,"), Bullets(("2026-01-11",)), Warnings(("2026-01-12",)))
+    page = to_html(
+        Document("t", (*said, Table(("a", "b"), (("2026-01-13", Code("2026-01-14")), ("12026-01-15", "1")))))
+    )
+    assert re.findall("<time>(.*?)</time>", page) == [f"2026-01-{day}" for day in (10, 11, 12, 13)]
+    assert "&lt;i&gt; since <time>" in page and re.search(r"time \{ white-space: nowrap", page)
+
+
 @pytest.mark.figures
 def test_a_page_needs_nothing_but_itself_and_has_the_same_bytes() -> None:
     document = Document("t", (Paragraph("p", "lead"), Figure("f", (picture(), picture("other")), "two lines")))
