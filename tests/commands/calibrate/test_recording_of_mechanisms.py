@@ -50,6 +50,11 @@ def lines(path, timeline="pose"):
     return sorted(rows), np.array([rows[i] for i in sorted(rows)])
 
 
+def long_sides(drawn, rods):
+    """Of rods their lines (n, rods, 1, 2, 3); of parallelograms the two (n, rods, 2, 2, 3) that are as long as rods."""
+    return drawn.reshape(len(drawn), rods, -1, 2, 3)[:, :, :2]
+
+
 def entities(path):
     reader = RrdReader(path)
     return {str(chunk.entity_path) for chunk in reader.stream(store=reader.recordings()[0])}
@@ -70,7 +75,7 @@ def test_every_leg_joins_the_bodies_that_it_is_between(recorded, home):
     index, drawn = lines(path)
     assert index == list(range(POSES))
     tree = outcome.robot.chain.tree
-    drawn = drawn.reshape(POSES, len(tree.rods), -1, 2, 3).mean(axis=2)  # of a parallelogram's sides
+    drawn = long_sides(drawn, len(tree.rods)).mean(axis=2)
     for i, rod in enumerate(tree.rods):
         base_side = min(rod.ends, key=lambda end: tree.loose[end])
         far = next(end for end in rod.ends if end != base_side)
@@ -85,7 +90,7 @@ def test_legs_are_as_long_as_identified(recorded):
     path, outcome = recorded
     model, values = outcome.identification.model, outcome.identification.values
     rods = outcome.robot.chain.tree.rods
-    sides = lines(path)[1].reshape(POSES, len(rods), -1, 2, 3)
+    sides = long_sides(lines(path)[1], len(rods))
     lengths, off = np.linalg.norm(sides[..., 1, :] - sides[..., 0, :], axis=3), []
     for i, rod in enumerate(rods):
         constant = values[model.names.index(f"{rod.name}.length")]
@@ -99,7 +104,7 @@ def test_legs_are_as_long_as_identified(recorded):
 def test_measured_legs_are_told_from_rods(recorded):
     path, outcome = recorded
     shown = scene(outcome)
-    sides = 2 if outcome.robot.name == "delta" else 1  # of a parallelogram
+    sides = 4 if outcome.robot.name == "delta" else 1  # of a parallelogram
     measured = [rod.joint is not None for rod in outcome.robot.chain.tree.rods for _ in range(sides)]
     assert list(shown.legs.measured) == measured
     colours = statics(path, f"/{LEGS}", "LineStrips3D:colors")
@@ -150,5 +155,5 @@ def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):
     assert len(by_time) == len(shown.times) + len(stops)
     assert len(shown.home) == 3 and all(line.shape == (4, 3) for line in shown.home)  # arm, elbow, wrist, platform
     for drawn in (at_stops, by_time):
-        lengths = np.linalg.norm(np.diff(drawn, axis=2)[:, :, 0], axis=2)
+        lengths = np.linalg.norm(np.diff(long_sides(drawn, 3), axis=3), axis=-1)
         np.testing.assert_allclose(lengths, 1.244, rtol=0, atol=2 * ROUNDED)  # m, of the drawing
