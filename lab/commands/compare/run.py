@@ -4,11 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lab.commands.calibrate.estimates import estimates_of, refuse_other_parameters
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, read_calibrated
 from lab.commands.compare.options import CompareOptions
 from lab.commands.compare.result import ComparisonResult
 from lab.commands.keywords import options_of, takes
+from lab.core.copies import copied_rows
 from lab.core.errors import LabError
 from lab.verification.difference import Estimates, difference_of
 
@@ -67,11 +70,8 @@ def _compared(options: CompareOptions, runs: Sequence[Calibrated]) -> Comparison
 
 def _refuse_same(runs: Sequence[Calibrated], estimates: Sequence[Estimates]) -> None:
     """Refuse a run that is given twice, or a copy of one: between the same numbers nothing can have moved."""
-    seen: dict[bytes, Path] = {}
-    for run, each in zip(runs, estimates, strict=True):
-        numbers = each.values.tobytes()
-        if (twin := seen.get(numbers)) is not None:
-            raise LabError(
-                f"{run.folder}: has the parameters of {twin}, to the last digit; give another calibration of the robot"
-            )
-        seen[numbers] = run.folder
+    if copies := copied_rows(np.stack([each.values for each in estimates])):
+        folder, same = (runs[i].folder for i in copies[0])
+        raise LabError(
+            f"{folder}: has the parameters of {same}, to the last digit; give another calibration of the robot"
+        )
