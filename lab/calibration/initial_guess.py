@@ -101,14 +101,14 @@ def _of_stations(
     return found
 
 
-def _flange_poses(model: Model, joints: Array, values: Array, tool: Sequence[int]) -> tuple[Array, Array]:
+def _flange_poses(model: Model, joints: Array, values: Array, tool: list[int]) -> tuple[Array, Array]:
     """The last frame's origins ``(n, 3)`` and rotations ``(n, 3, 3)`` in the base.
 
     The derivatives of a target by its position in that frame are the frame's axes.
     """
     points, jacobian = model.observe(joints, values)
-    rotations = jacobian[:, 0, :, list(tool[:3])].transpose(1, 2, 0)
-    origins: Array = points[:, 0] - rotations @ values[list(tool[:3])]
+    rotations = jacobian[:, 0, :, tool[:3]].transpose(1, 2, 0)
+    origins: Array = points[:, 0] - rotations @ values[tool[:3]]
     return origins, rotations
 
 
