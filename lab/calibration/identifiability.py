@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.gauge import BaseSet, base_set
+from lab.kinematics.gauge import BaseSet, base_set, structure_jacobian
 from lab.kinematics.model import Model
 
 __all__ = [
@@ -128,18 +127,15 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
 
 def column_scale(model: Model, values: Array) -> Array:
     """Norms ``(p,)`` of the Jacobian's columns at nominal links: how far a unit of each moves the targets."""
-    joints = model.structure_joints(50, rng_for(0, "structure"))
-    _, jacobian = model.observe(joints, model.rank_point(values))
-    scale: Array = np.linalg.norm(jacobian.reshape(-1, len(model.names)), axis=0)
+    scale: Array = np.linalg.norm(structure_jacobian(model, values, 50).reshape(-1, len(model.names)), axis=0)
     return scale
 
 
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
     """The least number of generic poses that identify the whole base set."""
     structure = structure or base_set(model, values)
-    joints = model.structure_joints(5 * len(structure.kept), rng_for(0, "structure"))
-    _, jacobian = model.observe(joints, model.rank_point(values))
-    return enough_poses(jacobian.reshape(len(joints), -1, len(model.names))[..., list(structure.kept)])
+    jacobian = structure_jacobian(model, values, 5 * len(structure.kept))
+    return enough_poses(jacobian.reshape(len(jacobian), -1, len(model.names))[..., list(structure.kept)])
 
 
 def enough_poses(jacobian: Array, measured: Array | None = None) -> int:

@@ -23,9 +23,8 @@ from lab.core.errors import LabError
 from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.probabilities import t_ppf
-from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.gauge import BaseSet, base_set, independent_columns
+from lab.kinematics.gauge import BaseSet, base_set, independent_columns, structure_jacobian
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import frame_rotations
 
@@ -165,8 +164,7 @@ def fit_base_and_tool(observation: Observation, observed: Observations, nominal:
     placed = fit(model, observed, placing, start, tolerance_m=1e-7, extra_residuals=constraints)
     if not placed.ill_conditioned:
         return placed.values
-    inputs = model.structure_joints(50, rng_for(0, "structure"))
-    _, jacobian = model.observe(inputs, model.rank_point(nominal))
+    jacobian = structure_jacobian(model, nominal, 50)
     free = independent_columns(jacobian.reshape(-1, len(model.names)), placing)
     held = [column for column in placing if column not in free]
     start[held] = nominal[held]

@@ -21,7 +21,16 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["STRUCTURE_POSES", "BaseSet", "base_set", "base_set_of", "independent_columns", "named", "preferred_columns"]
+__all__ = [
+    "STRUCTURE_POSES",
+    "BaseSet",
+    "base_set",
+    "base_set_of",
+    "independent_columns",
+    "named",
+    "preferred_columns",
+    "structure_jacobian",
+]
 
 INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
 _MUCH = 0.1  # of a unit column: so much left of it is orthogonal to the others but for its last digit
@@ -82,9 +91,9 @@ def base_set(
         LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
     """
     if inputs is None:
-        poses = min(STRUCTURE_POSES, 2 * len(model.names))  # at which each parameter is seen twice at least
-        inputs = model.structure_joints(poses, rng_for(0, "structure"))
-    _, jacobian = model.observe(inputs, model.rank_point(values))
+        jacobian = structure_jacobian(model, values, min(STRUCTURE_POSES, 2 * len(model.names)))  # each seen twice
+    else:
+        jacobian = model.observe(inputs, model.rank_point(values))[1]
     flat, order = jacobian.reshape(-1, len(model.names)), model.column_priority()
     if known is not None:
         flat = np.concatenate([flat, known])
@@ -92,6 +101,16 @@ def base_set(
         return base_set_of(flat, order)
     fixed, freed = named(model.names, "--fix", fix), named(model.names, "--free", free)
     return _as_wished(model, base_set_of(flat, order), fixed, freed)
+
+
+def structure_jacobian(model: Model, values: Array, poses: int) -> Array:
+    """Derivatives ``(poses, k, d, p)`` of what is observed at random poses in the limits, where the rank is decided.
+
+    Args:
+        values: ``(p,)``.
+        poses: how many; the same ones each time.
+    """
+    return model.observe(model.structure_joints(poses, rng_for(0, "structure")), model.rank_point(values))[1]
 
 
 def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[int, ...]:
