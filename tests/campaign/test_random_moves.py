@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cells import PLACES, between_table_and_post
 from helpers.dense_check import DenseCheck
 
 from lab.campaign.reachability import free_home, reachability, stops_in_order
-from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.pose_selection.tour import plan_tour, rated
@@ -17,34 +17,8 @@ from lab.simulation.collisions import collides, random_poses
 from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel
 
-CELL = """clearance_mm = 20
-[[obstacle]]
-name = "table"
-shape = "box"
-size_mm = {}
-position_mm = {}
-[[obstacle]]
-name = "post"
-shape = "cylinder"
-radius_mm = 60
-height_mm = 1200
-position_mm = {}
-"""
-CELLS = {
-    "irb120": ([300, 900, 250], [480, 0, 125], [-250, 300, 600]),
-    "tx40": ([300, 600, 200], [450, 0, -100], [-200, 350, 600]),
-    "rx130": ([600, 1500, 300], [1000, 0, -150], [-500, 700, 600]),
-    "scara": ([200, 200, 100], [300, 200, -300], [-500, 300, 600]),
-    "scemi": ([300, 600, 200], [600, 0, 0], [-400, 500, 600]),
-}
 MANY = {"irb120": 300, "tx40": 1500, "rx130": 1200, "scara": 5500, "scemi": 1500}
 TOUR = 12  # poses of a plan; a correction goes through twice as many targets in their order
-
-
-def placed(name: str, folder: Path) -> RobotModel:
-    path = folder / "cell.toml"
-    path.write_text(CELL.format(*CELLS[name]))
-    return load_robot(name, path).model
 
 
 def moves(model: RobotModel, count: int) -> Iterator[tuple[Array, Array]]:
@@ -69,7 +43,7 @@ def moves(model: RobotModel, count: int) -> Iterator[tuple[Array, Array]]:
 
 
 def check(name: str, folder: Path, count: int) -> None:
-    model = placed(name, folder)
+    model = between_table_and_post(name, folder)
     dense = DenseCheck(model)
     found = [dense.closest(start, end) for start, end in moves(model, count)]
     assert len(found) == count
@@ -85,14 +59,14 @@ def test_moves_are_free_by_other_code(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", PLACES)
 def test_ten_thousand_moves_are_free_by_other_code(name: str, tmp_path: Path) -> None:
     check(name, tmp_path, MANY[name])
 
 
 def test_both_find_what_collides(tmp_path: Path) -> None:
     """Random moves without a look at collisions: where one of the two finds a contact, so does the other."""
-    model = placed("scara", tmp_path)
+    model = between_table_and_post("scara", tmp_path)
     dense, free = DenseCheck(model), path_check(model)
     poses = model.chain.random_joints(30, np.random.default_rng(1))
     agreed = [(free(start, end), dense.closest(start, end).kept_m > 0) for start, end in pairwise(poses)]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cells import between_table_and_post
 
 from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
@@ -12,26 +13,7 @@ from lab.simulation.collisions import collides
 from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel
 
-CELL = """clearance_mm = {}
-[[obstacle]]
-name = "table"
-shape = "box"
-size_mm = [300, 900, 250]
-position_mm = [480, 0, 125]
-[[obstacle]]
-name = "post"
-shape = "cylinder"
-radius_mm = 60
-height_mm = 1200
-position_mm = [-350, 400, 600]
-"""
 STEP_M = 0.010
-
-
-def in_cell(name: str, folder: Path, clearance_mm: float) -> RobotModel:
-    path = folder / "cell.toml"
-    path.write_text(CELL.format(clearance_mm))
-    return load_robot(name, path).model
 
 
 def place_by_place(model: RobotModel, start: Array, end: Array) -> bool:
@@ -42,7 +24,7 @@ def place_by_place(model: RobotModel, start: Array, end: Array) -> bool:
 @pytest.mark.parametrize(("name", "clearance_mm"), [("irb120", 20.0), ("tx40", 0.0), ("scara", 20.0)])
 def test_what_it_says_is_what_each_place_says(name: str, clearance_mm: float, tmp_path: Path) -> None:
     """Long moves and short ones, half of which begin where the arm nearly touches something."""
-    model = in_cell(name, tmp_path, clearance_mm)
+    model = between_table_and_post(name, tmp_path, clearance_mm)
     rng, free = np.random.default_rng(5), path_check(model)
     ends = model.chain.random_joints(24, rng)
     moves = [(ends[i], ends[i] + share * (ends[i + 1] - ends[i])) for i in range(23) for share in (1.0, 0.2, 0.01)]
@@ -53,7 +35,7 @@ def test_what_it_says_is_what_each_place_says(name: str, clearance_mm: float, tm
 
 def test_a_look_that_vouches_for_too_much_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A clearance that is forgotten in the margin lets moves through that keep less of it."""
-    model = in_cell("irb120", tmp_path, 60.0)
+    model = between_table_and_post("irb120", tmp_path, 60.0)
     rng = np.random.default_rng(5)
     moves = [tuple(model.chain.random_joints(2, rng)) for _ in range(40)]
     truth = [place_by_place(model, *move) for move in moves]
@@ -71,6 +53,6 @@ def test_of_a_mechanism_each_place_is_looked_at(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_one_place_is_a_way_too(tmp_path: Path) -> None:
-    model = in_cell("irb120", tmp_path, 20.0)
+    model = between_table_and_post("irb120", tmp_path, 20.0)
     free, poses = path_check(model), model.chain.random_joints(30, np.random.default_rng(2))
     assert [free(pose, pose) for pose in poses] == list(~collides(model, poses))
