@@ -16,11 +16,11 @@ from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv, run
 from helpers.drawing import nothing_drawn
 from helpers.file_kinds import KINDS, LONG_RUNS, calibration, weighing
 from helpers.fuzzing import RandomChance, mutated
-from helpers.time_limit import within
+from helpers.time_limit import ends
 
 import lab
 
-LONGEST_S, MOST_KIB = 30, 1 << 20
+MOST_KIB = 1 << 20
 SIX, PULSES = "=1,2,3,4,5,6", "100,100,100,100,100,100"
 OUTSIDE = {  # what the text of a program does not hold
     "fanuc": f" --frames 'UTOOL[2]{SIX}; UFRAME[3]{SIX}'",
@@ -159,7 +159,7 @@ def wrong_with(name: str, seed: str | None, place: Path, capfd: pytest.CaptureFi
     before = sorted(path.name for path in place.iterdir())
     try:
         argv = f"{given(name, seed, place)} --out never"
-        with nothing_drawn(), np.errstate(all="ignore"), within(LONGEST_S):
+        with nothing_drawn(), np.errstate(all="ignore"), ends():
             code = run(argv)
         _, err = capfd.readouterr()
         lines = [line for line in err.splitlines() if not line.startswith("lab: warning: ")]

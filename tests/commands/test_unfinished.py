@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.bad_input import run, the_line
 from helpers.drawing import nothing_drawn
-from helpers.time_limit import within
+from helpers.time_limit import ends
 from helpers.writing_commands import ended, forked, whole
 
 import lab
@@ -180,6 +180,6 @@ def test_what_never_ends_is_refused_and_not_read(
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe")
     for source in ("pipe", "/dev/zero"):
-        with within(5):
+        with ends():
             assert run(f"compensate --program {source} --run {source} --out never") == 2
         assert "cannot be read" in the_line(capfd.readouterr().err)

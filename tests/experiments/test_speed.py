@@ -1,8 +1,10 @@
 """The benchmark's clock and scale."""
 
 import numpy as np
+import pytest
 
-from lab.experiments.speed import BUDGET_MS, Yardstick, machine, median_ms, over_yardstick, peak_beyond_result_mb
+from lab.experiments import speed
+from lab.experiments.speed import BUDGET_MS, machine, median_ms, over_yardstick, peak_beyond_result_mb
 
 
 def test_a_median_leaves_out_the_first_call() -> None:
@@ -19,15 +21,24 @@ def test_memory_beyond_the_result() -> None:
     assert all(budget > 0 for budget in BUDGET_MS.values())
 
 
-def test_ratios_to_the_yardstick_leave_the_machine_out() -> None:
-    """What takes three yardsticks is told to; a machine that is twice as slow in between is no change."""
-    yardstick = Yardstick()
+def test_ratios_to_the_yardstick_leave_the_machine_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A load of three yardsticks has the ratio three, also on a machine that becomes slower from one to the next."""
+    clock, pace = [0.0], [1.0]
 
-    def three() -> None:
-        for _ in range(3):
-            yardstick()
+    def work(yardsticks: float) -> None:
+        clock[0] += yardsticks * pace[0]
 
-    figures, ratios = over_yardstick([lambda: {"three": median_ms(three, 9), "MB of it": 1.0}])
-    assert set(figures) == {"three", "MB of it"} and set(ratios) == {"three"}
-    assert 1.5 < ratios["three"] < 6
+    def slower(ms: dict[str, float]) -> dict[str, float]:
+        pace[0] *= 1.5
+        return ms
+
+    monkeypatch.setattr(speed, "_processor_s", lambda: clock[0])
+    monkeypatch.setattr(speed.Yardstick, "__call__", lambda self: work(1))
+    parts = [
+        lambda: {"three": median_ms(lambda: work(3), 9), "MB of it": 1.0},
+        lambda: slower({"half": median_ms(lambda: work(0.5), 9)}),
+    ]
+    figures, ratios = over_yardstick(parts)
+    assert set(figures) == {"three", "half", "MB of it"} and set(ratios) == {"three", "half"}
+    assert ratios["three"] == pytest.approx(3) and ratios["half"] == pytest.approx(0.5 / 1.25)  # between two paces
     assert "Python" in machine() and "kernels" in machine()

@@ -1,6 +1,6 @@
 """Which pose each point belongs to: against looking at every pair, and of very many points."""
 
-import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -54,19 +54,20 @@ def test_points_find_the_nearest_moment_as_by_all_pairs(seed) -> None:
 
 
 @pytest.mark.parametrize("by", ["name", "time"])
-def test_very_many_points_find_their_poses_at_once(by) -> None:
-    """Nothing is looked at for all pairs of points and poses."""
+def test_very_many_points_find_their_poses(by) -> None:
+    """All pairs of points and poses would take 3 GB: the work grows with their number, not with its square."""
     at = 10.0 * np.arange(MANY)
-    begun = time.process_time()
+    tracemalloc.start()
     found = matched(options(by), *files(at + 1, at), (False,) * 6)
-    assert time.process_time() - begun < 2
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 100e6  # bytes
     assert [pose.points["p1"] for pose in found.poses] == list(range(MANY)) and not found.left_out
 
 
-def test_many_poses_with_other_names_and_clocks_are_refused_at_once() -> None:
-    at, begun = 10.0 * np.arange(MANY), time.process_time()
+def test_many_poses_with_other_names_and_clocks_are_refused() -> None:
+    at = 10.0 * np.arange(MANY)
     with pytest.raises(LabError, match="called like a pose"):
         matched(options("name"), *files(at, at, prefix=("A", "B")), (False,) * 6)
     with pytest.raises(LabError, match=r"--clock-offset-s [0-9]+ would place 20 of 20"):
         matched(options("time"), *files(at[:20] + 5e6, at), (False,) * 6)
-    assert time.process_time() - begun < 3

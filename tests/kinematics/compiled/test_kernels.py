@@ -216,7 +216,9 @@ def test_all_solutions_of_three_joints_are_those_of_numpy(name: str, monkeypatch
     each_has_its_like(chain, slow, fast)
     lost = (slow.gap_m > 0).all(axis=1)
     for here, there in ((fast.gap_m, slow.gap_m), (fast.tilt_rad, slow.tilt_rad), (fast.joints, slow.joints)):
-        np.testing.assert_array_equal(here[lost], there[lost])
+        # numpy solves these alone, then all poses in one stack: its products may round differently, and the roots of a
+        # polynomial of degree 8 multiply that by up to 1e4
+        np.testing.assert_allclose(here[lost], there[lost], rtol=0, atol=1e-11)
     assert not lost[:50].any() and (lost.any() or "P" in name)
     np.testing.assert_allclose(fast.tilt_rad[:50].min(axis=1), slow.tilt_rad[:50].min(axis=1), atol=1e-9)
 
