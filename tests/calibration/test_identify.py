@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, SCARA, VERSATRAN, chain_of, somewhere, table_robot
+from helpers.robots import IRB120, SCARA, VERSATRAN, chain_of, somewhere
 from helpers.truths import truth_of
 from scipy import stats
 
@@ -13,6 +13,7 @@ from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position
 from lab.calibration.validation import Validation, compare_with_truth, errors_at
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
+from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
 from lab.core.measurements import measured
@@ -258,7 +259,7 @@ def test_too_few_poses_say_how_many_are_needed() -> None:
 
 def test_another_arms_measurements_do_not_fit() -> None:
     """A UR10's points taken for an IRB 120's: bad, and said so."""
-    ur10 = table_robot("ur10.toml").arm(("p1",))
+    ur10 = load_robot("ur10").arm(("p1",))
     rng = np.random.default_rng(5)
     joints = IRB120.chain.random_joints(60, rng)
     points = ur10.points(joints, somewhere(ur10, rng)) + 5e-6 * rng.normal(size=(60, 1, 3))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.pose_data import measured_poses
-from helpers.robots import IRB120, RX130, data_file, table_robot
+from helpers.robots import IRB120, RX130, data_file
 
 from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.identify import IdentifyOptions, identify
@@ -13,6 +13,7 @@ from lab.calibration.observations.full_pose import PoseKind, Poses
 from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weighed
+from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
@@ -110,7 +111,7 @@ def test_it_takes_orientations() -> None:
 @pytest.mark.thorough
 def test_on_a_measured_arm_it_is_worse() -> None:
     """UR10, 632 poses in cubes, where the hand hardly turns: orientations alone do not hold the angles there."""
-    robot = table_robot("ur10.toml")
+    robot = load_robot("ur10")
     file = data_file("ur10_ipa_D.csv")
     data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=PoseKind.columns)
     assert not data.warnings

@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.judged import Case, campaign, errors
-from helpers.robots import table_robot
 
 from lab.calibration.identify import IdentifyOptions
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
@@ -139,7 +138,7 @@ TABLE = {
         lambda: campaign(model=SerialArm(load_robot("scemi").chain)), GATE, "bad", "90° from its nominal value"
     ),
     "another robot, twice as large": Row(
-        lambda: campaign(model=SerialArm(table_robot("ur10.toml").chain)), GATE, "bad", "another robot"
+        lambda: campaign(model=SerialArm(load_robot("ur10").chain)), GATE, "bad", "another robot"
     ),
     "all joints negated": Row(made(joints_as=np.negative), GATE, "bad", "180° from its nominal value"),
     "the last joint negated": Row(

@@ -236,7 +236,7 @@ def test_a_wild_row_is_named(seven: Path, tmp_path, capsys) -> None:
 @pytest.mark.thorough
 def test_a_robot_given_as_a_table_comes_back_as_a_table(tmp_path, capsys) -> None:
     """calibrated.toml reads back to the bit, and predicts what was identified."""
-    table, out = data_file("ur10.toml"), tmp_path / "run"
+    table, out = ROOT / "models" / "ur10" / "robot.toml", tmp_path / "run"
     code, result = run(capsys, "identify", data_file("ur10_ipa_D.csv"), "--robot", table, "--out", out)
     assert code == 0 and result["rank"] == 27 and result["judged_by"] == "cross-validation"
     assert any("rx_deg" in warning for warning in result["warnings"])

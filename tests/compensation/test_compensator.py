@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, chain_of, perturbed, somewhere, table_robot
+from helpers.robots import IRB120, chain_of, perturbed, somewhere
 from scipy import optimize
 
 from lab.campaign.robot import Robot, load_robot
@@ -302,9 +302,9 @@ def test_positions_avoid_singularities_that_a_rotation_would_meet() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["ur10.toml", "panda.toml"])
+@pytest.mark.parametrize("name", ["ur10", "panda"])
 def test_arms_given_as_tables_are_compensated_too(name: str) -> None:
-    robot = table_robot(name)
+    robot = load_robot(name)
     of = compensator((), 12, robot)
     wanted = reachable(of, 100, 13)
     found = corrected(of, wanted)

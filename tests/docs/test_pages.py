@@ -77,6 +77,7 @@ def test_every_command_of_a_page_runs(page: Page, tmp_path, monkeypatch, capsys)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("lab.campaign.virtual_robot.FRESH_POSES", 100)  # of 1000: what is judged is not asked here
     write_files(page, tmp_path)
+    (tmp_path / "models").symlink_to(ROOT / "models")
     for command in page.commands:
         _, *arguments = shlex.split(command)
         if arguments[0] == "design":
@@ -218,3 +219,15 @@ def test_the_numbers_beside_the_picture_are_those_of_the_command(tmp_path, capsy
     result = json.loads(capsys.readouterr().out)
     before, after = (result[name]["mean"] for name in ("before_mm", "after_mm"))
     assert f"the mean error falls from {before:.2f} mm to {after:.4f} mm" in README.text
+
+
+@pytest.mark.thorough
+def test_the_numbers_of_the_real_example_are_those_of_its_command(tmp_path, monkeypatch, capsys) -> None:
+    (command,) = (each for each in README.commands if "models/ur10" in each)
+    monkeypatch.chdir(ROOT)
+    assert main([*shlex.split(command)[1:], "--out", str(tmp_path / "run"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    before, after = (result[name]["mean"] for name in ("before_mm", "after_mm"))
+    text = " ".join(README.text.split())
+    assert f"{before:.3f} mm for the nominal model, and of {after:.3f} mm for the calibrated one" in text
+    assert f"The verdict is {result['verdict']}" in text

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import yourdfpy
-from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, somewhere, table_robot
+from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, somewhere
 
 from lab.campaign.robot import Robot, SerialRobot, load_robot
 from lab.core import se3
@@ -32,7 +32,7 @@ CHAINS = {
     "versatran": replace(VERSATRAN, sign=np.array([1.0, -1, 1, -1, 1, 1])),  # a slide and a joint that count backwards
     "odd names": ODD,
 }
-ROBOTS = ["irb120", *CHAINS, "ur10.toml", "panda.toml"]
+ROBOTS = ["irb120", *CHAINS, "ur10", "panda"]
 
 
 def as_table(chain: Chain) -> Robot:
@@ -50,7 +50,7 @@ def write_arm(folder: Path, robot: Robot, arm: SerialArm, values: Array) -> None
 def exported(request, tmp_path_factory) -> tuple[Path, Robot, SerialArm, Array]:
     """A folder with the files of an arm off by 0.5 mm and 1.5 mrad in every parameter, its base anywhere."""
     name = request.param
-    robot = IRB120 if name == "irb120" else as_table(CHAINS[name]) if name in CHAINS else table_robot(name)
+    robot = as_table(CHAINS[name]) if name in CHAINS else load_robot(name)
     targets = ("base", "flange", "tracker", 'p & "1" <') if name == "odd names" else TARGETS
     arm, rng = robot.arm(targets), np.random.default_rng(7)
     values = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1.5e-3)

@@ -5,26 +5,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.robot import Robot, load_robot
+from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain, parallel_links
 
 ROOT = Path(__file__).parent.parent.parent
-DATA = ROOT.parent / "shared" / "data"
+MODELS = ROOT / "models"
+UNLICENSED = ROOT.parent / "shared" / "data"  # measured data without a licence: never copied, read where they lie
 IRB120 = load_robot("irb120")
 
 
 def data_file(name: str) -> Path:
-    """A file of measured data, which does not travel with the project."""
-    path = DATA / name
-    if not path.is_file():
-        pytest.skip(f"measured data {name} is not beside the checkout")
-    return path
+    """Return a file of measured data: one that ships with a model, or one beside the checkout.
 
-
-def table_robot(name: str) -> Robot:
-    return load_robot(str(data_file(name)))
+    A test that asks for a file without a licence is skipped where that file is absent.
+    """
+    shipped = next(MODELS.glob(f"*/measured/{name}"), None)
+    if shipped is None and not (UNLICENSED / name).is_file():
+        pytest.skip(f"{name} has no licence to ship, and is not beside the checkout")
+    return shipped or UNLICENSED / name
 
 
 def chain_of(

@@ -12,7 +12,6 @@ from helpers.robots import (
     assert_derivatives,
     perturbed,
     somewhere,
-    table_robot,
 )
 
 from lab.campaign.robot import load_robot
@@ -166,7 +165,7 @@ def test_an_arm_with_four_joints_has_two_directions_less() -> None:
 
 
 def test_an_arm_with_seven_joints_can_always_move_one_way_and_stay() -> None:
-    chain = table_robot("panda.toml").chain
+    chain = load_robot("panda").chain
     joints = chain.random_joints(300, np.random.default_rng(5))
     jacobian, wanted = jacobian_of(chain, joints), np.random.default_rng(6).normal(size=(300, 6))
     clear = np.linalg.svd(WEIGHTS[:, None] * jacobian, compute_uv=False)[:, -1] > 1e-3

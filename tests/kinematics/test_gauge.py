@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, RX130, SCARA, SCEMI, TX40, VERSATRAN, chain_of, perturbed, somewhere, table_robot
+from helpers.robots import IRB120, RX130, SCARA, SCEMI, TX40, VERSATRAN, chain_of, perturbed, somewhere
 
 from lab.calibration.identifiability import poses_needed
+from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -107,9 +108,9 @@ def test_the_gauges_of_scara_and_versatran() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("file", "rank"), [("ur10.toml", 27), ("panda.toml", 31)])
-def test_the_counts_of_measured_arms(file: str, rank: int) -> None:
-    robot = table_robot(file)
+@pytest.mark.parametrize(("name", "rank"), [("ur10", 27), ("panda", 31)])
+def test_the_counts_of_measured_arms(name: str, rank: int) -> None:
+    robot = load_robot(name)
     arm = robot.arm(("p1",))
     assert len(base_set(arm, arm.nominal()).kept) == rank
 

@@ -1,6 +1,8 @@
 """The models' folders: layout, masses, looks, and a second of physics without a warning."""
 
+import json
 import re
+import shlex
 import subprocess
 import sys
 
@@ -11,9 +13,13 @@ import trimesh
 from helpers.robots import IRB120, ROOT
 
 from lab.campaign.model_files import own_models
+from lab.campaign.observation_kinds import kind_named
 from lab.campaign.robot import load_robot
+from lab.cli import main
+from lab.formats.measurement_csv import read_measurements
 
 CLOSED = sorted(path for folder in (ROOT / "models").glob("*/mechanism.toml") for path in folder.parent.glob("*.toml"))
+MEASURED = sorted((ROOT / "models").glob("*/measured"))
 FOLDERS = sorted(path for path in (ROOT / "models").iterdir() if path.is_dir())
 SCENES = [name for name, path in own_models().items() if "/" not in name or path.parent.name == "carrier"]
 
@@ -29,7 +35,7 @@ def test_the_folder_is_complete_and_its_readme_names_sources(folder) -> None:
     text = (folder / "README.md").read_text()
     assert re.search("source", text, re.IGNORECASE) and len(text) > 1000
     if "robot.toml" in names:
-        assert names == {"robot.toml", "README.md"} and load_robot(folder.name).warnings == ()
+        assert names - {"measured"} == {"robot.toml", "README.md"} and load_robot(folder.name).warnings == ()
         return
     if "mechanism.toml" not in names and "robot.xml" not in names:  # a family of tables
         tables = {path.stem for path in folder.glob("*.toml")}
@@ -44,6 +50,32 @@ def test_the_folder_is_complete_and_its_readme_names_sources(folder) -> None:
     used = set(re.findall(r'file="([^"]+\.stl)"', (folder / "robot.xml").read_text()))
     assert used == {path.name for path in (folder / "assets").iterdir()}
     assert sum(path.stat().st_size for path in folder.rglob("*")) < 2_000_000
+
+
+@pytest.mark.parametrize("folder", MEASURED, ids=lambda folder: folder.parent.name)
+def test_measured_data_have_a_licence_and_their_source_in_the_readme(folder) -> None:
+    """Each file is read as measurements of its robot, and the README says where it comes from."""
+    licence, text = (folder / "LICENSE").read_text(), (folder.parent / "README.md").read_text()
+    assert licence.startswith("MIT License\n\nCopyright (c) ") and "measured/LICENSE" in text
+    files = [path for path in folder.iterdir() if path.name != "LICENSE"]
+    chain = load_robot(folder.parent.name).chain
+    for path in files:
+        assert f"measured/{path.name}" in text and path.suffix == ".csv"
+        joints, rows = chain.joint_names, path.read_text().splitlines()
+        kind = kind_named("socket" if "socket," in rows[0] else "points")
+        data = read_measurements(path, joints, chain.prismatic, columns=kind.columns)
+        inside = (data.joints >= chain.lower - 1e-6) & (data.joints <= chain.upper + 1e-6)  # rad: printed digits
+        assert len(data) == len(rows) - 1 and inside.all()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("folder", MEASURED, ids=lambda folder: folder.parent.name)
+def test_the_command_of_a_measured_robot_s_readme_runs(folder, tmp_path, monkeypatch, capsys) -> None:
+    command = (folder.parent / "README.md").read_text().split("```sh\n")[1].split("```")[0].replace("\\\n", "")
+    monkeypatch.chdir(ROOT)
+    assert main([*shlex.split(command)[1:], "--out", str(tmp_path / "run"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["status"] == "converged" and result["after_mm"]["mean"] < 0.7 * result["before_mm"]["mean"]
 
 
 @pytest.mark.parametrize("name", SCENES)

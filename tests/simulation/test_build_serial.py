@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from helpers.robots import DATA, IRB120
+from helpers.robots import IRB120
 
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
@@ -22,7 +22,7 @@ from lab.simulation.link_shapes import DENSITY, link_rods, reach_of
 
 RANKS = {
     "irb120": 27, "rx130": 27, "tx40": 27, "versatran": 23, "scemi": 27, "scara": 17, "course2r": 11,
-    "ur10.toml": 27, "panda.toml": 31, "rx130.urdf": 27,
+    "ur10": 27, "panda": 31, "rx130.urdf": 27,
 }  # fmt: skip
 TABLES = [name for name in RANKS if name not in ("irb120", "rx130.urdf")]
 
@@ -34,9 +34,7 @@ def path_of(name: str, folder: Path) -> str:
         arm = robot.arm(("p1",))
         (folder / name).write_text(robot.description("calibrated.urdf", arm.targets, arm.nominal(robot.tool)))
         return str(folder / name)
-    if "." in name and not (DATA / name).is_file():
-        pytest.skip(f"measured data {name} is not beside the checkout")
-    return str(DATA / name) if "." in name else name
+    return name
 
 
 def floor_ratios(robot: str, seeds: range) -> list[float]:

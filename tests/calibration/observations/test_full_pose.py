@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.fixture_data import many, measured_fixtures
 from helpers.pose_data import measured_poses
-from helpers.robots import IRB120, RX130, assert_derivatives, data_file, table_robot
+from helpers.robots import IRB120, RX130, assert_derivatives, data_file
 
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observations.cable import Cable
@@ -14,6 +14,7 @@ from lab.calibration.observations.full_pose import PoseKind, Poses, balanced
 from lab.calibration.observations.protocol import Observation, observation_of
 from lab.calibration.weights import Noise
 from lab.campaign.observation_kinds import kind_named
+from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
@@ -139,7 +140,7 @@ def test_positions_alone_are_judged() -> None:
 
 
 def ur10_poses(meaning: str) -> Identification:
-    robot = table_robot("ur10.toml")
+    robot = load_robot("ur10")
     file = data_file("ur10_ipa_D.csv")
     data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=kind_named("pose").columns)
     arm = robot.arm(("p1",))

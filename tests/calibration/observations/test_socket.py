@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.fixture_data import many, measured_fixtures
-from helpers.robots import IRB120, data_file, table_robot
+from helpers.robots import IRB120, data_file
 
 from lab.calibration.identify import identify
 from lab.calibration.observations.fixtures import FIXTURE
@@ -13,6 +13,7 @@ from lab.calibration.observations.socket import SocketKind, Sockets
 from lab.calibration.validation import cv_groups_of, errors_of
 from lab.calibration.weights import Noise
 from lab.campaign.observation_kinds import kind_named
+from lab.campaign.robot import load_robot
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
@@ -58,7 +59,7 @@ def test_locations_are_held_out_whole() -> None:
 
 
 def sockets_file(distance: float | None) -> tuple[SerialArm, Sockets, Measurements]:
-    robot = table_robot("panda.toml")
+    robot = load_robot("panda")
     file = data_file("panda_sockets_mukca_3.csv")
     data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=kind_named("socket").columns)
     assert not data.warnings

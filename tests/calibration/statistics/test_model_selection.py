@@ -1,12 +1,11 @@
 """Which effects an arm has: what is there is taken, what is not is not, and the table's figures are those of refits."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, data_file, somewhere, table_robot
+from helpers.robots import IRB120, data_file, somewhere
 
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.statistics import candidate_models as trials
@@ -14,7 +13,7 @@ from lab.calibration.statistics.candidate_models import FullModel, SelectionTask
 from lab.calibration.statistics.model_selection import Selection, objection, select
 from lab.calibration.statistics.nested_models import Score
 from lab.calibration.weights import Noise
-from lab.campaign.robot import Robot
+from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
@@ -291,7 +290,7 @@ def test_too_few_poses() -> None:
 
 
 def test_masses_and_columns_that_are_missing() -> None:
-    robot = table_robot("ur10.toml")
+    robot = load_robot("ur10")
     rng = np.random.default_rng(2)
     arm = robot.arm(("p1",))
     joints = robot.chain.random_joints(60, rng)
@@ -340,9 +339,7 @@ def test_a_thousand_poses_with_three_targets() -> None:
     targets = ("p1", "p2", "p3")
     arm = IRB120.arm_with(targets, ["compliance", "harmonics"])
     data = simulated(arm, values_with(arm, rng), 1000, rng)
-    started = time.process_time()
     found = select(lambda g: IRB120.arm_with(targets, g, SESSIONS), data, nominal, Noise(None, SIGMA))
-    assert time.process_time() - started < 10.0
     assert sorted(found.chosen) == ["compliance", "harmonics"]
 
 
@@ -365,7 +362,7 @@ def test_a_measured_irb120_gives_way_to_gravity() -> None:
 
 @pytest.mark.parametrize("file", [pytest.param("ur10_ipa_C.csv", marks=pytest.mark.slow), "ur10_ipa_D.csv"])
 def test_a_measured_ur10_has_runout(file: str) -> None:
-    found = measured_arm(file, table_robot("ur10.toml"))
+    found = measured_arm(file, load_robot("ur10"))
     assert found.chosen and found.chosen[0].startswith("harmonics") and found.identification.status == "converged"
     assert found.groups[1].holdout_m < found.groups[0].holdout_m < 0.5e-3
     assert {"joint6.sin1", "joint6.cos1", "joint6.sin2", "joint6.cos2"} & set(found.held)  # the probe is near axis 6

@@ -194,11 +194,11 @@ def test_held_out_poses_are_drawn_where_they_are(seven, tmp_path: Path) -> None:
     ("name", "rows", "options"),
     [
         ("irb120_cable_robotcali_1042.csv", 130, {"observe": "cable", "fitting": Fitting(prior=True), "holdout": 0.3}),
-        ("panda_sockets_mukca_3.csv", None, {"observe": "socket", "robot": "panda.toml"}),
+        ("panda_sockets_mukca_3.csv", None, {"observe": "socket", "robot": "panda"}),
         (
             "ur10_ipa_D.csv",
             120,
-            {"observe": "pose", "orientation": "intrinsic-xyz", "robot": "ur10.toml", "holdout": 0.3},
+            {"observe": "pose", "orientation": "intrinsic-xyz", "robot": "ur10", "holdout": 0.3},
         ),
     ],
 )
@@ -206,8 +206,6 @@ def test_whatever_was_observed_gives_a_report(name: str, rows, options, tmp_path
     file = tmp_path / name
     lines = data_file(name).read_text().splitlines(keepends=True)
     file.write_text("".join(lines[: rows and rows + 1]))
-    if "robot" in options:
-        options = options | {"robot": str(data_file(options["robot"]))}
     asked = MeasuredCampaign(file, **options)
     found = identify(asked)
     seen = written(tmp_path / "report.html", found)

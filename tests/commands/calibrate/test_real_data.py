@@ -38,7 +38,7 @@ def test_irb120_by_its_protocol() -> None:
 
 @pytest.mark.thorough
 def test_ur10_random_poses() -> None:
-    outcome = identify(MeasuredCampaign(data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml")), holdout=0.3))
+    outcome = identify(MeasuredCampaign(data_file("ur10_ipa_C.csv"), "ur10", holdout=0.3))
     errors = outcome.validation.errors
     assert errors is not None and 0.3 < mean_mm(errors.after) <= 0.47 < mean_mm(errors.before)
     assert outcome.verdict.word == "doubtful"  # the probe's centre lies near axis 6, so link5.theta may be anything
@@ -55,7 +55,7 @@ def test_ur10_cubes_over_some_splits(splits: int) -> None:
     """Repeats are never split between fit and test; with them split the error would look smaller."""
     after = []
     for seed in range(splits):
-        options = MeasuredCampaign(data_file("ur10_ipa_D.csv"), str(data_file("ur10.toml")), seed=seed, holdout=0.3)
+        options = MeasuredCampaign(data_file("ur10_ipa_D.csv"), "ur10", seed=seed, holdout=0.3)
         errors = identify(options).validation.errors
         assert errors is not None
         after.append(mean_mm(errors.after))
@@ -66,7 +66,7 @@ def test_ur10_cubes_over_some_splits(splits: int) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("file", [pytest.param("ur10_ipa_C.csv", marks=pytest.mark.slow), "ur10_ipa_D.csv"])
 def test_ur10_is_cross_validated_where_nothing_is_asked(file: str) -> None:
-    outcome = identify(MeasuredCampaign(data_file(file), str(data_file("ur10.toml"))))
+    outcome = identify(MeasuredCampaign(data_file(file), "ur10"))
     errors = outcome.validation.errors
     assert outcome.validation.judged_by == "cross-validation" and errors is not None
     assert np.isfinite(errors.after).all() and mean_mm(errors.after) <= 0.47
@@ -124,16 +124,14 @@ def test_panda_with_sockets(tmp_path) -> None:
     marked = [f"{row},{'test' if row.split(',')[0] == last else 'calibrate'}" for row in rows]
     file = tmp_path / "marked.csv"
     file.write_text("\n".join([f"{header},use", *marked]) + "\n")
-    options = MeasuredCampaign(file, str(data_file("panda.toml")), observe="socket", socket_distance_mm=50.0)
+    options = MeasuredCampaign(file, "panda", observe="socket", socket_distance_mm=50.0)
     errors = identify(options).validation.errors
     assert errors is not None and mean_mm(errors.before) == pytest.approx(2.90, abs=0.02)
     assert 0.15 < mean_mm(errors.after) <= 0.22
 
 
 def ur10(file: str, model: str):
-    outcome = identify(
-        MeasuredCampaign(data_file(file), str(data_file("ur10.toml")), holdout=0.3, fitting=Fitting(model))
-    )
+    outcome = identify(MeasuredCampaign(data_file(file), "ur10", holdout=0.3, fitting=Fitting(model)))
     assert outcome.validation.errors is not None and outcome.verdict.word != "bad"
     return outcome, mean_mm(outcome.validation.errors.after)
 
@@ -158,7 +156,7 @@ def test_ur10_random_poses_with_what_they_call_for() -> None:
 @pytest.mark.slow
 def test_ur10_home_lies_beyond_what_was_measured() -> None:
     """The split with seed 1 holds it out: what is taken for the measured part of a turn does not run off there."""
-    file, robot = data_file("ur10_ipa_C.csv"), str(data_file("ur10.toml"))
+    file, robot = data_file("ur10_ipa_C.csv"), "ur10"
     outcome = identify(MeasuredCampaign(file, robot, seed=1, holdout=0.3, fitting=Fitting("auto")))
     errors, rows, measured = outcome.validation.errors, outcome.validation.rows, outcome.fit.measured
     assert errors is not None and rows is not None and measured is not None
@@ -178,9 +176,7 @@ def test_ur10_as_poses(every: int, tmp_path) -> None:
     header, *rows = data_file("ur10_ipa_C.csv").read_text().splitlines()
     file = tmp_path / "some.csv"
     file.write_text("\n".join([header, *rows[::every]]) + "\n")
-    options = MeasuredCampaign(
-        file, str(data_file("ur10.toml")), holdout=0.3, observe="pose", orientation="intrinsic-xyz"
-    )
+    options = MeasuredCampaign(file, "ur10", holdout=0.3, observe="pose", orientation="intrinsic-xyz")
     outcome = identify(options)
     errors = outcome.validation.errors
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
@@ -195,7 +191,7 @@ def few_poses(folder) -> MeasuredCampaign:
     header, *rows = data_file("ur10_ipa_C.csv").read_text().splitlines()
     file = folder / "few.csv"
     file.write_text("\n".join([header, *rows[::18]]) + "\n")
-    return MeasuredCampaign(file, str(data_file("ur10.toml")), holdout=0.3, observe="pose", orientation="intrinsic-xyz")
+    return MeasuredCampaign(file, "ur10", holdout=0.3, observe="pose", orientation="intrinsic-xyz")
 
 
 def test_ur10_as_poses_with_a_stated_noise(tmp_path) -> None:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, statics, views_of
-from helpers.robots import ROOT
+from helpers.robots import ROOT, data_file
 from rerun.chunk import RrdReader
 
 from lab.calibration.identify import identify
@@ -22,10 +22,6 @@ from lab.simulation.meshes import body_poses, shells
 from lab.simulation.model import FLANGE
 
 pytestmark = pytest.mark.usefixtures("strict_recordings")
-
-DATA = ROOT.parent / "shared" / "data"
-
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data (shared/data) are not here")
 
 
 def test_rerun_verifies_it(recording, home):
@@ -184,9 +180,8 @@ def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home
 
 
 @pytest.mark.thorough
-@needs_data
 def test_a_table_is_drawn_with_rods_and_many_poses_are_thinned_out(tmp_path, home):
-    outcome = identify_file(MeasuredCampaign(DATA / "ur10_ipa_D.csv", robot=str(DATA / "ur10.toml")))
+    outcome = identify_file(MeasuredCampaign(data_file("ur10_ipa_D.csv"), robot="ur10"))
     path = tmp_path / "table.rrd"
     record(path, outcome)
     assert rrd(home, "verify", path).returncode == 0

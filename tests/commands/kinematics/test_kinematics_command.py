@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from helpers.robots import data_file
 
 import lab
 from lab.campaign.robot import load_robot
@@ -159,12 +158,12 @@ def test_letters_are_printed_as_in_textbooks(capsys) -> None:
 
 
 def test_an_arm_without_a_closed_form_is_searched_and_says_so(capsys) -> None:
-    _, seen, _ = run(capsys, data_file("panda.toml"), "--pose=400,100,400,180,0,0")
+    _, seen, _ = run(capsys, "panda", "--pose=400,100,400,180,0,0")
     assert seen["poses"][0]["solutions"] >= 2 and seen["poses"][0]["by"] == "search"
 
 
 def test_a_ur_has_all_its_solutions_with_their_configurations(capsys) -> None:
-    _, seen, _ = run(capsys, data_file("ur10.toml"), "--pose=-600,300,400,0,90,0")
+    _, seen, _ = run(capsys, "ur10", "--pose=-600,300,400,0,90,0")
     assert seen["poses"][0]["solutions"] == 8 and seen["poses"][0]["by"] == "closed form"
     sides = [tuple(each["configuration"].items()) for each in seen["placements"]]
     assert len(set(sides)) == 8 and {name for each in sides for name, _ in each} == {"elbow", "wrist", "shoulder"}

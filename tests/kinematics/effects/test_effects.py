@@ -6,9 +6,10 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, assert_derivatives, somewhere, table_robot
+from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, assert_derivatives, somewhere
 
 from lab.calibration.identify import identify
+from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
@@ -293,7 +294,7 @@ def test_an_effect_of_ones_own() -> None:
 
 def test_masses_are_needed_for_gravity() -> None:
     with pytest.raises(LabError, match="table without masses; give it as MJCF or URDF"):
-        table_robot("ur10.toml").arm_with(("p1",), ("compliance",))
+        load_robot("ur10").arm_with(("p1",), ("compliance",))
 
 
 def test_sessions_are_rows_of_a_frame_of_their_own() -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, chain_of, perturbed, somewhere, table_robot
+from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, chain_of, perturbed, somewhere
 
 from lab.campaign.robot import load_robot
 from lab.core import se3
@@ -168,7 +168,7 @@ def five_hinges() -> Chain:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("chain", [table_robot("panda.toml").chain, five_hinges()], ids=["seven", "five"])
+@pytest.mark.parametrize("chain", [load_robot("panda").chain, five_hinges()], ids=["seven", "five"])
 def test_an_arm_without_a_closed_form_is_searched(chain: Chain) -> None:
     arm = SerialArm(chain)
     joints = chain.random_joints(200, np.random.default_rng(10))

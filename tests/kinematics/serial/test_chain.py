@@ -15,9 +15,9 @@ from helpers.robots import (
     assert_derivatives,
     perturbed,
     somewhere,
-    table_robot,
 )
 
+from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -28,10 +28,10 @@ CHAINS = {chain.name: chain for chain in (IRB120.chain, RX130, TX40, SCEMI, VERS
 
 
 def chain_named(name: str) -> Chain:
-    return table_robot(name).chain if name.endswith(".toml") else CHAINS[name]
+    return CHAINS[name] if name in CHAINS else load_robot(name).chain
 
 
-NAMES = [*CHAINS, "panda.toml", "ur10.toml"]
+NAMES = [*CHAINS, "panda", "ur10"]
 
 
 def test_forward_kinematics_as_printed() -> None:
