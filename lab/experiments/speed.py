@@ -31,15 +31,20 @@ from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.option_types import Flag
 from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.campaign.robot import load_robot
+from lab.campaign.robot import load_robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.run import calibrate
+from lab.commands.import_measurements.matching import matched
+from lab.commands.import_measurements.options import ImportOptions
 from lab.core.instruments import instrument
+from lab.core.load_samples import Mounting
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.experiments.closed_loop import compensator_of
 from lab.experiments.script import Answer, paragraphs
+from lab.formats.joint_log import JointLog
+from lab.formats.tracker_export import TrackerPoints
 from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.gauge import base_set
@@ -47,12 +52,16 @@ from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
+from lab.payload_identification.fourier_path import Limits, random_path
+from lab.payload_identification.from_torques import from_torques
 from lab.pose_selection.certificate import certify
 from lab.render.document import Document
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_conditions
 from lab.simulation.observations.points import track
+from lab.simulation.payload import RigidLoad, peak_torques
+from lab.simulation.payload_bench import LoadBench, RunErrors
 
 __all__ = ["Options", "answer"]
 
@@ -74,6 +83,8 @@ BUDGET_MS = {
     "the same with a frozen Jacobian": 67,
     "all eight inverse solutions, 10,000 poses": 50,
     "10,000 targets corrected, by all three schemes": 2000,
+    "payload from 2 x 10 s of torques at 1 kHz": 2000,
+    "20,000 points matched to poses by time": 2000,
     "lab --help": 500,
     "lab calibrate": 8000,
 }
@@ -297,6 +308,29 @@ def compensation() -> dict[str, float]:
     }
 
 
+def measuring() -> dict[str, float]:
+    """Milliseconds of a payload from a run's torques, and of finding the pose of each of many points."""
+    robot, gravity = load_virtual("tx40").model, np.array([0.0, 0.0, -9.81])
+    path = random_path(Limits.of(robot.chain, torque=peak_torques(robot)), rng_for(7, "design"))
+    load = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
+    bench = LoadBench(robot, load, Mounting(gravity), RunErrors(1e-6, torque_noise=0.005))
+    arm, records = SerialArm(robot.chain), bench.moving(path.at, 10.0, 1e3, rng_for(7, "noise"))
+
+    number, at, file = 20_000, 10.0 * np.arange(20_000), Path("clock")
+    lines, none, names = tuple(range(number)), np.full(number, np.nan), ("",) * number
+    points = TrackerPoints(
+        file, names, names, lines, np.ones((number, 3)), none, at + 1, "seconds", none, none, none, {}, (), (), ()
+    )
+    log = JointLog(file, names, lines, np.zeros((number, 6)), at, "seconds", {}, ())
+    asked, hinges = ImportOptions(file, file, by="time"), (False,) * 6
+    return {
+        "payload from 2 x 10 s of torques at 1 kHz": median_ms(
+            lambda: from_torques(arm, arm.nominal(), records, gravity), 3
+        ),
+        "20,000 points matched to poses by time": median_ms(lambda: matched(asked, points, log, hinges), 3),
+    }
+
+
 def processes() -> dict[str, float]:
     """Milliseconds of whole commands."""
     with tempfile.TemporaryDirectory() as folder:
@@ -313,7 +347,7 @@ def processes() -> dict[str, float]:
 
 def answer(options: Options) -> Answer:
     """Measure everything, and set it beside its budget and the yardstick."""
-    parts = (kernels, mechanisms, planning, effects, stacked, compensation, processes)
+    parts = (kernels, mechanisms, planning, effects, stacked, compensation, measuring, processes)
     results, ratios = over_yardstick(parts)
     ratio = results["that fit by scipy, finite differences"] / results["its fit alone"]
     lines = [f"{machine()}; processor time of medians, and how many yardsticks that is"]
