@@ -3,6 +3,7 @@
 What moves is given ``at`` the values of a timeline, one for each of its rows.
 """
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -46,19 +47,31 @@ _AXES = np.array(RGB_AXES, dtype=np.uint8)
 
 @contextmanager
 def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.RecordingStream]:
-    """A recording of a world whose z is up, written to ``path`` when the block ends well.
+    """A recording of a world whose z is up, written to ``path`` when the block ends well, whatever RERUN is set to.
 
     Args:
         robot: the name of what it shows.
         identity: the same for the same content, so that the same content gives the same recording.
     """
     application = f"{robot} {identity[:8]}"  # a viewer has one blueprint for each application
-    recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
+    with _enabled():
+        recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
     memory = recording.memory_recording()  # written at the end, in one go: a full disk would hang rerun's own writer
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     yield recording
     path.write_bytes(memory.drain_as_bytes() or b"")
     recording.disconnect()
+
+
+@contextmanager
+def _enabled() -> Iterator[None]:
+    """Without the variable RERUN: one that turns off what a program logs would leave a file without content."""
+    given = os.environ.pop("RERUN", None)
+    try:
+        yield
+    finally:
+        if given is not None:
+            os.environ["RERUN"] = given
 
 
 def draw_shells(

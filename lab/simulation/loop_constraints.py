@@ -17,6 +17,7 @@ from lab.core.se3 import Array
 from lab.kinematics.closed.configuration import Dimensions
 from lab.kinematics.closed.loop_closure import CONTRACTED, FIRST_STEP, LEAST_STEP, MOST_CORRECTIONS, ROUNDING_M
 from lab.kinematics.closed.mechanism import Mechanism
+from lab.simulation.model import update_constants
 
 __all__ = ["closed_qpos"]
 
@@ -55,7 +56,7 @@ def _quiet(model: mujoco.MjModel) -> mujoco.MjModel:
     model = copy.deepcopy(model)
     model.opt.disableflags |= _ADDS_ROWS
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    update_constants(model)
     return model
 
 

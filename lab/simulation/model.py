@@ -36,6 +36,7 @@ __all__ = [
     "one_line",
     "site_pose",
     "station_suffixed",
+    "update_constants",
 ]
 
 FLANGE, TRACKER = "flange", "tracker"
@@ -217,6 +218,20 @@ def compiled(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
             return spec.compile()
     except ValueError as error:
         raise LabError(f"{path}: MuJoCo cannot build it, mend this: {one_line(error)}") from error
+
+
+def update_constants(model: mujoco.MjModel) -> None:
+    """Compute again what MuJoCo derives from a model whose bodies were moved in place.
+
+    Its warnings are dropped, on the terminal and in MUJOCO_LOG.TXT: they are about the dynamics, which nothing here
+    integrates.
+    """
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def let_weigh_nothing(spec: mujoco.MjSpec) -> None:

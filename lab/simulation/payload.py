@@ -16,7 +16,7 @@ from lab.core.errors import LabError
 from lab.core.load_samples import Mounting
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics
-from lab.simulation.model import at_zero, body_pose, compiled
+from lab.simulation.model import at_zero, body_pose, compiled, update_constants
 from lab.simulation.serial_model import SerialModel, last_frame
 
 __all__ = ["CarryingArm", "RigidLoad", "drawn_mounting", "own_dynamics", "peak_torques"]
@@ -167,5 +167,5 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
     bare.opt.disableflags = sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in off)
     bare.opt.enableflags = 0
     bare.dof_armature[:] = 0.0
-    mujoco.mj_setConst(bare, mujoco.MjData(bare))
+    update_constants(bare)
     return bare

@@ -21,7 +21,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.simulation.effects import NOTHING_SET, Effects
 from lab.simulation.elastic import FlexibleArm
-from lab.simulation.model import RobotModel, coordinates, joint_axes
+from lab.simulation.model import RobotModel, coordinates, joint_axes, update_constants
 from lab.simulation.serial_model import SerialModel
 
 __all__ = [
@@ -266,7 +266,7 @@ def before_stations(real: Real, Ts_world_station: Array) -> Real:
     model, T_tracker_world = copy.deepcopy(real.model), se3.inverse(real.T_world_tracker)
     for station, T in enumerate(Ts_world_station, start=1):
         real.robot.place_tracker(model, T, station)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    update_constants(model)
     poses = StationPoses(dict(zip(real.robot.stations[1:], T_tracker_world @ Ts_world_station, strict=True)))
     return replace(real, model=model, effects=real.effects.having(poses))
 
@@ -274,7 +274,7 @@ def before_stations(real: Real, Ts_world_station: Array) -> Real:
 def stand_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:
     """Let a copy of a robot's model, its bodies moved, stand before a tracker at this pose ``(4, 4)`` in the world."""
     robot.place_tracker(model, T_world_tracker)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    update_constants(model)
 
 
 def _before_tracker(

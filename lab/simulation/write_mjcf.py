@@ -10,7 +10,7 @@ from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat
 from lab.formats.link_tree import free_name
 from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.model import FLANGE, TRACKER
+from lab.simulation.model import FLANGE, TRACKER, compiled
 from lab.simulation.serial_model import SerialModel
 
 __all__ = ["MJCF", "calibrated_mjcf", "set_vectors", "write_in_full"]
@@ -28,7 +28,7 @@ def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
     for target in placed.targets:
         if target not in robot.tool:
             spec.body(robot.carrier).add_site(name=target)
-    model = spec.compile()
+    model = compiled(robot.path, spec)
     robot.place_bodies(model, placed, values)
     robot.place_tracker(model, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
     root = ET.fromstring(spec.to_xml())

@@ -1,5 +1,8 @@
 """What a recording shows: magnified ellipsoids, legs, the arm's lines, and the bars of long work."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130
@@ -118,3 +121,15 @@ def test_in_a_pipe_there_are_no_bars(capfd: pytest.CaptureFixture[str]) -> None:
         tell("a stage")
     assert capfd.readouterr() == ("", "")
     assert IRB120.name
+
+
+@pytest.mark.figures
+def test_a_recording_is_written_where_rerun_is_turned_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The variable turns off what a program logs to a viewer; the file is asked for."""
+    monkeypatch.setenv("RERUN", "0")
+    with recording_to(tmp_path / "off.rrd", "irb120", "0123456789abcdef"):
+        assert os.environ["RERUN"] == "0"
+    assert (tmp_path / "off.rrd").stat().st_size > 1000  # without content there would be none
+    assert capfd.readouterr() == ("", "")

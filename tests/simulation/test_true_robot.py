@@ -6,6 +6,7 @@ import pytest
 from helpers.robots import IRB120, somewhere
 from scipy import stats
 
+import lab
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
@@ -248,3 +249,15 @@ def test_the_calibrated_model_loads_again_exactly(tmp_path) -> None:
         T = se3.pose(data.site_xmat[tracker].reshape(3, 3), data.site_xpos[tracker])
         seen = se3.transform(se3.inverse(T), data.site_xpos[sites])
         np.testing.assert_allclose(seen, ARM.points(joints[None], values)[0], atol=1e-12)
+
+
+def test_mujoco_says_nothing_of_the_dynamics(tmp_path, monkeypatch, capfd) -> None:
+    """A link of 1e11 m makes its inertia matrix nearly singular: MuJoCo would print that, and leave a log."""
+    link = '<body name="b{1}" pos="{0} 0 0"><joint name="q{1}" axis="0 1 0"/><geom size=".05" mass="1"/>{2}</body>'
+    chain = link.format(0, 1, link.format(1e11, 2, link.format(0.3, 3, "")))
+    (tmp_path / "far.xml").write_text(f"<mujoco><worldbody>{chain}</worldbody></mujoco>")
+    monkeypatch.chdir(tmp_path)
+    before = mujoco.get_mju_user_warning()
+    lab.simulate("far.xml", poses=3)
+    assert capfd.readouterr() == ("", "") and not (tmp_path / "MUJOCO_LOG.TXT").exists()
+    assert mujoco.get_mju_user_warning() is before

@@ -4,7 +4,6 @@ import copy
 from collections.abc import Mapping
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +12,7 @@ from lab.core.instruments import Instrument, PoseInstrument
 from lab.core.se3 import Array
 from lab.formats.orientations import orientation_texts
 from lab.simulation.effects import NOTHING_SET
+from lab.simulation.model import update_constants
 from lab.simulation.observations.points import scattered_points, seen_by
 from lab.simulation.observations.protocol import Setup, SimulatedDay
 from lab.simulation.true_robot import TrueRobot
@@ -74,7 +74,7 @@ def _moved(real: TrueRobot, target: str, offset_m: Array) -> TrueRobot:
     model = copy.deepcopy(real.model)
     site = model.site(target)
     site.pos[:] += se3.rotation_from_quaternion(site.quat) @ offset_m
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    update_constants(model)
     return replace(real, model=model)
 
 
