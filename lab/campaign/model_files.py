@@ -35,12 +35,13 @@ def description_of(robot: str) -> Path:
     """
     models = own_models()
     path = models.get(robot, Path(robot))
-    if path.suffix not in (".xml", ".urdf", ".toml") or not path.is_file():
-        raise LabError(
-            f"robot '{robot}': no such model or file; there are {', '.join(models)}, or give a path to .xml, .urdf or "
-            ".toml"
-        )
-    return path
+    if path.suffix in (".xml", ".urdf", ".toml") and path.is_file():
+        return path
+    if path.suffix == ".xacro" and path.is_file():
+        urdf = path.with_suffix("" if path.stem.endswith(".urdf") else ".urdf")
+        raise LabError(f"robot '{robot}' is a xacro; expand it first (xacro {path} > {urdf}), and give {urdf}")
+    why = "neither MJCF, URDF nor TOML" if path.exists() else "no such model or file"
+    raise LabError(f"robot '{robot}': {why}; there are {', '.join(models)}, or give a path to .xml, .urdf or .toml")
 
 
 def is_own(path: Path) -> bool:

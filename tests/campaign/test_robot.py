@@ -37,3 +37,22 @@ def test_every_model_of_the_folder_is_found() -> None:
 def test_a_target_that_the_robot_lacks() -> None:
     with pytest.raises(LabError, match="p9"):
         load_robot("irb120").refuse_unknown(("p1", "p9"))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        (
+            "arm.urdf.xacro",
+            r"is a xacro; expand it first \(xacro \S*arm.urdf.xacro > \S*arm.urdf\), and give \S*arm.urdf$",
+        ),
+        ("arm.xacro", r"is a xacro; expand it first \(xacro \S*arm.xacro > \S*arm.urdf\), and give \S*arm.urdf$"),
+        ("plan.csv", "neither MJCF, URDF nor TOML; there are"),
+    ],
+)
+def test_a_file_that_is_there_is_not_denied(tmp_path, name: str, says: str) -> None:
+    with pytest.raises(LabError, match="no such model or file"):
+        load_robot(tmp_path / name)
+    (tmp_path / name).touch()
+    with pytest.raises(LabError, match=says):
+        load_robot(tmp_path / name)
