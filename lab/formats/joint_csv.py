@@ -30,7 +30,9 @@ class JointRows:
 
 
 def holds_targets(path: Path, most: Limit = ROWS) -> bool:
-    """Whether a file has positions of a point (columns that end in ``x_mm`` or ``x_m``), not joint positions alone.
+    """Whether a file gives positions of a point (columns that end in ``x_mm`` or ``x_m``), not joint positions alone.
+
+    A plan has such columns, too, to be filled in: as long as they are empty, it is a file of joint positions.
 
     Args:
         path: of the file.
@@ -39,8 +41,9 @@ def holds_targets(path: Path, most: Limit = ROWS) -> bool:
     Raises:
         LabError: it cannot be read, or has more rows than ``most``.
     """
-    header = CsvTable(path, most).header
-    return any(column in ("x_mm", "x_m") or column.endswith(("_x_mm", "_x_m")) for column in header)
+    table = CsvTable(path, most)
+    columns = [name for name in table.header if name in ("x_mm", "x_m") or name.endswith(("_x_mm", "_x_m"))]
+    return any(cell for name in columns for cell in table.texts(name) or ())
 
 
 def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> JointRows:

@@ -26,3 +26,12 @@ def test_a_column_of_positions_makes_it_a_file_of_targets(tmp_path, column: str)
     assert holds_targets(path)
     with pytest.raises(LabError, match="joint q1 is missing"):
         read_joints(path, *SCARA)
+
+
+def test_a_plan_whose_points_are_still_empty_is_a_file_of_joint_positions(tmp_path) -> None:
+    path, rows = tmp_path / "plan.csv", "1,0,0,0,0,{}\n2,90,0,0,0,{}\n"
+    header = "id,q1_deg,q2_deg,q3_mm,q4_deg,p1_x_mm,p1_y_mm,p1_z_mm\n"
+    path.write_text(header + rows.format(",,", ",,"))
+    assert not holds_targets(path) and len(read_joints(path, *SCARA).joints) == 2
+    path.write_text(header + rows.format(",,", "1,2,3"))
+    assert holds_targets(path)
