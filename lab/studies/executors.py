@@ -5,6 +5,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
@@ -20,6 +21,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import islice
 from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 from lab.core.errors import LabError
@@ -46,7 +48,8 @@ class StoppedError(LabError):
 def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
     """Processes of this machine, by default one for each core that this process may use.
 
-    A script that calls this needs ``if __name__ == "__main__"``: each process imports it.
+    A process imports the modules whose functions it calls, but not the script or the session that started it: a script
+    needs no ``if __name__ == "__main__"``, and its own functions cannot be called.
 
     Raises:
         LabError: fewer than one.
@@ -58,18 +61,31 @@ def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
 
 
 class _Process(SpawnProcess):
-    """A process that no interruption reaches, from before its first import: the parent ends the work."""
+    """A process that does not run the script again, and that no interruption reaches: the parent ends the work."""
 
     def start(self) -> None:
         """Start it with the signal blocked, which a new process inherits; the parent gets what came meanwhile."""
         if not hasattr(signal, "pthread_sigmask"):  # Windows
-            super().start()
+            self._start_without_script()
             return
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
-            super().start()
+            self._start_without_script()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def _start_without_script(self) -> None:
+        """Start it while an empty module is in the script's place: a new process imports what is there.
+
+        A script that calls ``lab.study`` outside ``if __name__ == "__main__"`` would start a study in every process,
+        and one that is read from standard input cannot be imported at all.
+        """
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            super().start()
+        finally:
+            sys.modules["__main__"] = script
 
 
 class _Processes(SpawnContext):

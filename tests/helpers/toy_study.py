@@ -59,5 +59,7 @@ def nothing(name: str) -> None:
 
 
 if __name__ == "__main__":
+    import toy_study  # a worker imports this module by its name, not as the script
+
     with local_executor(2) as executor:
-        run_study(STUDY, Path(sys.argv[1]), executor, posing=posing, solving=slow)
+        run_study(STUDY, Path(sys.argv[1]), executor, posing=toy_study.posing, solving=toy_study.slow)

@@ -1,10 +1,34 @@
 """The processes that do the work of a study."""
 
 import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
 
 import pytest
 
 from lab.studies.executors import local_executor
+
+GUARD = 'if __name__ == "__main__":\n'
+SCRIPT = """\
+    import os
+    from lab.studies.executors import local_executor
+    with local_executor(1) as pool:
+        assert pool.submit(os.getpid).result() != os.getpid()
+    print("done")
+"""
+
+
+@pytest.mark.parametrize("started", ["unguarded", "guarded", "standard input"])
+def test_a_script_needs_no_guard(started: str, tmp_path: Path) -> None:
+    """Its processes do not run it again, so that it ends as it does with one; nothing but its own line is printed."""
+    script = tmp_path / "script.py"
+    script.write_text(GUARD + SCRIPT if started == "guarded" else textwrap.dedent(SCRIPT))
+    command = [sys.executable, *([] if started == "standard input" else [str(script)])]
+    with script.open() as text:
+        done = subprocess.run(command, stdin=text, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
 
 
 def blocked() -> bool:
