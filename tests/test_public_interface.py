@@ -15,6 +15,7 @@ import pytest
 import lab
 from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
+from lab.commands.compensate.options import CompensateOptions
 from lab.commands.registry import COMMANDS
 from lab.core.errors import LabError
 
@@ -93,6 +94,28 @@ def test_every_command_is_a_call_with_the_command_s_options() -> None:
         assert options - set(inspect.signature(call).parameters) <= {"file", "config"}, command.name
 
 
+def test_help_shows_what_is_required() -> None:
+    """Every argument without a default is needed, and a call without it is refused; no option is shown twice."""
+    required = {
+        name: [each.name for each in inspect.signature(call).parameters.values() if each.default is each.empty]
+        for name in lab.__all__
+        if isinstance(call := getattr(lab, name), FunctionType)
+    }
+    assert {name: names for name, names in required.items() if names} == {
+        "compare": ["runs"],
+        "identify": ["measurements"],
+        "import_measurements": ["points", "joints"],
+        "instrument": ["name"],
+        "load_robot": ["robot"],
+        "read_measurements": ["path"],
+        "study": ["config"],
+        "trajectory": ["points"],
+        "verify": ["run"],
+        "world_frames": ["of"],
+        "write_measurements": ["path", "measurements"],
+    }
+
+
 def test_a_name_for_a_type_checker_is_the_name_at_run_time() -> None:
     text = Path(lab.__file__).read_text(encoding="utf-8").split("__all__ =")[0]
     for module, names in lab._MODULES.items():
@@ -120,7 +143,19 @@ NO_EXAMPLE = {"import_measurements", "payload", "study"}  # they need files: the
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: lab.calibrate("irb120", pose=3), "lab.calibrate: 'pose' is no option; there are robot, cell, poses"),
+        (
+            lambda: lab.calibrate(pose=3),
+            "lab.calibrate: 'pose' is no option: is poses meant. There are robot, cell, poses",
+        ),
+        (lambda: lab.calibrate(zzz=3), "lab.calibrate: 'zzz' is no option; there are robot, cell, poses"),
+        (lambda: lab.calibrate(VirtualCampaign(), seed=3), "lab.calibrate: seed is given beside a VirtualCampaign"),
+        (lambda: lab.compensate(CompensateOptions(Path("t")), Path("run")), "run is given beside a CompensateOptions"),
+        (lambda: lab.identify("x.csv", file="y.csv"), "lab.identify: file and measurements are the same, given twice"),
+        (
+            lambda: lab.verify("run", "x.csv", file="y.csv"),
+            "lab.verify: file and measurements are the same, given twice",
+        ),
+        (lambda: lab.verify("run", file="y.csv"), "lab.verify: file is no option here; give measurements alone"),
         (lambda: lab.calibrate("irb120", poses="many"), "lab.calibrate: 'many' is no value of option 'poses'"),
         (lambda: lab.calibrate("irb121"), "robot 'irb121': no such model"),
         (lambda: lab.simulate(targets="p1"), "give a list, each a text"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
+from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, signature
 from typing import Any, TypeVar, cast, get_type_hints
@@ -29,27 +30,35 @@ def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Opti
     groups, nested = dict(_options(kind)), dict[str, Any]()
     for name, value in given.items():
         if name not in groups:
-            raise LabError(f"{call}: '{name}' is no option; there are {', '.join(groups)}")
+            meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, groups, 1))
+            raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(groups)}")
         group = groups[name][0]
         (nested.setdefault(group, {}) if group else nested)[name] = value
     return structured(call, kind, nested)
 
 
-def takes(kind: type[Any]) -> Callable[[Call], Call]:
+def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
     """A public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
 
     It runs on one BLAS thread: for small matrices more threads wait for each other, and the bits stay the same.
+
+    Args:
+        kind: of the command's options, which may also be given in one object, as the first argument and alone.
+        called: options that are arguments of the call by another name: of each its argument's name.
     """
 
     def mark(function: Call) -> Call:
+        shown = signature(function)
+
         @wraps(function)
         def call(*given: Any, **options: Any) -> Any:
+            named = dict(zip(shown.parameters, given, strict=False)) | options
+            _refuse_twice(f"lab.{function.__name__}", kind, called, named)
             with threadpool_limits(1):
                 return function(*given, **options)
 
-        shown = signature(function)
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
-        taken = {each.name for each in own}
+        taken = {*called, *(each.name for each in own)}
         more = [
             Parameter(name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=hint)
             for name, (_, field, hint) in _options(kind)
@@ -59,6 +68,19 @@ def takes(kind: type[Any]) -> Callable[[Call], Call]:
         return cast(Call, call)
 
     return mark
+
+
+def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: Mapping[str, Any]) -> None:
+    """Refuse what the call would pass over: an argument by another name, or one beside all options in one object."""
+    if wrong := [name for name in given if name in called]:
+        right = called[wrong[0]]
+        twice = (
+            f"{wrong[0]} and {right} are the same, given twice" if right in given else f"{wrong[0]} is no option here"
+        )
+        raise LabError(f"{call}: {twice}; give {right} alone")
+    beside = [name for name, value in given.items() if not isinstance(value, kind)]
+    if beside and len(beside) < len(given):
+        raise LabError(f"{call}: {beside[0]} is given beside a {kind.__name__}, which holds all options; set it there")
 
 
 def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:

@@ -140,7 +140,7 @@ def _judged_by_fresh(day: MeasuringDay, fitter: Fitter, fit: FitReport) -> Valid
     return replace(found, judged_by="fresh", warnings=tuple(said))
 
 
-@takes(MeasuredCampaign)
+@takes(MeasuredCampaign, file="measurements")
 def identify(
     measurements: str | Path | Measurements | MeasuredCampaign, robot: str | Path | Robot = "irb120", **options: Any
 ) -> CalibrationResult:

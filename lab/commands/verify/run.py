@@ -52,7 +52,7 @@ _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
 
-@takes(VerifyOptions)
+@takes(VerifyOptions, file="measurements")
 def verify(
     run: "str | Path | CalibrationResult | VerifyOptions",
     measurements: str | Path | Measurements | None = None,
