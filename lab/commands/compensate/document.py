@@ -87,8 +87,8 @@ def _lead(result: CompensationResult) -> str:
     text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
     if expected is not None:
         text += f"; the error to expect there is {short(expected)} mm"
-    validation = result.validation_mm
-    return text + ("." if validation is None else f" (at the run's validation poses it was {short(validation)} mm).")
+    after = result.run.result.after_mm
+    return text + ("." if after is None else f" (at the run's validation poses it was {short(after['mean'])} mm).")
 
 
 def _totals(result: CompensationResult) -> tuple[Block, ...]:
@@ -96,7 +96,7 @@ def _totals(result: CompensationResult) -> tuple[Block, ...]:
         ("moved by, mm", *map(short, result.mean_and_max_mm(result.correction_m))),
         ("expected error, mm", *map(short, result.mean_and_max_mm(result.predicted_m))),
     )
-    apart = result.scheme_disagreement_mm
+    _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
     schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "
     note = Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
     return Table(("", "mean", "largest"), rows), note

@@ -22,7 +22,6 @@ from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.result import Result
 from lab.commands.run_folder import config, write_json
 from lab.commands.stops import Stops, joint_columns
-from lab.commands.values import number
 from lab.compensation.compensator import Compensation
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
@@ -187,16 +186,6 @@ class CompensationResult(Result):
         """The model's groups, joined by +."""
         return "+".join(("geometric", *self.run.groups))
 
-    @property
-    def validation_mm(self) -> float | None:
-        """The mean error (mm) at the run's validation poses; None where it has none."""
-        return None if (after := self.run.result.after_mm) is None else after["mean"]
-
-    @property
-    def scheme_disagreement_mm(self) -> float | None:
-        """How far apart the schemes end at most (mm); None where no target is reached."""
-        return number(1e3 * self.found.scheme_disagreement_m[self.reached].max()) if len(self.reached) else None
-
     def mean_and_max_mm(self, lengths: Array) -> tuple[float | None, float | None]:
         """Mean and largest (mm) of lengths ``(n,)`` (m) over the targets that are reached; None without any."""
         values = 1e3 * lengths[self.reached]
@@ -228,8 +217,8 @@ class CompensationResult(Result):
             "stops": self.stops.rows(chain),
             "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
             "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
-            "judged_mm": self.validation_mm,
-            "schemes_apart_mm": self.scheme_disagreement_mm,
+            "judged_mm": None if (after := self.run.result.after_mm) is None else after["mean"],
+            "schemes_apart_mm": self.mean_and_max_mm(self.found.scheme_disagreement_m)[1],
             "extrapolated": {
                 "share": self._extrapolated_share,
                 "ids": [self.targets.ids[i] for i in np.flatnonzero(self._extrapolated)],
