@@ -22,6 +22,7 @@ TYPE_CHECKING = False  # as type checkers read it; importing typing would take l
 if TYPE_CHECKING:
     from typing import Any
 
+    from lab.campaign.instruments import instrument
     from lab.campaign.robot import Robot, load_robot
     from lab.commands.calibrate.result import CalibrationResult
     from lab.commands.calibrate.run import calibrate, identify
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from lab.commands.verify.result import VerificationResult
     from lab.commands.verify.run import verify
     from lab.core.errors import LabError
-    from lab.core.instruments import Instrument, instrument
+    from lab.core.instruments import Instrument
     from lab.core.measurements import Measurements
     from lab.formats.target_csv import Targets
 
@@ -89,6 +90,7 @@ __all__ = [
 ]
 
 _MODULES = {  # where each name is, imported when it is asked for
+    "lab.campaign.instruments": ("instrument",),
     "lab.campaign.robot": ("Robot", "load_robot"),
     "lab.commands.calibrate.result": ("CalibrationResult",),
     "lab.commands.calibrate.run": ("calibrate", "identify"),
@@ -113,7 +115,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.verify.result": ("VerificationResult",),
     "lab.commands.verify.run": ("verify",),
     "lab.core.errors": ("LabError",),
-    "lab.core.instruments": ("Instrument", "instrument"),
+    "lab.core.instruments": ("Instrument",),
     "lab.core.measurements": ("Measurements",),
     "lab.formats.target_csv": ("Targets",),
 }

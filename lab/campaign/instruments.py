@@ -2,10 +2,29 @@
 
 from pathlib import Path
 
-from lab.core.instruments import INSTRUMENTS, Instrument, instrument
+from lab.core import instruments
+from lab.core.errors import LabError
+from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.formats.instrument_toml import read_instrument
 
-__all__ = ["named_instrument"]
+__all__ = ["instrument", "name_of", "named_instrument"]
+
+
+def instrument(name: str | Path | Instrument) -> Instrument:
+    """An instrument's noise model, and where it sees: by a name or a file, as every call takes it.
+
+    Args:
+        name: of a preset; or the path of a TOML file that describes a tracker; an instrument stays as it is.
+
+    Raises:
+        LabError: there is no such preset (the message lists those there are), or the file describes no tracker.
+
+    Example:
+        >>> import lab
+        >>> lab.instrument("leica-at960").kind
+        'spherical'
+    """
+    return name if isinstance(name, Instrument) else named_instrument(str(name))
 
 
 def named_instrument(name: str) -> Instrument:
@@ -15,5 +34,22 @@ def named_instrument(name: str) -> Instrument:
         LabError: there is neither, or the file describes none.
     """
     if name in INSTRUMENTS or not name.endswith(".toml"):
-        return instrument(name)
+        return instruments.instrument(name)
     return read_instrument(Path(name))
+
+
+def name_of(device: str | Path | Instrument) -> str:
+    """The name or the path by which an instrument is named in options, and read again with a run.
+
+    Raises:
+        LabError: it is neither a preset nor as a file describes it, so that a run could not name it.
+    """
+    if not isinstance(device, Instrument):
+        return str(device)
+    for name in (device.name, device.source):
+        if name and (name in INSTRUMENTS or name == device.source) and named_instrument(name) == device:
+            return name
+    raise LabError(
+        f"instrument {device.name} is neither a preset nor as a file describes it, so no run can name it; describe it "
+        "in a TOML file, and give its path"
+    )

@@ -5,6 +5,7 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, signature
+from pathlib import Path
 from typing import Any, TypeVar, cast, get_type_hints
 
 from threadpoolctl import threadpool_limits
@@ -33,6 +34,8 @@ def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Opti
             meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, groups, 1))
             raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(groups)}")
         group = groups[name][0]
+        if name == "instrument" and value is not None:
+            value = _name_of_instrument(value)
         (nested.setdefault(group, {}) if group else nested)[name] = value
     return structured(call, kind, nested)
 
@@ -68,6 +71,13 @@ def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
         return cast(Call, call)
 
     return mark
+
+
+def _name_of_instrument(given: Any) -> Any:
+    """The name of an instrument given as an object or a path; anything else as it is."""
+    from lab.campaign.instruments import Instrument, name_of  # what most commands do without
+
+    return name_of(given) if isinstance(given, Path | Instrument) else given
 
 
 def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: Mapping[str, Any]) -> None:

@@ -66,7 +66,8 @@ class Instrument:
     line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
     first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``line-cameras`` are a
     ``LineCameras``. ``field_of_view`` is where it sees a target at all. ``errors`` says how well its systematic errors
-    are known; they are zero unless stated.
+    are known; they are zero unless stated. ``source`` is the path of the file that describes it, "" where there is
+    none.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Instrument:
     transverse_per_m: float = 0.0
     field_of_view: FieldOfView = field(default_factory=FieldOfView)
     errors: TrackerErrors = field(default_factory=TrackerErrors)
+    source: str = ""
 
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
         """Noisy positions of ``points`` ``(..., 3)`` (m), each the mean of some readings."""
@@ -272,11 +274,6 @@ def instrument(name: str) -> Instrument:
 
     Raises:
         LabError: there is no such preset; the message lists those there are.
-
-    Example:
-        >>> import lab
-        >>> lab.instrument("leica-at960").kind
-        'spherical'
     """
     if name not in INSTRUMENTS:
         raise LabError(f"instrument '{name}' is unknown: choose one of {', '.join(INSTRUMENTS)}")

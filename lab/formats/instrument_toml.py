@@ -124,6 +124,7 @@ def read_instrument(path: Path) -> Instrument:
         noise.transverse_um_per_m * _MICRO,
         view.field_of_view,
         _errors(path, content.get("systematic", {})),
+        str(path),
     )
 
 
