@@ -1,10 +1,12 @@
 """Measurements read and written, and the frame that they are in."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from lab.campaign.observation_kinds import kind_named
 from lab.campaign.robot import Robot, load_robot
+from lab.commands.calibrate.measured_rows import robot_of
 from lab.commands.calibrate.simulate import MeasuringDay
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -33,7 +35,7 @@ def read_measurements(
 
     Args:
         path: the CSV file.
-        robot: whose joints its columns are: a name, a path, or a loaded robot.
+        robot: whose joints its columns are: a name, a path, or a loaded robot. The measurements remember it.
         observe: which of its columns are the measurements: ``points``, ``pose``, ``cable``, ``socket`` or ``plane``.
 
     Raises:
@@ -47,21 +49,24 @@ def read_measurements(
         >>> len(lab.read_measurements(file, "irb120"))
         12
     """
-    chain = load_robot(robot).chain
-    columns = kind_named(observe).columns
-    return measurement_csv.read_measurements(Path(path), chain.joint_names, chain.prismatic, columns=columns)
+    known, columns = load_robot(robot), kind_named(observe).columns
+    chain = known.chain
+    read = measurement_csv.read_measurements(Path(path), chain.joint_names, chain.prismatic, columns=columns)
+    return replace(read, robot=known.source)
 
 
-def write_measurements(path: str | Path, measurements: Measurements, robot: str | Path | Robot = "irb120") -> None:
+def write_measurements(path: str | Path, measurements: Measurements, robot: str | Path | Robot | None = None) -> None:
     """Write measurements as the CSV that ``lab identify`` reads back the same: joints in rad (m of a slide).
 
     Args:
         path: the file, which is replaced.
         measurements: points in any one frame, in which they are written.
-        robot: whose joints are measured: a name, a path, or a loaded robot.
+        robot: whose joints are measured, which says which of them slide: a name, a path, or a loaded robot; by default
+            the one that the measurements name.
 
     Raises:
-        LabError: the file cannot be written.
+        LabError: the measurements name no robot and none is given, its joints are others, or the file cannot be
+            written.
 
     Example:
         >>> import lab, pathlib, tempfile
@@ -71,8 +76,9 @@ def write_measurements(path: str | Path, measurements: Measurements, robot: str 
         >>> file.read_text().partition(",")[0]
         'q1_rad'
     """
+    known = robot_of("lab.write_measurements", measurements, robot)
     try:
-        measurement_csv.write_measurements(Path(path), measurements, load_robot(robot).chain.prismatic)
+        measurement_csv.write_measurements(Path(path), measurements, known.chain.prismatic)
     except OSError as error:
         raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
 

@@ -90,6 +90,7 @@ class Measurements:
         conditions: what else was set or read at a pose, ``(n,)`` each, NaN where not given, by the name of
             its column: ``payload_kg``, ``temp_C``, ``time_s``, ``cable_mm``, ``approach_<joint>``.
         visits: the order of the rows among all that were measured together; None where these rows are all.
+        robot: the name or path of the robot whose joints they are, "" where that is not known.
     """
 
     joint_names: tuple[str, ...]
@@ -106,6 +107,7 @@ class Measurements:
     lines: tuple[int, ...] = ()
     conditions: Mapping[str, Array] = field(default_factory=dict)
     visits: Visits | None = None
+    robot: str = ""
 
     def __post_init__(self) -> None:
         n, k = len(self.joints), len(self.targets)

@@ -24,7 +24,6 @@ from lab.calibration.validation import (
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import kind_named
 from lab.campaign.observed_truth import truth_as_observed
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
@@ -34,20 +33,20 @@ from lab.campaign.virtual_robot import (
 from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.joint_signs import of_joint_signs
+from lab.commands.calibrate.measured_rows import read_rows, robot_of
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, points_in_another_scale, without_copies
+from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, points_in_another_scale
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.commands.calibrate.warnings import of_limits, of_several_sessions, of_validation_beyond
 from lab.commands.keywords import options_of, takes
-from lab.commands.payload.known_payload import HandLoad, carrying
+from lab.commands.payload.known_payload import carrying
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.progress import Progress
 from lab.core.se3 import Array
 from lab.core.wording import be
-from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.render.progress import Stage, status
@@ -64,7 +63,7 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``, ``model`` and
-            so on.
+            so on; ``instrument`` may be a name, a file, or an ``Instrument``.
 
     Returns:
         The identified parameters, with base and points in the instrument's frame, and how well they predict.
@@ -142,22 +141,26 @@ def _judged_by_fresh(day: MeasuringDay, fitter: Fitter, fit: FitReport) -> Valid
 
 @takes(MeasuredCampaign, file="measurements")
 def identify(
-    measurements: str | Path | Measurements | MeasuredCampaign, robot: str | Path | Robot = "irb120", **options: Any
+    measurements: str | Path | Measurements | MeasuredCampaign,
+    robot: str | Path | Robot | None = None,
+    **options: Any,
 ) -> CalibrationResult:
     """Identify a robot from measurements, and validate it: on held-out poses, another file, or by cross-validation.
 
     Args:
         measurements: a CSV file, or measurements in memory (joint positions in rad or m, points in m in any one
             frame); or all options in one object.
-        robot: the nominal model: a name, a path, or a loaded robot.
+        robot: the nominal model: a name, a path, or a loaded robot; by default the one that measurements in memory
+            name, and of a file ``irb120``.
         options: those of ``lab identify``, by name: ``instrument``, ``noise_mm``, ``holdout``, ``model`` and so on;
-            ``validate`` may be measurements in memory, too.
+            ``validate`` may be measurements in memory, too, and ``instrument`` an ``Instrument``.
 
     Returns:
         The identified parameters, with base and points in the frame of the measurements, and how well they predict.
 
     Raises:
-        LabError: an option or the file cannot be used; the message says where, and what is valid.
+        LabError: an option or the file cannot be used, or measurements in memory name no robot, have other joints than
+            the robot, or points in another unit; the message says where, and what is valid.
 
     Example:
         >>> import lab
@@ -169,7 +172,9 @@ def identify(
     if isinstance(measurements, MeasuredCampaign):
         with status("identifying") as stage:
             return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell), stage)
-    known, given = load_robot(robot), {}
+    if isinstance(measurements, Measurements):
+        robot = robot_of("lab.identify", measurements, robot)
+    known, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
     for option, value in named.items():
         if isinstance(value, Measurements):
@@ -187,11 +192,11 @@ def _of_measurements(
     options.check()
     stage("1 of 3, reading the measurements")
     robot, load = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
-    read = _read(robot, options.file, options, load, given.get("file"))
+    read = read_rows(robot, options.file, options, load, given.get("file"))
     other = (
         None
         if options.validate is None
-        else _visible(_read(robot, options.validate, options, load, given.get("validate")))
+        else _visible(read_rows(robot, options.validate, options, load, given.get("validate")))
     )
     with error_context(options.file):
         fitter = _fitter(robot, read, options)
@@ -304,19 +309,6 @@ def _fitter(robot: Robot, data: Measurements, options: MeasuredCampaign) -> Fitt
     arm = robot.arm(targets)
     data = kind.with_sessions(arm, data, arm.nominal(robot.tool))
     return Fitter(robot, targets, data, kind, noise, options.fitting, options.seed)
-
-
-def _read(
-    robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None = None
-) -> Measurements:
-    """The rows of a file, or those given, with what the robot carries there."""
-    chain, read = robot.chain, given
-    if read is None:
-        columns = kind_named(options.observe).columns
-        read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
-    robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
-    read = without_copies(path, read) if options.observe in ("points", "pose") else read
-    return read if load is None else load.weighed(read)
 
 
 def _impossible(what: str, data: Measurements) -> list[str]:

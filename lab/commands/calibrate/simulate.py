@@ -45,7 +45,8 @@ class MeasuringDay:
     @property
     def validation(self) -> Measurements:
         """Exact points (m, in the instrument's frame) at 1,000 random poses that were not measured."""
-        return fresh_poses(self.true_robot, self.options, asked_conditions(self.robot, self.options))
+        fresh = fresh_poses(self.true_robot, self.options, asked_conditions(self.robot, self.options))
+        return replace(fresh, robot=self.robot.source)
 
     def __repr__(self) -> str:
         rows = len(self.measurements)
@@ -111,5 +112,5 @@ def measuring_day(options: VirtualCampaign, robot: Robot) -> tuple[MeasuringDay,
     noise = rng_for(options.seed, "noise")
     found = measure(real, joints, options.targets, device, noise, options.readings, conditions, setup)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
-    day = MeasuringDay(options, robot, replace(found.measurements, warnings=notes), real, named)
+    day = MeasuringDay(options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named)
     return day, found.placed

@@ -77,6 +77,7 @@ def _measurements(options: ImportOptions, robot: Robot, seen: TrackerPoints, fou
     return replace(
         data,
         ids=_unique([f"{options.station or ''} {pose.name}".strip() for pose in found.poses]),
+        robot=robot.source,
         sigma_m=np.sqrt(_mean(rows, seen.sigma_m**2)),
         conditions={name: values for name, values in conditions.items() if np.isfinite(values).any()},
         other=other,

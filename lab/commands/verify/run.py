@@ -22,6 +22,7 @@ from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.measured_rows import checked
 from lab.commands.calibrate.plausibility import noise_beyond, without_copies
 from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.keywords import options_of, takes
@@ -109,7 +110,10 @@ def _tested(
     """The test, of a file unless measurements are given."""
     chain = calibrated.robot.chain
     stage("1 of 2, reading the measurements")
-    read = read_measurements(options.file, chain.joint_names, chain.prismatic) if given is None else given
+    if given is None:
+        read = read_measurements(options.file, chain.joint_names, chain.prismatic)
+    else:
+        read = checked("measurements in memory", given, calibrated.robot)
     if calibrated.load is not None and "payload_kg" in calibrated.arm.conditions:
         read = calibrated.load.weighed(read)
     read = without_copies(Path(options.file), read)

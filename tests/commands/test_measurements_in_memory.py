@@ -1,0 +1,80 @@
+"""Measurements in memory: the robot follows from them or is asked for, and points in another unit are refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import lab
+from lab.core.measurements import Measurements, measured
+
+
+@pytest.fixture(scope="module")
+def days() -> dict[str, Measurements]:
+    return {name: lab.simulate(name, poses=30, seed=3).measurements for name in ("irb120", "rx130", "versatran")}
+
+
+def of_nobody(data: Measurements) -> Measurements:
+    """The same as a program has them that made them itself: it knows no more than arrays."""
+    return measured(data.joint_names, data.joints, data.targets, data.points)
+
+
+@pytest.mark.parametrize("robot", ["rx130", "versatran"])
+def test_identify_takes_the_robot_that_was_measured(days: dict[str, Measurements], robot: str) -> None:
+    found = lab.identify(days[robot].take(range(29)), instrument="uniform-8um")
+    assert found.to_dict()["robot"] == robot and found.to_dict()["after_mm"]["mean"] < 0.1
+    assert found.measurements.robot == robot
+
+
+def test_identify_asks_for_a_robot_that_nobody_names(days: dict[str, Measurements]) -> None:
+    data = of_nobody(days["rx130"])
+    with pytest.raises(
+        lab.LabError, match=r"^lab.identify: the measurements do not say of which robot .*; give robot="
+    ):
+        lab.identify(data)
+    assert lab.identify(data, "rx130").to_dict()["after_mm"]["mean"] < 0.1
+
+
+@pytest.mark.parametrize("robot", ["scara", "hexapod", "irb120"])
+def test_another_robot_is_refused(days: dict[str, Measurements], robot: str, tmp_path) -> None:
+    """By the number of its joints, their names, or what kind they are."""
+    for call in (lab.identify, lambda data, robot: lab.write_measurements(tmp_path / "day.csv", data, robot)):
+        with pytest.raises(lab.LabError, match=r"take the right robot$") as caught:
+            call(days["versatran"], robot)
+        assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
+
+
+def test_slides_are_written_as_lengths(days: dict[str, Measurements], tmp_path) -> None:
+    file, data = tmp_path / "day.csv", days["versatran"]
+    lab.write_measurements(file, data)
+    assert file.read_text().startswith("q1_rad,q2_mm,q3_mm,q4_rad")
+    read = lab.read_measurements(file, "versatran")
+    assert read.robot == "versatran" and (read.joints == data.joints).all()
+    with pytest.raises(lab.LabError, match=r"^lab.write_measurements: the measurements do not say of which robot"):
+        lab.write_measurements(file, of_nobody(data))
+    before = file.read_bytes()
+    lab.write_measurements(file, of_nobody(data), "versatran")
+    assert file.read_bytes() == before
+
+
+def test_points_in_millimetres_are_refused(days: dict[str, Measurements]) -> None:
+    data = days["irb120"]
+    result = lab.identify(data, instrument="uniform-8um")
+    in_mm = replace(data, points=1e3 * data.points)
+    for call in (
+        lambda: lab.identify(in_mm),
+        lambda: lab.identify(data, validate=in_mm),
+        lambda: lab.verify(result, in_mm),
+    ):
+        with pytest.raises(lab.LabError, match=r"memory: the points spread (1,0|9)\d\d? times as far") as caught:
+            call()
+        assert "points in memory are in m: divide them by 1000" in str(caught.value)
+    assert lab.verify(result, data).good
+
+
+def test_a_frame_that_is_far_away_is_no_other_unit(days: dict[str, Measurements]) -> None:
+    """Points are compared by how they spread in each session and from each station, not by where they are."""
+    data, half = days["irb120"], np.arange(30) < 15
+    away = np.where(half[:, None, None], [0.0, 0, 0], [900.0, 0, 0])
+    apart = replace(data, points=data.points + away, other={"station": tuple(np.where(half, "A", "B").tolist())})
+    assert lab.identify(apart, instrument="uniform-8um").to_dict()["after_mm"]["mean"] < 0.1
