@@ -23,6 +23,8 @@ __all__ = ["study"]
 def study(config: str | Path | Study | StudyOptions, **options: Any) -> StudyResult:
     """Run a study of many simulated calibrations into a folder, or go on with one that stopped.
 
+    Its processes do not import the calling script, which needs no ``if __name__ == "__main__"``.
+
     Args:
         config: the study: a TOML file, or one in memory; or all options in one object.
         options: those of ``lab study``, by name: ``out``, ``resume``, ``workers``, ``scheduler``.
