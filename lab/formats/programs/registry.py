@@ -140,10 +140,7 @@ def read_program(
     if why := language.refusal(joints):
         raise LabError(f"{path}: {why}")
     with error_context(path):
-        try:
-            read = language.read(text, outside)
-        except RecursionError as error:
-            raise LabError("brackets nest deeper than any program's; mend the text") from error
+        read = language.read(text, outside)
         if not read.targets:
             said = (
                 f"line {read.uncorrected[0].line}: {read.uncorrected[0].reason}"

@@ -3,37 +3,45 @@
 import re
 from typing import TypeAlias
 
+from lab.core.errors import LabError
+from lab.core.limits import DEPTH
 from lab.formats.programs.reading.numbers import NUMBER, Number
 
-__all__ = ["Value", "arguments", "numbers_in", "read_value"]
+__all__ = ["Value", "arguments", "closing", "numbers_in", "read_value"]
 
 Value: TypeAlias = "Number | str | list[Value]"
-_TOKEN = re.compile(rf'\s*(?:(?P<number>{NUMBER})|(?P<word>"[^"]*"|[A-Za-z_]\w*)|(?P<mark>[\[\],]))')
+_TOKEN = re.compile(rf'\s*(?:(?P<number>{NUMBER})|(?P<word>"[^"]*"|[A-Za-z_]\w*)|(?P<open>\[))')
+_MARK = re.compile(r"\s*([\],])")
+_BRACKET = re.compile(r"[\[({\])}]")
+_BRACKET_OR_COMMA = re.compile(r"[\[({\])},]")
 
 
 def read_value(text: str, start: int) -> tuple[Value, int] | None:
-    """The value that begins at a character, and where it ends; None where anything else than values is in it."""
-    found = _TOKEN.match(text, start)
-    if not found:
-        return None
-    if found["number"]:
-        return Number(found.start("number"), found["number"]), found.end()
-    if found["word"]:
-        return found["word"], found.end()
-    if found["mark"] != "[":
-        return None
-    values, at = list[Value](), found.end()
-    while True:
-        part = read_value(text, at)
-        if part is None:
-            return None
-        values.append(part[0])
-        mark = _TOKEN.match(text, part[1])
-        if not mark or mark["mark"] not in ("]", ","):
-            return None
-        at = mark.end()
-        if mark["mark"] == "]":
-            return values, at
+    """The value that begins at a character, and where it ends; None where anything else than values is in it.
+
+    Raises:
+        LabError: its brackets nest too deeply.
+    """
+    lists, at = list[list[Value]](), start
+    while found := _TOKEN.match(text, at):
+        kind, at = found.lastgroup, found.end()
+        if kind == "open":
+            lists.append([])
+            _refuse_deep(len(lists))
+            continue
+        value: Value = found["word"] if kind == "word" else Number(found.start("number"), found["number"])
+        while lists:
+            lists[-1].append(value)
+            mark = _MARK.match(text, at)
+            if not mark:
+                return None
+            at = mark.end()
+            if mark[1] == ",":
+                break
+            value = lists.pop()
+        else:
+            return value, at
+    return None
 
 
 def numbers_in(value: Value, count: int) -> tuple[Number, ...] | None:
@@ -47,10 +55,31 @@ def numbers_in(value: Value, count: int) -> tuple[Number, ...] | None:
 def arguments(text: str, start: int, end: int) -> list[tuple[int, str]]:
     """What is between two characters, parted at the commas that are in no brackets: where each begins, and its text."""
     parts, depth, begun = list[tuple[int, str]](), 0, start
-    for at in range(start, end):
-        depth += (text[at] in "[({") - (text[at] in "])}")
-        if text[at] == "," and not depth:
-            parts.append((begun, text[begun:at]))
-            begun = at + 1
+    for found in _BRACKET_OR_COMMA.finditer(text, start, end):
+        if found[0] != ",":
+            depth += 1 if found[0] in "[({" else -1
+        elif not depth:
+            parts.append((begun, text[begun : found.start()]))
+            begun = found.end()
     parts.append((begun, text[begun:end]))
     return [(at + len(part) - len(part.lstrip()), part.strip()) for at, part in parts]
+
+
+def closing(text: str, start: int) -> int | None:
+    """Where the bracket closes that is open at a character; None where it does not.
+
+    Raises:
+        LabError: brackets nest too deeply in it.
+    """
+    depth = 1
+    for found in _BRACKET.finditer(text, start):
+        depth += 1 if found[0] in "[({" else -1
+        if not depth:
+            return found.start()
+        _refuse_deep(depth)
+    return None
+
+
+def _refuse_deep(depth: int) -> None:
+    if depth > DEPTH.most:
+        raise LabError(f"brackets nest deeper than any program's ({DEPTH.shown} levels); mend the text")

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.reading.numbers import NUMBER, Number, line_of, masked
+from lab.formats.programs.reading.numbers import NUMBER, Number, line_of, masked, whole_number
 from lab.formats.programs.reading.program_text import (
     Allowed,
     Motion,
-    Move,
     Outside,
     ProgramReader,
     ProgramText,
@@ -30,13 +29,14 @@ from lab.formats.programs.reading.spelling import FIXED_XYZ
 
 __all__ = ["read_fanuc"]
 
-_POSITION = re.compile(r'\bP\[(\d+)(?:\s*:\s*"[^"\r\n]*")?\s*\]\s*\{(.*?)\}\s*;', re.DOTALL)
+_POSITION = re.compile(r'\bP\[(\d+)(?:\s*:\s*"[^"\r\n]*")?\s*\]\s*\{(.*?)(?:\}\s*;|(\Z))', re.DOTALL)
 _GROUP = re.compile(r"\bGP(\d+)\s*:(.*?)(?=\bGP\d+\s*:|\Z)", re.DOTALL)
 _FIELD = re.compile(rf"\b(X|Y|Z|W|P|R|J[1-6])\s*=\s*({NUMBER})\s*(?:mm|deg)")
-_CONFIG = re.compile(r"CONFIG\s*:\s*'\s*(?:\w\s*,?\s*)*?([TB])\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)")
+_CONFIG = re.compile(r"CONFIG\s*:\s*'\s*(?:\w\s*(?:,\s*)?)*?([TB])\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)")
 _FRAMES = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
-_MOVE = re.compile(r"^\s*\d*:\s*([JLCAS])\s+(P|PR)\[([^\]]*)\]([^;]*)", re.MULTILINE)
-_SECOND = re.compile(r"^\s*(?:\d*:)?\s*:\s*(P|PR)\[([^\]]*)\]([^;]*)", re.MULTILINE)
+_REACHED = r"(P|PR)\[(?:([^\]]*)\]([^;]*)|[^\]]*\Z)"  # the last where no bracket closes any more
+_MOVE = re.compile(rf"^[^\S\n]*\d*:\s*([JLCAS])\s+{_REACHED}", re.MULTILINE)
+_SECOND = re.compile(rf"^[^\S\n]*(?:\d*:\s*)?:\s*{_REACHED}", re.MULTILINE)
 _PLACE, _JOINTS = tuple("XYZWPR"), tuple(f"J{i}" for i in range(1, 7))
 _SLACK_RAD = np.deg2rad(0.05)
 
@@ -46,8 +46,8 @@ class _Reader(ProgramReader):
     """A listing being read."""
 
     code: str
-    reached: dict[int, list[tuple[int, Motion]]] = field(default_factory=dict)
-    relative: set[int] = field(default_factory=set)
+    reached: dict[str, list[tuple[int, Motion]]] = field(default_factory=dict)
+    relative: set[str] = field(default_factory=set)
 
     def read(self) -> ProgramText:
         frames = {name: np.eye(4) for name in ("UFRAME[0]", "UTOOL[0]")} | self.outside.posed(FIXED_XYZ)
@@ -56,31 +56,30 @@ class _Reader(ProgramReader):
             self._move(found[1], found[2], found[3], found[4], found.start(1))
         for found in _SECOND.finditer(self.code, 0, len(self.code) if end < 0 else end):
             self._move("C", found[1], found[2], found[3], found.start(1))
-        targets, moves = list[TargetText](), list[Move]()
         for found in _POSITION.finditer(self.code, max(end, 0)):
-            target = self._target(int(found[1]), found[2], found.start(2))
+            number = whole_number(found[1])
+            target = self._target(number, found[2], found.start(2)) if found[3] is None else None
             if target is not None:
-                made = self.reached.get(int(found[1]), [])
-                moves += [Move(line, len(targets), how) for line, how in made]
-                targets.append(target)
-        moves.sort(key=lambda move: move.line)
-        return ProgramText(tuple(targets), tuple(moves), frames, tuple(self.uncorrected))
+                self._add(target, self.reached.get(number, ()))
+        return self._read(frames)
 
-    def _move(self, kind: str, what: str, number: str, options: str, at: int) -> None:
+    def _move(self, kind: str, what: str, number: str | None, options: str, at: int) -> None:
+        if number is None:
+            return
         name, plain = f"{what}[{number}]", re.match(r"\s*(\d+)\s*(?::|$)", number)
         if what == "PR" or not plain:
             self._leave(at, f"{name} is a register, or numbered by one: it is computed")
             return
         if re.search(r"\bINC\b", options):
-            self.relative.add(int(plain[1]))
+            self.relative.add(whole_number(plain[1]))
             self._leave(at, f"{name} is relative (INC): it stays")
             return
         if offset := re.search(r"\b(Offset|Tool_Offset|VOFFSET|SOFT_FLOAT|COORD)\b", options, re.IGNORECASE):
             self._leave(at, f"{name} is moved with {offset[1]}, which stays; the position itself is corrected")
         motion: Motion = "joints" if kind == "J" else "line"
-        self.reached.setdefault(int(plain[1]), []).append((line_of(self.text, at), motion))
+        self.reached.setdefault(whole_number(plain[1]), []).append((line_of(self.text, at), motion))
 
-    def _target(self, number: int, content: str, at: int) -> TargetText | None:
+    def _target(self, number: str, content: str, at: int) -> TargetText | None:
         group = next((each for each in _GROUP.finditer(content) if each[1] == "1"), None)
         name, line = f"P[{number}]", line_of(self.text, at)
         if number in self.relative:

@@ -9,6 +9,7 @@ HW0481924, section 4.1, and DX100 HW0482494; which half of joint 4 is the flippe
 
 import re
 from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,10 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.reading.numbers import NUMBER, Number, line_of
+from lab.formats.programs.reading.numbers import NUMBER, Number, line_of, whole_number
 from lab.formats.programs.reading.program_text import (
     Allowed,
     Motion,
-    Move,
     Outside,
     ProgramReader,
     ProgramText,
@@ -31,7 +31,9 @@ from lab.formats.programs.reading.spelling import FIXED_XYZ
 __all__ = ["read_jbi"]
 
 _LINE = re.compile(r"[^\r\n]+")
-_POSITION = re.compile(r"^(C|P)(\d+)\s*=\s*(.*?)\s*$")
+_POSITION = re.compile(r"^(C|P)(\d+)\s*=\s*(.*)$")
+_PSEUDO = re.compile(r"^///?/?(\w+)\s*(.*)$")
+_SIX_OR_MORE = re.compile(rf"{NUMBER}(?:\s*,\s*{NUMBER}){{5,}}")
 _MOVE = re.compile(r"^\s*\+?(MOV[JLCS]|IMOV|REFP|SMOVL?)\s+(?:\d+\s+)?((?:C|P|LP)(?:\d+|\[\w+\]))?")
 _SHIFTED = re.compile(r"^\s*(SFTON|MFRAME|SFTOF)\b")
 _SLACK_RAD = np.deg2rad(0.05)
@@ -42,55 +44,57 @@ _QUARTER = np.pi / 2
 class _Reader(ProgramReader):
     """A job being read, line by line."""
 
-    targets: dict[str, TargetText] = field(default_factory=dict)
-    moves: list[tuple[int, str, Motion]] = field(default_factory=list)
+    positions: dict[str, TargetText] = field(default_factory=dict)
+    reached: dict[str, list[tuple[int, Motion]]] = field(default_factory=dict)
     relative: set[str] = field(default_factory=set)
     state: dict[str, str] = field(default_factory=dict)
+    allowed: Allowed | None = None
 
     def read(self) -> ProgramText:
         frames = {name: np.eye(4) for name in ("ROBOT", "TOOL[0]")} | self.outside.posed(FIXED_XYZ)
         for found in _LINE.finditer(self.text):
             line = found[0]
-            if pseudo := re.match(r"^///?/?(\w+)\s*(.*?)\s*$", line):
-                self._pseudo(pseudo[1], pseudo[2])
+            if pseudo := _PSEUDO.match(line):
+                self._pseudo(pseudo[1], pseudo[2].rstrip())
             elif position := _POSITION.match(line):
                 self._position(position, found.start())
             elif not line.lstrip().startswith("'"):
                 self._instruction(line, found.start())
-        for name in self.relative:
-            self.targets.pop(name, None)
-        order = list(self.targets)
-        moves = tuple(Move(line, order.index(name), how) for line, name, how in self.moves if name in self.targets)
-        return ProgramText(tuple(self.targets.values()), moves, frames, tuple(self.uncorrected))
+        for name, target in self.positions.items():
+            if name not in self.relative:
+                self._add(target, self.reached.get(name, ()))
+        return self._read(frames)
 
     def _pseudo(self, key: str, value: str) -> None:
         """What holds for the positions that follow."""
         if key in ("PULSE", "RECTAN"):
             self.state["form"] = key
-        elif key in ("TOOL", "USER", "POSTYPE", "RCONF"):
+        elif key == "POSTYPE":
             self.state[key] = value
+        elif key in ("TOOL", "USER"):
+            self.state[key] = f"{key}[{_numbered(value)}]"
+        elif key == "RCONF":
+            self.allowed = _allowed(value)
 
     def _position(self, found: "re.Match[str]", at: int) -> None:
         kind, name, begin = self.state.get("POSTYPE", ""), found[1] + found[2], at + found.start(3)
-        numbers = tuple(Number(begin + each.start(), each[0]) for each in re.finditer(NUMBER, found[3]))
+        first = islice(re.finditer(NUMBER, found[3]), 6)
+        numbers = tuple(Number(begin + each.start(), each[0]) for each in first)
         line = line_of(self.text, at)
-        if len(numbers) < 6 or not re.fullmatch(rf"\s*{NUMBER}(?:\s*,\s*{NUMBER})*", found[3]):
+        if not _SIX_OR_MORE.fullmatch(found[3].rstrip()):
             self._leave(at, f"{name} has not six numbers")
         elif self.state.get("form") == "PULSE" or kind == "PULSE":
             per_deg = self.outside.pulses_per_deg
             if not per_deg:
                 raise LabError(f"line {line}: {name} is in pulses; give --pulses-per-deg S,L,U,R,B,T of the controller")
             per_rad = tuple(np.rad2deg(each) for each in per_deg)
-            self.targets[name] = TargetText(name, line, numbers[:6], per_rad=per_rad)
+            self.positions[name] = TargetText(name, line, numbers, per_rad=per_rad)
         elif kind not in ("BASE", "ROBOT", "USER"):
             self._leave(at, f"{name} is in the frame {kind or 'of no POSTYPE'}, which moves or is not known")
         else:
-            base = f"USER[{_numbered(self.state.get('USER'))}]" if kind == "USER" else "ROBOT"
-            tool = f"TOOL[{_numbered(self.state.get('TOOL'))}]"
-            alias, allowed = self.outside.alias, _allowed(self.state.get("RCONF", ""))
-            self.targets[name] = TargetText(
-                name, line, numbers[:6], FIXED_XYZ, alias(tool), alias(base), allowed=allowed
-            )
+            base = self.outside.alias(self.state.get("USER", "USER[?]") if kind == "USER" else "ROBOT")
+            tool = self.outside.alias(self.state.get("TOOL", "TOOL[?]"))
+            self.positions[name] = TargetText(name, line, numbers, FIXED_XYZ, tool, base, allowed=self.allowed)
 
     def _instruction(self, line: str, at: int) -> None:
         if shifted := _SHIFTED.match(line):
@@ -103,10 +107,11 @@ class _Reader(ProgramReader):
         if found[1] == "IMOV":
             self.relative.add(name)
             self._leave(at, f"{name} is relative (IMOV): it stays")
-        elif name not in self.targets:
+        elif name not in self.positions:
             self._leave(at, f"{name or 'its position'} is a variable, or computed")
         else:
-            self.moves.append((line_of(self.text, at), name, "joints" if found[1] == "MOVJ" else "line"))
+            motion: Motion = "joints" if found[1] == "MOVJ" else "line"
+            self.reached.setdefault(name, []).append((line_of(self.text, at), motion))
 
 
 def read_jbi(text: str, outside: Outside) -> ProgramText:
@@ -119,10 +124,10 @@ def read_jbi(text: str, outside: Outside) -> ProgramText:
     return _Reader(text, outside).read()
 
 
-def _numbered(text: str | None) -> str:
+def _numbered(text: str) -> str:
     """The number of a tool or a frame, without leading zeros; that of the first group."""
-    found = re.match(r"\d+", text or "")
-    return str(int(found[0])) if found else "?"
+    found = re.match(r"\d+", text)
+    return whole_number(found[0]) if found else "?"
 
 
 def _allowed(configuration: str) -> Allowed | None:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.reading.aggregate import arguments
-from lab.formats.programs.reading.numbers import NUMBER, Number, line_of, masked, values_of
+from lab.formats.programs.reading.numbers import NUMBER, Number, line_of, masked, values_of, whole_number
 from lab.formats.programs.reading.program_text import (
     Allowed,
     Motion,
-    Move,
     Outside,
     ProgramReader,
     ProgramText,
@@ -36,11 +35,12 @@ _MOVE = re.compile(
     r"^\s*(S?PTP|S?LIN|S?CIRC|PTP_REL|LIN_REL|S?SPL|CIRC_REL|SPTP_REL|SLIN_REL)\b\s*(.*)$", re.IGNORECASE
 )
 _GIVEN = re.compile(
-    r"^\s*(?:(?:GLOBAL|DECL|CONST)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)\s+)?(\$?[\w.]+(?:\[\d+\])?)\s*=\s*(.+?)\s*$",
+    r"^\s*(?:(?:GLOBAL|DECL|CONST)\s+)*(?:(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)\s+)?(\$?[\w.]+(?:\[\d+\])?)\s*=\s*(.+)$",
     re.IGNORECASE,
 )
 _PART = re.compile(rf"\b([A-Z]\w*)\s+({NUMBER})(?![\w.])", re.IGNORECASE)
 _BAS = re.compile(r"^\s*BAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\d+)\s*\)", re.IGNORECASE)
+_FORM = re.compile(r"\bFDAT\s+F([\w.]*(?:\[\d+\])?)\s*=\s*\{([^{}]*)\}", re.IGNORECASE)
 _PLACE, _AXES = tuple("XYZABC"), tuple(f"A{i}" for i in range(1, 7))
 _SLACK_RAD = np.deg2rad(0.05)
 
@@ -72,6 +72,7 @@ class _Reader(ProgramReader):
     tool: str = "$TOOL"
     base: str = "$BASE"
     frames: dict[str, Array] = field(default_factory=dict)
+    forms: dict[str, str] = field(default_factory=dict)  # what inline forms keep, by name without the F
     positions: dict[str, _Position] = field(default_factory=dict)
     assigned: set[str] = field(default_factory=set)
     computed: dict[str, int] = field(default_factory=dict)
@@ -79,15 +80,14 @@ class _Reader(ProgramReader):
     def read(self) -> ProgramText:
         root = {name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "$ROBROOT")}
         self.frames = root | {name.upper(): T for name, T in self.outside.posed(MOVING_ZYX).items()}
-        statements = list(_STATEMENT.finditer(self.code))
-        for found in statements:
+        for found in _STATEMENT.finditer(self.code):
             if given := _GIVEN.match(found[0]):
                 self._declare(given, found.start())
-        for found in statements:
+        for found in _STATEMENT.finditer(self.code):
             if moved := _MOVE.match(found[0]):
                 self._move(moved[1].upper(), moved[2].strip(), found.start() + moved.start(2))
             elif bas := _BAS.match(found[0]):
-                self._take(bas[1], f"{bas[1].upper()}_DATA[{int(bas[2])}]")
+                self._take(bas[1], f"{bas[1].upper()}_DATA[{whole_number(bas[2])}]")
             elif (given := _GIVEN.match(found[0])) and given[2].upper() in ("$TOOL", "$BASE"):
                 self._take(given[2][1:], given[3], found.start() + given.start(3))
         return self._targets()
@@ -119,7 +119,7 @@ class _Reader(ProgramReader):
         return {part[1].upper(): Number(at + part.start(2), part[2]) for part in _PART.finditer(source)}
 
     def _declare(self, given: "re.Match[str]", at: int) -> None:
-        kind, name, source = (given[1] or "").upper(), given[2].upper(), given[3]
+        kind, name, source = (given[1] or "").upper(), given[2].upper(), given[3].rstrip()
         whole = source.startswith("{") and source.endswith("}")
         parts = self._parts(source, at + given.start(3)) if whole else {}
         if kind == "FDAT":
@@ -176,24 +176,23 @@ class _Reader(ProgramReader):
 
     def _of_data(self, name: str) -> set[tuple[str, str]]:
         """The tool and the base that inline forms keep beside a position: F and its name without the X."""
-        form = re.compile(rf"\bFDAT\s+F{re.escape(name[1:])}\s*=\s*\{{([^}}]*)\}}", re.IGNORECASE)
-        found = form.search(self.code) if name.startswith("X") else None
-        numbers = dict(re.findall(r"\b(TOOL_NO|BASE_NO)\s+(\d+)", found[1].upper())) if found else {}
-        if len(numbers) < 2 or "#TCP" in (found[1].upper() if found else ""):
+        form = self.forms.get(name[1:], "") if name.startswith("X") else ""
+        numbers = dict(re.findall(r"\b(TOOL_NO|BASE_NO)\s+(\d+)", form))
+        if len(numbers) < 2 or "#TCP" in form:
             return set()
         tool, base = (f"{key}_DATA[{numbers[f'{key}_NO']}]" for key in ("TOOL", "BASE"))
         return {(_named(self.outside.alias(tool)), _named(self.outside.alias(base)))}
 
     def _targets(self) -> ProgramText:
-        targets, moves = list[TargetText](), list[Move]()
+        for form in _FORM.finditer(self.code):
+            self.forms.setdefault(form[1].upper(), form[2].upper())
         for key, each in sorted(self.positions.items(), key=lambda item: item[1].line):
             if key in self.assigned:
                 self.uncorrected.append(Uncorrected(each.line, f"{each.name} is computed"))
                 continue
             if each.is_axes:
                 numbers = tuple(each.parts[axis] for axis in _AXES)
-                moves += [Move(line, len(targets), "joints") for line, _ in each.moves]
-                targets.append(TargetText(each.name, each.line, numbers))
+                self._add(TargetText(each.name, each.line, numbers), [(line, "joints") for line, _ in each.moves])
                 continue
             of_data = self._of_data(key)
             frames = of_data or each.frames
@@ -207,10 +206,9 @@ class _Reader(ProgramReader):
                 continue
             ((tool, base),) = frames
             numbers = tuple(each.parts[key] for key in _PLACE)
-            moves += [Move(line, len(targets), how) for line, how in each.moves]
-            targets.append(TargetText(each.name, each.line, numbers, MOVING_ZYX, tool, base, allowed=_allowed(each)))
-        moves.sort(key=lambda move: move.line)
-        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected), self.computed)
+            target = TargetText(each.name, each.line, numbers, MOVING_ZYX, tool, base, allowed=_allowed(each))
+            self._add(target, each.moves)
+        return self._read(self.frames, self.computed)
 
 
 def read_krl(text: str, outside: Outside) -> ProgramText:

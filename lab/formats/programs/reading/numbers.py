@@ -13,9 +13,9 @@ from lab.core.errors import LabError
 from lab.core.ranges import COORDINATE_SIZE, DIGITS
 from lab.core.se3 import Array
 
-__all__ = ["NUMBER", "Number", "line_of", "masked", "replaced", "values_of", "written"]
+__all__ = ["NUMBER", "Number", "line_of", "masked", "replaced", "values_of", "whole_number", "written"]
 
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _MOST_DIGITS = int(DIGITS.most)
 _NOTHING = 1e-9  # m, mm, rad, degrees or pulses: a change that is none
 _ALIGNED = "  "  # before a number that is aligned to the right
@@ -43,7 +43,9 @@ class Number:
         """How many places behind the point it has, an exponent included."""
         mantissa, _, exponent = self.text.lower().partition("e")
         _, _, places = mantissa.partition(".")
-        return min(max(len(places) - int(exponent or 0), 0), _MOST_DIGITS) if float(self.text) else len(places)
+        if not float(self.text):
+            return len(places)
+        return int(min(max(len(places) - float(exponent or 0), 0), _MOST_DIGITS))
 
 
 def values_of(numbers: Sequence[Number]) -> Array:
@@ -52,11 +54,12 @@ def values_of(numbers: Sequence[Number]) -> Array:
     Raises:
         LabError: one is so large that it is no number of a position.
     """
-    values = np.array([each.value for each in numbers])
-    if not np.isfinite(values).all() or COORDINATE_SIZE.outside(np.abs(values)).any():
-        odd = next(each.text for each in numbers if abs(each.value) not in COORDINATE_SIZE)
-        raise LabError(f"{odd if len(odd) < 40 else odd[:37] + '...'} is too large for a position; mend the program")
-    return values
+    values = [each.value for each in numbers]
+    for each, value in zip(numbers, values, strict=True):
+        if abs(value) not in COORDINATE_SIZE:
+            odd = each.text if len(each.text) < 40 else each.text[:37] + "..."
+            raise LabError(f"{odd} is too large for a position; mend the program")
+    return np.array(values)
 
 
 def written(number: Number, value: float, digits: int) -> str:
@@ -75,6 +78,11 @@ def written(number: Number, value: float, digits: int) -> str:
     if re.match(r"[+-]?\.", mantissa):
         text = re.sub(r"^(-?)0\.", r"\1.", text)
     return f"+{text}" if mantissa[0] == "+" and value >= 0 else text
+
+
+def whole_number(digits: str) -> str:
+    """Digits without leading zeros: 01 and 1 number the same tool."""
+    return digits.lstrip("0") or "0"
 
 
 def line_of(text: str, offset: int) -> int:
@@ -96,7 +104,9 @@ def masked(text: str, hidden: str, kept: str = '"[^"\r\n]*"') -> str:
     """
 
     def blank(found: re.Match[str]) -> str:
-        return found[0] if found["kept"] is not None else re.sub(r"[^\r\n]", " ", found[0])
+        if found["kept"] is not None:
+            return found[0]
+        return re.sub(r"[^\r\n]+", lambda line: " " * len(line[0]), found[0])
 
     return re.sub(f"(?P<kept>{kept})|(?:{hidden})", blank, text)
 

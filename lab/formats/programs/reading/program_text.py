@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.limits import PROGRAM_MOVES
 from lab.core.ranges import ROUNDED_NORM
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
@@ -28,6 +29,8 @@ __all__ = [
 
 Allowed = Callable[[ArmShape, Array], NDArray[np.bool_]]  # joint positions (k, 6) rad: which are of a configuration
 Motion = Literal["joints", "line"]
+_REASON = 300  # characters of a reason
+_NAMED = 10  # frames in a message
 
 
 @dataclass(frozen=True)
@@ -86,8 +89,9 @@ class Uncorrected:
     reason: str
 
     def __post_init__(self) -> None:
-        """Parts of a text that are in the reason may have line ends."""
-        object.__setattr__(self, "reason", " ".join(self.reason.split()))
+        """Parts of a text that are in the reason may have line ends, and be long."""
+        reason = " ".join(self.reason.split())
+        object.__setattr__(self, "reason", reason if len(reason) <= _REASON else f"{reason[:_REASON]}…")
 
 
 @dataclass(frozen=True)
@@ -149,17 +153,41 @@ class Outside:
 
 @dataclass
 class ProgramReader:
-    """A program being read; each language has its own.
+    """A program being read; each language has its own. Its work grows with the length of the text, not faster.
 
     Attributes:
         text: as it is written.
         outside: what it does not hold.
+        targets: in the order of the text.
+        moves: to them.
         uncorrected: lines that stay as they are.
     """
 
     text: str
     outside: Outside
+    targets: list[TargetText] = field(default_factory=list, init=False)
+    moves: list[Move] = field(default_factory=list, init=False)
     uncorrected: list[Uncorrected] = field(default_factory=list, init=False)
+
+    def _add(self, target: TargetText, made: Sequence[tuple[int, Motion]]) -> None:
+        """Add a target, and the moves to it by their lines.
+
+        Raises:
+            LabError: the program has too many moves.
+        """
+        PROGRAM_MOVES("the program", len(self.moves) + len(made))
+        self.moves += [Move(line, len(self.targets), motion) for line, motion in made]
+        self.targets.append(target)
+
+    def _read(self, frames: Mapping[str, Array], computed: Mapping[str, int] | None = None) -> ProgramText:
+        """What was read.
+
+        Raises:
+            LabError: the program has too many moves.
+        """
+        PROGRAM_MOVES("the program", self.moves)
+        self.moves.sort(key=lambda move: move.line)
+        return ProgramText(tuple(self.targets), tuple(self.moves), frames, tuple(self.uncorrected), computed or {})
 
     def _leave(self, offset: int, reason: str) -> None:
         """The line at an offset of the text stays as it is."""
@@ -177,15 +205,20 @@ def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
     if not names:
         return
     missing, made = [name for name in names if name not in read.computed], [n for n in names if n in read.computed]
-    said = [f"{', '.join(missing)} {_is(missing)} not in the text"] if missing else []
+    said = [f"{_listed(missing)} {_is(missing)} not in the text"] if missing else []
     if made:
-        listed = ", ".join(f"{name} (line {read.computed[name]})" for name in made)
+        listed = _listed([f"{name} (line {read.computed[name]})" for name in made])
         said.append(f"{listed} {_is(made)} given a value only while the program runs")
     example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
     raise LabError(
-        f"{', and '.join(said)}; give --frames '{'; '.join(f'{name}={example}' for name in names)}' ({spelling.words}"
+        f"{', and '.join(said)}; give --frames '{_listed([f'{name}={example}' for name in names], '; ')}' ({spelling.words}"
         f"{', as the controller shows it when that line has run' if made else ''})"
     )
+
+
+def _listed(names: Sequence[str], comma: str = ", ") -> str:
+    """Names, of very many the first."""
+    return comma.join(names if len(names) <= _NAMED else [*names[:_NAMED], f"… ({len(names):,} in all)"])
 
 
 def _is(names: Sequence[str]) -> str:

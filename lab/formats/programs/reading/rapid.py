@@ -20,7 +20,6 @@ from lab.formats.programs.reading.numbers import Number, line_of, masked, values
 from lab.formats.programs.reading.program_text import (
     Allowed,
     Motion,
-    Move,
     Outside,
     ProgramReader,
     ProgramText,
@@ -32,18 +31,20 @@ from lab.formats.programs.reading.spelling import QUATERNION
 __all__ = ["read_rapid"]
 
 _DECLARED = re.compile(
-    r"\b(?:CONST|VAR|PERS)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*(:=)?", re.IGNORECASE
+    r"\b(?:CONST|VAR|PERS)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^{}]*\})?\s*(:=)?", re.IGNORECASE
 )
 _MOVE = re.compile(
     r"\b(Move(?:AbsJ|[JLC])\w*|(?:Trigg|Arc|Spot|Search|Paint)[JLC]\w*)\b(?!\s*:=)([^;]*);", re.IGNORECASE
 )
 _LINEAR = re.compile(r"(?:move|trigg|arc|spot|search|paint)[lc]")
 _DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.IGNORECASE)
-_ASSIGNED = re.compile(
-    r"(?:^|;|\bTHEN|\bDO|\bELSE)\s*(\w+)\s*(?:\{[^}]*\})?(?:\.\w+)*\s*:=", re.IGNORECASE | re.MULTILINE
+_ASSIGNED = re.compile(  # or, with a first group, given to an optional argument or in a declaration
+    r"(\\\s*|\b(?:CONST|VAR|PERS)\s+\w+\s+)?(?<![\w.])(\w+)\s*(?:\{[^{}]*\}(?:\.\w+)*\s*|(?:\.\w+)+\s*)?:=",
+    re.IGNORECASE,
 )
 _WORK_OBJECT = re.compile(r"\\\s*WObj\s*:=\s*([\w{}]+)", re.IGNORECASE)
 _CALL = re.compile(r"(\w+)\s*\(")
+_NAME = re.compile(r"[^{\s]*")
 _SLACK_RAD = np.deg2rad(0.5)  # of a quarter turn: taught poses are rounded
 _NO_AXIS = 9e8
 
@@ -72,13 +73,12 @@ class _Reader(ProgramReader):
 
     def read(self) -> ProgramText:
         self.frames = {"tool0": np.eye(4), "wobj0": np.eye(4), **_lower(self.outside.posed(QUATERNION))}
-        names = {found.start(2): found for found in _DECLARED.finditer(self.code)}
-        assigned = {found[1].lower() for found in _ASSIGNED.finditer(self.code) if found.start(1) not in names}
-        for found in names.values():
+        assigned = {found[2].lower() for found in _ASSIGNED.finditer(self.code) if found[1] is None}
+        for found in _DECLARED.finditer(self.code):
             self._declare(found, found[2].lower() in assigned)
         for found in _DISPLACED.finditer(self.code):
             self._leave(found.start(), f"{found[1]} displaces what follows, which is corrected where it is written")
-        for found in _MOVE.finditer(self.code):
+        for found in _MOVE.finditer(self.code, 0, self.code.rfind(";") + 1):
             self._move(found)
         return self._targets()
 
@@ -111,13 +111,11 @@ class _Reader(ProgramReader):
     def _move(self, found: "re.Match[str]") -> None:
         kind, parts = found[1].lower(), arguments(self.code, found.start(2), found.end(2))
         placed = [(at, part) for at, part in parts if not part.startswith("\\")]
-        heads = [re.split(r"\s*\\", part)[0] for _, part in placed]
+        heads = [part.partition("\\")[0].rstrip() for _, part in placed]
         usual = kind.startswith("move")
         wanted = 2 if re.search(r"(?:move|trigg|arc|paint|search)c", kind) else 1
-        at_targets = [i for i, head in enumerate(heads) if self._is_target(head)][:wanted]
-        if usual:
-            at_targets = list(range(min(wanted, len(heads))))
-        elif len(at_targets) < wanted:
+        at_targets = [i for i, head in enumerate(heads) if usual or self._is_target(head)][:wanted]
+        if not usual and len(at_targets) < wanted:
             self._leave(found.start(), f"{found[1]}: its target is not in this module")
             return
         if len(heads) < wanted + 2:
@@ -131,7 +129,12 @@ class _Reader(ProgramReader):
             self._reach(placed[i][0], heads[i], frames, motion, found.start())
 
     def _is_target(self, head: str) -> bool:
-        return head.startswith("[") or bool(_CALL.match(head)) or re.split(r"[{\s]", head)[0].lower() in self.declared
+        return head.startswith("[") or bool(_CALL.match(head)) or self._named(head) is not None
+
+    def _named(self, head: str) -> _Declared | None:
+        """What is declared by the name with which an argument begins."""
+        name = _NAME.match(head)
+        return self.declared.get(name[0].lower()) if name else None
 
     def _reach(self, at: int, head: str, frames: tuple[str, str], motion: Motion, begins: int) -> None:
         """A move to what an argument says."""
@@ -154,7 +157,7 @@ class _Reader(ProgramReader):
             inline.moves.append((line, motion))
             self.declared[f"line {line} {at}"] = inline
             return
-        known = self.declared.get(re.split(r"[{\s]", head)[0].lower())
+        known = self._named(head)
         if known is None:
             self._leave(begins, f"{head}: its value is not in this module")
             return
@@ -162,7 +165,6 @@ class _Reader(ProgramReader):
         known.moves.append((line, motion))
 
     def _targets(self) -> ProgramText:
-        targets, moves = list[TargetText](), list[Move]()
         for each in sorted(self.declared.values(), key=lambda each: each.line):
             if each.kind == "robtarget" and len(each.frames) != 1:
                 said = [" and ".join(frames) for frames in sorted(each.frames)]
@@ -175,11 +177,8 @@ class _Reader(ProgramReader):
                 if found is None:
                     self.uncorrected.append(Uncorrected(each.line, f"{name} cannot be read as a {each.kind}"))
                     continue
-                if len(each.entries) == 1:
-                    moves += [Move(line, len(targets), how) for line, how in each.moves]
-                targets.append(found)
-        moves.sort(key=lambda move: move.line)
-        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected), self.computed)
+                self._add(found, each.moves if len(each.entries) == 1 else ())
+        return self._read(self.frames, self.computed)
 
     def _target(self, each: _Declared, name: str, entry: Value) -> TargetText | None:
         if not isinstance(entry, list):
@@ -262,7 +261,8 @@ def _work_object(value: Value) -> Array | None:
 
 def _allowed(configuration: Sequence[Number]) -> Allowed:
     """The quarter turns of axes 1, 4 and 6, the sign of axis 5, and the side of axis 1."""
-    quarters, cfx = values_of(configuration[:3]), int(values_of(configuration)[3])
+    *quarters, last = values_of(configuration).tolist()
+    cfx = int(last)
 
     def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
         fits = np.ones(len(joints), dtype=np.bool_)

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.programs.reading.aggregate import arguments, numbers_in, read_value
+from lab.formats.programs.reading.aggregate import arguments, closing, numbers_in, read_value
 from lab.formats.programs.reading.numbers import Number, line_of, masked, values_of
 from lab.formats.programs.reading.program_text import (
     Motion,
-    Move,
     Outside,
     ProgramReader,
     ProgramText,
@@ -28,7 +28,8 @@ from lab.formats.programs.reading.spelling import ROTATION_VECTOR
 __all__ = ["read_urscript"]
 
 _ASSIGNED = re.compile(r"^[ \t]*(?:(?:global|local)\s+)?(\w+)(\[[^\]\n]*\])?[ \t]*=(?!=)[ \t]*", re.MULTILINE)
-_CALL = re.compile(r"(?<![\w.])(move[jlpc]|servoj|set_tcp)[ \t]*\(")
+_CALL = re.compile(r"(?<![\w.])(def[ \t]+)?(move[jlpc]|servoj|set_tcp)[ \t]*\(")
+_GOES_ON = re.compile(r"[ \t]*[-+*/\[]")
 _NESTED = re.compile(r"(get_inverse_kin|pose_trans)\s*\(")
 _BASE = "base of the robot"
 
@@ -64,18 +65,26 @@ class _Reader(ProgramReader):
                 self.computed.add(found[1])
             else:
                 self.named.setdefault(found[1], []).append(literal)
+        last = 0
         for found in _CALL.finditer(self.code):
-            end = _closing(self.code, found.end())
-            if not re.search(r"\bdef[ \t]+$", self.code[: found.start()]):
-                self._call(found[1], arguments(self.code, found.end(), end), found.start())
+            if found.start() >= last and not found[1]:
+                last = self._closing(found.end())
+                self._call(found[2], arguments(self.code, found.end(), last), found.start(2))
         return self._targets()
+
+    def _closing(self, at: int) -> int:
+        """Where a call's bracket closes that is open at a character."""
+        end = closing(self.code, at)
+        if end is None:
+            raise LabError(f"line {line_of(self.text, at)}: a bracket is not closed; mend the text")
+        return end
 
     def _literal(self, at: int, name: str) -> _Literal | None:
         """The six numbers of a pose or a list that begins at a character."""
         is_pose = self.code[at : at + 1] == "p"
         read = read_value(self.code, at + is_pose) if self.code[at + is_pose : at + is_pose + 1] == "[" else None
         numbers = None if read is None else numbers_in(read[0], 6)
-        if read is None or numbers is None or re.match(r"[ \t]*[-+*/\[]", self.code[read[1] :]):
+        if read is None or numbers is None or _GOES_ON.match(self.code, read[1]):
             return None
         return _Literal(name, line_of(self.text, numbers[0].start), numbers, is_pose)
 
@@ -107,7 +116,7 @@ class _Reader(ProgramReader):
         """A move to what an argument says."""
         line = line_of(self.text, begins)
         if nested := _NESTED.match(part):
-            inner = arguments(self.code, at + nested.end(), _closing(self.code, at + nested.end()))
+            inner = arguments(self.code, at + nested.end(), self._closing(at + nested.end()))
             if nested[1] == "get_inverse_kin":
                 self._reach(*inner[0], base, motion, begins)
                 return
@@ -131,7 +140,6 @@ class _Reader(ProgramReader):
             each.moves.append((line, motion))
 
     def _targets(self) -> ProgramText:
-        targets, moves = list[TargetText](), list[Move]()
         known = [each for name, some in self.named.items() if name not in self.computed for each in some]
         for each in sorted([*known, *self.inline], key=lambda each: each.numbers[0].start):
             if not each.moves:
@@ -140,14 +148,12 @@ class _Reader(ProgramReader):
                 said = " as well as ".join(" and ".join(frames) for frames in sorted(each.frames))
                 self.uncorrected.append(Uncorrected(each.line, f"{each.name} is moved to with {said}"))
                 continue
-            moves += [Move(line, len(targets), how) for line, how in each.moves]
+            target = TargetText(each.name, each.line, each.numbers, per_rad=(1.0,) * 6)
             if each.is_pose:
                 ((tool, base),) = each.frames
-                targets.append(TargetText(each.name, each.line, each.numbers, ROTATION_VECTOR, tool, base))
-            else:
-                targets.append(TargetText(each.name, each.line, each.numbers, per_rad=(1.0,) * 6))
-        moves.sort(key=lambda move: move.line)
-        return ProgramText(tuple(targets), tuple(moves), self.frames, tuple(self.uncorrected))
+                target = TargetText(each.name, each.line, each.numbers, ROTATION_VECTOR, tool, base)
+            self._add(target, each.moves)
+        return self._read(self.frames)
 
 
 def read_urscript(text: str, outside: Outside) -> ProgramText:
@@ -158,16 +164,6 @@ def read_urscript(text: str, outside: Outside) -> ProgramText:
     """
     code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', kept="$^")
     return _Reader(text, outside, code).read()
-
-
-def _closing(code: str, start: int) -> int:
-    """Where the bracket closes that is open at a character."""
-    depth = 1
-    for at in range(start, len(code)):
-        depth += (code[at] in "[({") - (code[at] in "])}")
-        if not depth:
-            return at
-    return len(code)
 
 
 def _shortened(text: str) -> str:

@@ -30,13 +30,15 @@ from lab.formats.programs.reading.spelling import MOVING_XYZ
 
 __all__ = ["read_val3"]
 
-_DATA = re.compile(r"<Data\b([^>]*[^/>])>(.*?)</Data\s*>", re.DOTALL)  # one that ends with "/>" has no values
-_VALUE = re.compile(r"<Value\b([^>]*?)/?>", re.DOTALL)
-_ATTRIBUTE = re.compile(r'([\w:]+)\s*=\s*"([^"]*)"')
-_CODE = re.compile(r"<Code\b[^>]*>(.*?)</Code\s*>", re.DOTALL)
-_LOCAL = re.compile(r"<(?:Local|Parameter)\b([^>]*?)/?>")
+_DATA = re.compile(
+    r"<Data\b([^<>]*[^/<>])>(.*?)(?:</Data\s*>|(\Z))", re.DOTALL
+)  # one that ends with "/>" has no values
+_VALUE = re.compile(r"<Value\b([^<>]*?)/?>", re.DOTALL)
+_ATTRIBUTE = re.compile(r'(?<![\w:])([\w:]+)\s*=\s*"([^"]*)"')
+_CODE = re.compile(r"<Code\b[^<>]*>(.*?)(?:</Code\s*>|(\Z))", re.DOTALL)
+_LOCAL = re.compile(r"<(?:Local|Parameter)\b([^<>]*?)/?>")
 _GIVEN = re.compile(r"^[ \t]*(\w+)((?:\.\w+)*)[ \t]*=[ \t]*(?=\{)", re.MULTILINE)
-_MOVE = re.compile(r"\b(move[jlc])\s*\(\s*([^,()]+)\s*,\s*([^,()]+)\s*,")
+_MOVE = re.compile(r"\b(move[jlc])\s*\(([^,()]+),[^,()]+,")
 _PLACE, _JOINTS = ("x", "y", "z", "rx", "ry", "rz"), tuple(f"j{i}" for i in range(1, 7))
 _SIGNS = {"epositive": (2, 1), "enegative": (2, -1), "wpositive": (4, 1), "wnegative": (4, -1)}
 _SLACK_RAD = np.deg2rad(0.05)
@@ -51,24 +53,22 @@ class _Reader(ProgramReader):
     fathers: dict[str, tuple[str, Array]] = field(default_factory=dict)
     tools: list[str] = field(default_factory=list)
     points: list[tuple[str, dict[str, str], dict[str, Number], int]] = field(default_factory=list)
-    targets: list[TargetText] = field(default_factory=list)
 
     def read(self) -> ProgramText:
         frames = {"world": np.eye(4), "flange": np.eye(4), **self.outside.posed(MOVING_XYZ)}
         for data in _DATA.finditer(self.code):
-            self._data(dict(_ATTRIBUTE.findall(data[1])), data)
-        for name in self.fathers:
-            if name not in frames and (T := self._chained(name, frames)) is not None:
-                frames[name] = T
+            if data[3] is None:
+                self._data(dict(_ATTRIBUTE.findall(data[1])), data)
+        self._chain(frames)
         tool = self.outside.alias("tool")
         if tool == "tool" and "tool" not in frames:
             tool = self.tools[0] if len(self.tools) == 1 else "tool"
         for name, words, numbers, line in self.points:
             values = tuple(numbers[key] for key in _PLACE)
             base = self.outside.alias(_plain(words.get("fatherId", "world")))
-            self.targets.append(TargetText(name, line, values, MOVING_XYZ, tool, base, allowed=_allowed(words)))
-        moves = tuple(self._program())
-        return ProgramText(tuple(self.targets), moves, frames, tuple(self.uncorrected))
+            self._add(TargetText(name, line, values, MOVING_XYZ, tool, base, allowed=_allowed(words)), ())
+        self._program()
+        return self._read(frames)
 
     def _data(self, head: dict[str, str], data: "re.Match[str]") -> None:
         """The values of a variable."""
@@ -90,7 +90,7 @@ class _Reader(ProgramReader):
                 self._leave(value.start(), f"{name} leaves out {', '.join(sorted(set(wanted) - set(numbers)))}")
             elif kind.startswith("joint"):
                 line = line_of(self.text, value.start())
-                self.targets.append(TargetText(name, line, tuple(numbers[key] for key in _JOINTS)))
+                self._add(TargetText(name, line, tuple(numbers[key] for key in _JOINTS)), ())
             elif kind.startswith("point"):
                 self.points.append((name, words, numbers, line_of(self.text, value.start())))
             else:
@@ -98,23 +98,27 @@ class _Reader(ProgramReader):
                 self.fathers[name] = (_plain(words.get("fatherId", "world" if kind == "frame" else "flange")), T)
                 self.tools += [name] if kind == "tool" else []
 
-    def _chained(self, name: str, known: dict[str, Array]) -> Array | None:
-        """A tool in the flange or a frame in the world, by way of its fathers; None where one is not known."""
-        T, seen = np.eye(4), set[str]()
-        while name not in known:
-            if name in seen or name not in self.fathers:
-                return None
-            seen.add(name)
-            name, of_father = self.fathers[name]
-            T = of_father @ T
-        return known[name] @ T
+    def _chain(self, known: dict[str, Array]) -> None:
+        """Add the tools in the flange and the frames in the world whose fathers are all known."""
+        tried = set[str]()
+        for name in self.fathers:
+            chain = list[str]()
+            while name in self.fathers and name not in known and name not in tried:
+                tried.add(name)
+                chain.append(name)
+                name = self.fathers[name][0]
+            if name in known:
+                for each in reversed(chain):
+                    father, T = self.fathers[each]
+                    known[each] = known[father] @ T
 
-    def _program(self) -> list[Move]:
+    def _program(self) -> None:
         """Joint positions that a program assigns, and its moves."""
-        moves = list[Move]()
         declared = map(dict, map(_ATTRIBUTE.findall, _LOCAL.findall(self.code)))
         kinds = {each.get("name"): each.get("type") for each in declared}
         for code in _CODE.finditer(self.code):
+            if code[2] is not None:
+                return
             given: dict[str, int] = {}
             events = [*_GIVEN.finditer(self.code, *code.span(1)), *_MOVE.finditer(self.code, *code.span(1))]
             for found in sorted(events, key=lambda each: each.start()):
@@ -122,10 +126,9 @@ class _Reader(ProgramReader):
                     self._given(found, kinds.get(found[1]), given)
                 elif (target := given.get(found[2].strip())) is not None:
                     motion: Motion = "joints" if found[1] == "movej" else "line"
-                    moves.append(Move(line_of(self.text, found.start()), target, motion))
+                    self.moves.append(Move(line_of(self.text, found.start()), target, motion))
                 else:
                     self._leave(found.start(), f"{found[2].strip()} is not in this file, or computed")
-        return moves
 
     def _given(self, found: "re.Match[str]", kind: str | None, given: dict[str, int]) -> None:
         """An assignment of numbers in braces."""
@@ -138,7 +141,7 @@ class _Reader(ProgramReader):
             return
         given[found[1]] = len(self.targets)
         line = line_of(self.text, found.start(1))
-        self.targets.append(TargetText(f"{found[1]} of line {line}", line, numbers))
+        self._add(TargetText(f"{found[1]} of line {line}", line, numbers), ())
 
 
 def read_val3(text: str, outside: Outside) -> ProgramText:
