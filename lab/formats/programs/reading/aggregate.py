@@ -1,6 +1,7 @@
 """Values in brackets, ``[[1, 2], TRUE, "a"]``, as RAPID writes them and URScript its lists."""
 
 import re
+from collections.abc import Iterator
 from typing import TypeAlias
 
 from lab.core.errors import LabError
@@ -10,10 +11,11 @@ from lab.formats.programs.reading.numbers import NUMBER, Number
 __all__ = ["Value", "arguments", "closing", "numbers_in", "read_value"]
 
 Value: TypeAlias = "Number | str | list[Value]"
-_TOKEN = re.compile(rf'\s*(?:(?P<number>{NUMBER})|(?P<word>"[^"]*"|[A-Za-z_]\w*)|(?P<open>\[))')
+_LIST = rf"\[\s*{NUMBER}(?:\s*,\s*{NUMBER})*\s*\]"
+_TOKEN = re.compile(rf'\s*(?:(?P<number>{NUMBER})|(?P<word>"[^"]*"|[A-Za-z_]\w*)|(?P<list>{_LIST})|(?P<open>\[))')
 _MARK = re.compile(r"\s*([\],])")
 _BRACKET = re.compile(r"[\[({\])}]")
-_BRACKET_OR_COMMA = re.compile(r"[\[({\])},]")
+_BRACKET_OR_COMMA = re.compile(r"[\[({][^\[({\])}]*[\])}]|[\[({\])},]")  # or a pair with no other in it
 
 
 def read_value(text: str, start: int) -> tuple[Value, int] | None:
@@ -29,7 +31,11 @@ def read_value(text: str, start: int) -> tuple[Value, int] | None:
             lists.append([])
             _refuse_deep(len(lists))
             continue
-        value: Value = found["word"] if kind == "word" else Number(found.start("number"), found["number"])
+        value: Value
+        if kind == "list":
+            value = list(_parted(text, found.start("list") + 1, at - 1))
+        else:
+            value = found["word"] if kind == "word" else Number(found.start("number"), found["number"])
         while lists:
             lists[-1].append(value)
             mark = _MARK.match(text, at)
@@ -44,6 +50,13 @@ def read_value(text: str, start: int) -> tuple[Value, int] | None:
     return None
 
 
+def _parted(text: str, start: int, end: int) -> Iterator[Number]:
+    """The numbers between two characters, with commas between them."""
+    for part in text[start:end].split(","):
+        yield Number(start + len(part) - len(part.lstrip()), part.strip())
+        start += len(part) + 1
+
+
 def numbers_in(value: Value, count: int) -> tuple[Number, ...] | None:
     """The numbers of a list of so many numbers; None where it is anything else."""
     if not isinstance(value, list) or len(value) != count:
@@ -56,9 +69,11 @@ def arguments(text: str, start: int, end: int) -> list[tuple[int, str]]:
     """What is between two characters, parted at the commas that are in no brackets: where each begins, and its text."""
     parts, depth, begun = list[tuple[int, str]](), 0, start
     for found in _BRACKET_OR_COMMA.finditer(text, start, end):
-        if found[0] != ",":
-            depth += 1 if found[0] in "[({" else -1
-        elif not depth:
+        if found[0] in "[({":
+            depth += 1
+        elif found[0] in "])}":
+            depth -= 1
+        elif found[0] == "," and not depth:
             parts.append((begun, text[begun : found.start()]))
             begun = found.end()
     parts.append((begun, text[begun:end]))

@@ -7,7 +7,7 @@ is behind axis 1 (ABB, Technical reference manual RAPID Instructions, Functions 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,9 +38,9 @@ _MOVE = re.compile(
 )
 _LINEAR = re.compile(r"(?:move|trigg|arc|spot|search|paint)[lc]")
 _DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.IGNORECASE)
-_ASSIGNED = re.compile(  # or, with a first group, given to an optional argument or in a declaration
-    r"(\\\s*|\b(?:CONST|VAR|PERS)\s+\w+\s+)?(?<![\w.])(\w+)\s*(?:\{[^{}]*\}(?:\.\w+)*\s*|(?:\.\w+)+\s*)?:=",
-    re.IGNORECASE,
+_ASSIGNED = re.compile(
+    r"(?:^[^\S\n]*|(?:;|\bTHEN|\bDO|\bELSE)\s*)(\w+)\s*(?:\{[^{}]*\}(?:\.\w+)*\s*|(?:\.\w+)+\s*)?:=",
+    re.IGNORECASE | re.MULTILINE,
 )
 _WORK_OBJECT = re.compile(r"\\\s*WObj\s*:=\s*([\w{}]+)", re.IGNORECASE)
 _CALL = re.compile(r"(\w+)\s*\(")
@@ -73,8 +73,9 @@ class _Reader(ProgramReader):
 
     def read(self) -> ProgramText:
         self.frames = {"tool0": np.eye(4), "wobj0": np.eye(4), **_lower(self.outside.posed(QUATERNION))}
-        assigned = {found[2].lower() for found in _ASSIGNED.finditer(self.code) if found[1] is None}
-        for found in _DECLARED.finditer(self.code):
+        names = {found.start(2): found for found in _DECLARED.finditer(self.code)}
+        assigned = {found[1].lower() for found in _assigned(self.code) if found.start(1) not in names}
+        for found in names.values():
             self._declare(found, found[2].lower() in assigned)
         for found in _DISPLACED.finditer(self.code):
             self._leave(found.start(), f"{found[1]} displaces what follows, which is corrected where it is written")
@@ -211,6 +212,15 @@ def read_rapid(text: str, outside: Outside) -> ProgramText:
     """
     data = masked(text, r"![^\r\n]*")
     return _Reader(text, outside, data, masked(data, '"[^"\r\n]*"', kept="$^")).read()
+
+
+def _assigned(code: str) -> Iterator["re.Match[str]"]:
+    """Where names get a value; each is looked for between its := and what is before it."""
+    last, at = 0, code.find(":=")
+    while at >= 0:
+        if found := _ASSIGNED.search(code, max(code.rfind(";", last, at), last), at + 2):
+            yield found
+        last, at = at + 2, code.find(":=", at + 2)
 
 
 def _lower(frames: dict[str, Array]) -> dict[str, Array]:
