@@ -277,10 +277,12 @@ def read_cell(path: Path) -> Cell:
         raise LabError(f"{path}: [instrument] and [[station]] both say where the instrument stands; keep one of them")
     stations = [each.name for each in cell.station]
     for what, names in (("tool", [each.name for each in cell.tool]), ("obstacle", _names(cell)), ("station", stations)):
+        taken = set[str]()
         for i, name in enumerate(names):
-            if not name or name in names[:i]:
+            if not name or name in taken:
                 wrong = "taken" if name else "empty"
                 raise LabError(f"{path}: {what} {i + 1}: its name '{name}' is {wrong}; give another")
+            taken.add(name)
     return cell
 
 

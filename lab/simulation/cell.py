@@ -45,10 +45,14 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     """
     spec, T_robot_cell = robot.spec.copy(), se3.inverse(cell.robot.pose)
     spec.option.gravity = T_robot_cell[:3, :3] @ spec.option.gravity
+    shapes, world = _Shapes(spec, cell.path), spec.worldbody
+    bodies = {each.name for each in spec.bodies}
     for obstacle in cell.obstacle:
-        body = spec.worldbody.add_body(name=free_name(obstacle.name, [each.name for each in spec.bodies]))
-        _add_shape(spec, body, T_robot_cell @ obstacle.pose, obstacle, cell, cell.clearance_m(obstacle), _OBSTACLE_RGBA)
-    tool = _carried(robot, spec, cell)
+        name = free_name(obstacle.name, bodies)
+        bodies.add(name)
+        T, clearance_m = T_robot_cell @ obstacle.pose, cell.clearance_m(obstacle)
+        shapes.add(world.add_body(name=name), T, obstacle, clearance_m, _OBSTACLE_RGBA)
+    tool = _carried(robot, shapes, cell)
     places = [T_robot_cell @ each.pose for each in cell.instrument_places]
     for station, T in list(zip(cell.station, places, strict=False))[1:]:
         _add_station(robot, spec, station.name, T)
@@ -70,7 +74,7 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     return placed
 
 
-def _carried(robot: RobotModel, spec: mujoco.MjSpec, cell: Cell) -> dict[str, Array]:
+def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> dict[str, Array]:
     """Put the cell's plates and tool points onto the flange; the tool points (m, in the last frame) that there are."""
     if not (cell.plate or cell.tool):
         return robot.tool
@@ -78,9 +82,10 @@ def _carried(robot: RobotModel, spec: mujoco.MjSpec, cell: Cell) -> dict[str, Ar
         raise LabError(f"{cell.path}: [[tool]] and [[plate]] are for serial arms; describe those of {robot.chain.name}")
     data, last = at_zero(robot.model), last_frame(robot.chain, robot.T_world_frame0)
     carrier = robot.model.body(flange_body(robot.model, robot.bodies))
-    T_body_last, body = se3.inverse(body_pose(data, carrier.id)) @ last, spec.body(carrier.name)
+    spec, T_body_last = shapes.spec, se3.inverse(body_pose(data, carrier.id)) @ last
+    body = spec.body(carrier.name)
     for plate in cell.plate:
-        _add_shape(spec, body, T_body_last @ plate.pose, plate, cell, 0.0, _PLATE_RGBA)
+        shapes.add(body, T_body_last @ plate.pose, plate, 0.0, _PLATE_RGBA)
     if not cell.tool:
         return robot.tool
     for site in [site for site in spec.sites if site.name in robot.tool]:
@@ -95,39 +100,38 @@ def _carried(robot: RobotModel, spec: mujoco.MjSpec, cell: Cell) -> dict[str, Ar
     return {point.name: point.position for point in cell.tool}
 
 
-def _add_shape(
-    spec: mujoco.MjSpec,
-    body: mujoco.MjsBody,
-    T: Array,
-    shape: Obstacle,
-    cell: Cell,
-    clearance_m: float,
-    rgba: tuple[float, ...],
-) -> None:
-    """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, to which others keep this clearance."""
-    kind, size = mujoco.mjtGeom.mjGEOM_BOX, [each / 2e3 for each in shape.size_mm]
-    if shape.shape == "cylinder":
-        kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [shape.radius_mm / 1e3, shape.height_mm / 2e3, 0.0]
-    mesh = {}
-    if shape.shape == "mesh":
-        kind, size = mujoco.mjtGeom.mjGEOM_MESH, [0.0, 0.0, 0.0]
-        mesh["meshname"] = _add_mesh(spec, shape, cell.path)
-    name = free_name(shape.name, [each.name for each in spec.geoms])
-    group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in spec.geoms) else 0  # so that it is drawn
-    body.add_geom(
-        name=name, type=kind, size=size, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), rgba=rgba,
-        margin=clearance_m, contype=1, conaffinity=1, group=group, mass=0.0, **mesh,
-    )  # fmt: skip
+class _Shapes:
+    """Solid shapes that are added to a model, each under a free name; the model is searched for names once."""
 
+    def __init__(self, spec: mujoco.MjSpec, path: Path) -> None:
+        geoms = list(spec.geoms)
+        self.spec, self._path, self._taken = spec, path, {each.name for each in geoms}
+        self._group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in geoms) else 0  # so that it is drawn
 
-def _add_mesh(spec: mujoco.MjSpec, shape: Obstacle, path: Path) -> str:
-    """Add the mesh of a shape to the model; its name there."""
-    file = (path.parent / shape.file).resolve()
-    if file.suffix.lower() not in _MESHES or not file.is_file():
-        raise LabError(f"{path}: mesh '{shape.name}': {file} is no file of {' or '.join(_MESHES)}; give one")
-    name = f"cell {shape.name}"
-    spec.add_mesh(name=name, file=str(file), scale=[shape.scale] * 3)
-    return name
+    def add(self, body: mujoco.MjsBody, T: Array, shape: Obstacle, clearance_m: float, rgba: tuple[float, ...]) -> None:
+        """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, to which others keep this clearance."""
+        kind, size = mujoco.mjtGeom.mjGEOM_BOX, [each / 2e3 for each in shape.size_mm]
+        if shape.shape == "cylinder":
+            kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [shape.radius_mm / 1e3, shape.height_mm / 2e3, 0.0]
+        mesh = {}
+        if shape.shape == "mesh":
+            kind, size = mujoco.mjtGeom.mjGEOM_MESH, [0.0, 0.0, 0.0]
+            mesh["meshname"] = self._add_mesh(shape)
+        name = free_name(shape.name, self._taken)
+        self._taken.add(name)
+        body.add_geom(
+            name=name, type=kind, size=size, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), rgba=rgba,
+            margin=clearance_m, contype=1, conaffinity=1, group=self._group, mass=0.0, **mesh,
+        )  # fmt: skip
+
+    def _add_mesh(self, shape: Obstacle) -> str:
+        """Add the mesh of a shape to the model; its name there."""
+        file = (self._path.parent / shape.file).resolve()
+        if file.suffix.lower() not in _MESHES or not file.is_file():
+            raise LabError(f"{self._path}: mesh '{shape.name}': {file} is no file of {' or '.join(_MESHES)}; give one")
+        name = f"cell {shape.name}"
+        self.spec.add_mesh(name=name, file=str(file), scale=[shape.scale] * 3)
+        return name
 
 
 def _place_tracker(robot: RobotModel, spec: mujoco.MjSpec, T_world_tracker: Array) -> None:

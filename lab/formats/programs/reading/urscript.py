@@ -8,6 +8,7 @@ where the arm is.
 
 import re
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -38,12 +39,24 @@ _BASE = "base of the robot"
 class _Literal:
     """A pose or a list of joint positions that the text holds."""
 
-    name: str
     line: int
     numbers: tuple[Number, ...]
     is_pose: bool
+
+
+@dataclass
+class _Named:
+    """What a name may stand for, or the one literal of a line, and the moves to it."""
+
+    name: str
+    literals: list[_Literal] = field(default_factory=list)
     frames: set[tuple[str, str]] = field(default_factory=set)
     moves: list[tuple[int, Motion]] = field(default_factory=list)
+
+    @cached_property
+    def listed_frames(self) -> str:
+        """The tools and bases with which it is moved to, once all are known."""
+        return " as well as ".join(" and ".join(frames) for frames in sorted(self.frames))
 
 
 @dataclass
@@ -53,18 +66,18 @@ class _Reader(ProgramReader):
     code: str
     tool: str = "tcp"
     frames: dict[str, Array] = field(default_factory=dict)
-    named: dict[str, list[_Literal]] = field(default_factory=dict)
-    inline: list[_Literal] = field(default_factory=list)
+    named: dict[str, _Named] = field(default_factory=dict)
+    inline: list[_Named] = field(default_factory=list)
     computed: set[str] = field(default_factory=set)
 
     def read(self) -> ProgramText:
         self.frames = {_BASE: np.eye(4), **self.outside.posed(ROTATION_VECTOR)}
         for found in _ASSIGNED.finditer(self.code):
-            literal = None if found[2] else self._literal(found.end(), found[1])
+            literal = None if found[2] else self._literal(found.end())
             if literal is None:
                 self.computed.add(found[1])
             else:
-                self.named.setdefault(found[1], []).append(literal)
+                self.named.setdefault(found[1], _Named(found[1])).literals.append(literal)
         last = 0
         for found in _CALL.finditer(self.code):
             if found.start() >= last and not found[1]:
@@ -79,14 +92,14 @@ class _Reader(ProgramReader):
             raise LabError(f"line {line_of(self.text, at)}: a bracket is not closed; mend the text")
         return end
 
-    def _literal(self, at: int, name: str) -> _Literal | None:
+    def _literal(self, at: int) -> _Literal | None:
         """The six numbers of a pose or a list that begins at a character."""
         is_pose = self.code[at : at + 1] == "p"
         read = read_value(self.code, at + is_pose) if self.code[at + is_pose : at + is_pose + 1] == "[" else None
         numbers = None if read is None else numbers_in(read[0], 6)
         if read is None or numbers is None or _GOES_ON.match(self.code, read[1]):
             return None
-        return _Literal(name, line_of(self.text, numbers[0].start), numbers, is_pose)
+        return _Literal(line_of(self.text, numbers[0].start), numbers, is_pose)
 
     def _call(self, kind: str, parts: list[tuple[int, str]], begins: int) -> None:
         if kind == "set_tcp":
@@ -105,9 +118,9 @@ class _Reader(ProgramReader):
 
     def _frame(self, at: int, part: str) -> Array | None:
         """The pose ``(4, 4)`` (m) of an argument, where the text holds it once."""
-        literal = self._literal(at, part)
-        if literal is None and part not in self.computed and len(self.named.get(part, [])) == 1:
-            literal = self.named[part][0]
+        literal, named = self._literal(at), self.named.get(part)
+        if literal is None and part not in self.computed and named is not None and len(named.literals) == 1:
+            literal = named.literals[0]
         if literal is None or not literal.is_pose:
             return None
         return ROTATION_VECTOR.pose(values_of(literal.numbers))
@@ -126,32 +139,29 @@ class _Reader(ProgramReader):
                 self.frames[known] = frame
                 self._reach(*inner[1], known, motion, begins)
                 return
-        literal = self._literal(at, f"line {line}")
+        literal = self._literal(at)
         if literal is not None:
-            self.inline.append(literal)
-            found = [literal]
+            found = _Named(f"line {line}", [literal])
+            self.inline.append(found)
         elif part in self.computed or part not in self.named:
             self._leave(begins, f"{_shortened(part)} is computed")
             return
         else:
             found = self.named[part]
-        for each in found:
-            each.frames.add((self.tool, base))
-            each.moves.append((line, motion))
+        found.frames.add((self.tool, base))
+        found.moves.append((line, motion))
 
     def _targets(self) -> ProgramText:
-        known = [each for name, some in self.named.items() if name not in self.computed for each in some]
-        for each in sorted([*known, *self.inline], key=lambda each: each.numbers[0].start):
-            if not each.moves:
+        known = [each for name, each in self.named.items() if name not in self.computed]
+        moved = [(literal, each) for each in (*known, *self.inline) if each.moves for literal in each.literals]
+        for literal, each in sorted(moved, key=lambda pair: pair[0].numbers[0].start):
+            if literal.is_pose and len(each.frames) > 1:
+                self.uncorrected.append(Uncorrected(literal.line, f"{each.name} is moved to with {each.listed_frames}"))
                 continue
-            if each.is_pose and len(each.frames) > 1:
-                said = " as well as ".join(" and ".join(frames) for frames in sorted(each.frames))
-                self.uncorrected.append(Uncorrected(each.line, f"{each.name} is moved to with {said}"))
-                continue
-            target = TargetText(each.name, each.line, each.numbers, per_rad=(1.0,) * 6)
-            if each.is_pose:
+            target = TargetText(each.name, literal.line, literal.numbers, per_rad=(1.0,) * 6)
+            if literal.is_pose:
                 ((tool, base),) = each.frames
-                target = TargetText(each.name, each.line, each.numbers, ROTATION_VECTOR, tool, base)
+                target = TargetText(each.name, literal.line, literal.numbers, ROTATION_VECTOR, tool, base)
             self._add(target, each.moves)
         return self._read(self.frames)
 
