@@ -37,6 +37,7 @@ __all__ = [
     "PLACES",
     "POSES",
     "PROGRAM_BYTES",
+    "PROGRAM_FRAMES",
     "PROGRAM_MOVES",
     "PROGRAM_TARGETS",
     "READINGS",
@@ -100,6 +101,7 @@ TABLE_BYTES = Limit("bytes of a CSV file", 512 * _MIB, "a million rows of three 
 TOML_BYTES = Limit("bytes of a TOML file", _MIB, "descriptions and studies have some KiB")
 TEXT_BYTES = Limit("bytes of a JSON, MJCF or URDF file", 16 * _MIB, "runs and models have less than 1 MiB")
 PROGRAM_BYTES = Limit("bytes of a controller's program", 4 * _MIB, "ten thousand targets have 2 MiB")
+PROGRAM_FRAMES = Limit("tools and bases of a program", 10_000, "a controller keeps some hundred")
 PROGRAM_MOVES = Limit("moves of a program that is read", 200_000, "the way of each is checked")
 PROGRAM_TARGETS = Limit("targets of a program that is written", 10_000, "a controller loads no larger file")
 MESH_BYTES = Limit("bytes of all meshes and pictures of a robot", 512 * _MIB, "they are held in memory")

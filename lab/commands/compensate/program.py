@@ -4,6 +4,7 @@ What a target says is where the controller's nominal arm brings the tool. So the
 last frame's axes, are wanted where the nominal arm, with the base and the tool that fit it best, has them there.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -222,12 +223,13 @@ def open_program(options: CompensateOptions, run: Calibrated) -> OpenProgram:
 
 def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
     """What the targets are called, each once."""
-    names = list[str]()
+    names, counts = dict[str, None](), Counter[str]()
     for i in rows.tolist():
-        name, count = targets[i].name, 1
-        while (said := name if count == 1 else f"{name} ({count})") in names:
-            count += 1
-        names.append(said)
+        name = targets[i].name
+        counts[name] += 1
+        while (said := name if counts[name] == 1 else f"{name} ({counts[name]})") in names:
+            counts[name] += 1
+        names[said] = None
     return tuple(names)
 
 

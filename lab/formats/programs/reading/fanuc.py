@@ -50,7 +50,7 @@ class _Reader(ProgramReader):
     relative: set[str] = field(default_factory=set)
 
     def read(self) -> ProgramText:
-        frames = {name: np.eye(4) for name in ("UFRAME[0]", "UTOOL[0]")} | self.outside.posed(FIXED_XYZ)
+        self.frames = {name: np.eye(4) for name in ("UFRAME[0]", "UTOOL[0]")} | self.outside.posed(FIXED_XYZ)
         end = self.code.find("/POS")
         for found in _MOVE.finditer(self.code, 0, len(self.code) if end < 0 else end):
             self._move(found[1], found[2], found[3], found[4], found.start(1))
@@ -61,7 +61,7 @@ class _Reader(ProgramReader):
             target = self._target(number, found[2], found.start(2)) if found[3] is None else None
             if target is not None:
                 self._add(target, self.reached.get(number, ()))
-        return self._read(frames)
+        return self._read()
 
     def _move(self, kind: str, what: str, number: str | None, options: str, at: int) -> None:
         if number is None:

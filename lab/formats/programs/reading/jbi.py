@@ -51,7 +51,7 @@ class _Reader(ProgramReader):
     allowed: Allowed | None = None
 
     def read(self) -> ProgramText:
-        frames = {name: np.eye(4) for name in ("ROBOT", "TOOL[0]")} | self.outside.posed(FIXED_XYZ)
+        self.frames = {name: np.eye(4) for name in ("ROBOT", "TOOL[0]")} | self.outside.posed(FIXED_XYZ)
         for found in _LINE.finditer(self.text):
             line = found[0]
             if pseudo := _PSEUDO.match(line):
@@ -63,7 +63,7 @@ class _Reader(ProgramReader):
         for name, target in self.positions.items():
             if name not in self.relative:
                 self._add(target, self.reached.get(name, ()))
-        return self._read(frames)
+        return self._read()
 
     def _pseudo(self, key: str, value: str) -> None:
         """What holds for the positions that follow."""

@@ -71,11 +71,9 @@ class _Reader(ProgramReader):
     code: str
     tool: str = "$TOOL"
     base: str = "$BASE"
-    frames: dict[str, Array] = field(default_factory=dict)
     forms: dict[str, str] = field(default_factory=dict)  # what inline forms keep, by name without the F
     positions: dict[str, _Position] = field(default_factory=dict)
     assigned: set[str] = field(default_factory=set)
-    computed: dict[str, int] = field(default_factory=dict)
 
     def read(self) -> ProgramText:
         root = {name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "$ROBROOT")}
@@ -99,7 +97,7 @@ class _Reader(ProgramReader):
             parts = self._parts(source, at)
             name = self._in_line(what, at)
             if set(_PLACE) <= set(parts):
-                self.frames[name] = MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE]))
+                self._describe(name, MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE])))
         elif name not in self.frames and re.search(r"[^\w$\[\].]", name):
             name = self._in_line(what, at)
         if what.upper() == "TOOL":
@@ -128,7 +126,8 @@ class _Reader(ProgramReader):
         if name in ("$TOOL", "$BASE", "$H_POS"):
             return
         if whole and set(_PLACE) <= set(parts) and ("_DATA[" in name or kind == "FRAME" or name.startswith("$")):
-            self.frames.setdefault(name, MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE])))
+            if name not in self.frames:
+                self._describe(name, MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE])))
             if kind != "FRAME":
                 return
         if whole and (set(_PLACE) <= set(parts) or set(_AXES) <= set(parts)) and "." not in name:
@@ -208,7 +207,7 @@ class _Reader(ProgramReader):
             numbers = tuple(each.parts[key] for key in _PLACE)
             target = TargetText(each.name, each.line, numbers, MOVING_ZYX, tool, base, allowed=_allowed(each))
             self._add(target, each.moves)
-        return self._read(self.frames, self.computed)
+        return self._read()
 
 
 def read_krl(text: str, outside: Outside) -> ProgramText:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.limits import PROGRAM_MOVES
+from lab.core.limits import PROGRAM_FRAMES, PROGRAM_MOVES
 from lab.core.ranges import ROUNDED_NORM
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
@@ -160,6 +160,8 @@ class ProgramReader:
         outside: what it does not hold.
         targets: in the order of the text.
         moves: to them.
+        frames: poses ``(4, 4)`` (m) of tools and bases by name.
+        computed: the lines of frames, by name, that get their values only while the program runs.
         uncorrected: lines that stay as they are.
     """
 
@@ -167,6 +169,8 @@ class ProgramReader:
     outside: Outside
     targets: list[TargetText] = field(default_factory=list, init=False)
     moves: list[Move] = field(default_factory=list, init=False)
+    frames: dict[str, Array] = field(default_factory=dict, init=False)
+    computed: dict[str, int] = field(default_factory=dict, init=False)
     uncorrected: list[Uncorrected] = field(default_factory=list, init=False)
 
     def _add(self, target: TargetText, made: Sequence[tuple[int, Motion]]) -> None:
@@ -179,7 +183,16 @@ class ProgramReader:
         self.moves += [Move(line, len(self.targets), motion) for line, motion in made]
         self.targets.append(target)
 
-    def _read(self, frames: Mapping[str, Array], computed: Mapping[str, int] | None = None) -> ProgramText:
+    def _describe(self, name: str, T: Array) -> None:
+        """Add a tool or a base that the text describes.
+
+        Raises:
+            LabError: the program has too many of them.
+        """
+        self.frames[name] = T
+        PROGRAM_FRAMES("the program", self.frames)
+
+    def _read(self) -> ProgramText:
         """What was read.
 
         Raises:
@@ -187,7 +200,7 @@ class ProgramReader:
         """
         PROGRAM_MOVES("the program", self.moves)
         self.moves.sort(key=lambda move: move.line)
-        return ProgramText(tuple(self.targets), tuple(self.moves), frames, tuple(self.uncorrected), computed or {})
+        return ProgramText(tuple(self.targets), tuple(self.moves), self.frames, tuple(self.uncorrected), self.computed)
 
     def _leave(self, offset: int, reason: str) -> None:
         """The line at an offset of the text stays as it is."""
@@ -210,8 +223,9 @@ def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
         listed = _listed([f"{name} (line {read.computed[name]})" for name in made])
         said.append(f"{listed} {_is(made)} given a value only while the program runs")
     example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
+    given = _listed([f"{name}={example}" for name in names], "; ")
     raise LabError(
-        f"{', and '.join(said)}; give --frames '{_listed([f'{name}={example}' for name in names], '; ')}' ({spelling.words}"
+        f"{', and '.join(said)}; give --frames '{given}' ({spelling.words}"
         f"{', as the controller shows it when that line has run' if made else ''})"
     )
 

@@ -68,8 +68,6 @@ class _Reader(ProgramReader):
     data: str
     code: str
     declared: dict[str, _Declared] = field(default_factory=dict)
-    frames: dict[str, Array] = field(default_factory=dict)
-    computed: dict[str, int] = field(default_factory=dict)
 
     def read(self) -> ProgramText:
         self.frames = {"tool0": np.eye(4), "wobj0": np.eye(4), **_lower(self.outside.posed(QUATERNION))}
@@ -107,7 +105,7 @@ class _Reader(ProgramReader):
                 what = "is not held by the robot" if kind == "tooldata" else "is moved by another unit"
                 self._leave(found.start(2), f"{name} {what}, or cannot be read: give it by --frames")
             else:
-                self.frames[name.lower()] = posed
+                self._describe(name.lower(), posed)
 
     def _move(self, found: "re.Match[str]") -> None:
         kind, parts = found[1].lower(), arguments(self.code, found.start(2), found.end(2))
@@ -179,7 +177,7 @@ class _Reader(ProgramReader):
                     self.uncorrected.append(Uncorrected(each.line, f"{name} cannot be read as a {each.kind}"))
                     continue
                 self._add(found, each.moves if len(each.entries) == 1 else ())
-        return self._read(self.frames, self.computed)
+        return self._read()
 
     def _target(self, each: _Declared, name: str, entry: Value) -> TargetText | None:
         if not isinstance(entry, list):

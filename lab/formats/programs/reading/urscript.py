@@ -43,6 +43,11 @@ class _Literal:
     numbers: tuple[Number, ...]
     is_pose: bool
 
+    @cached_property
+    def pose(self) -> Array:
+        """The pose ``(4, 4)`` (m) that it is."""
+        return ROTATION_VECTOR.pose(values_of(self.numbers))
+
 
 @dataclass
 class _Named:
@@ -65,17 +70,16 @@ class _Reader(ProgramReader):
 
     code: str
     tool: str = "tcp"
-    frames: dict[str, Array] = field(default_factory=dict)
     named: dict[str, _Named] = field(default_factory=dict)
     inline: list[_Named] = field(default_factory=list)
-    computed: set[str] = field(default_factory=set)
+    unknown: set[str] = field(default_factory=set)
 
     def read(self) -> ProgramText:
         self.frames = {_BASE: np.eye(4), **self.outside.posed(ROTATION_VECTOR)}
         for found in _ASSIGNED.finditer(self.code):
             literal = None if found[2] else self._literal(found.end())
             if literal is None:
-                self.computed.add(found[1])
+                self.unknown.add(found[1])
             else:
                 self.named.setdefault(found[1], _Named(found[1])).literals.append(literal)
         last = 0
@@ -114,16 +118,16 @@ class _Reader(ProgramReader):
         self.tool = self.outside.alias(argument[1] if re.fullmatch(r"\w+", argument[1]) else "tcp")
         if pose is not None:
             self.tool = f"tcp of line {line_of(self.text, begins)}"
-            self.frames[self.tool] = pose
+            self._describe(self.tool, pose)
 
     def _frame(self, at: int, part: str) -> Array | None:
         """The pose ``(4, 4)`` (m) of an argument, where the text holds it once."""
         literal, named = self._literal(at), self.named.get(part)
-        if literal is None and part not in self.computed and named is not None and len(named.literals) == 1:
+        if literal is None and part not in self.unknown and named is not None and len(named.literals) == 1:
             literal = named.literals[0]
         if literal is None or not literal.is_pose:
             return None
-        return ROTATION_VECTOR.pose(values_of(literal.numbers))
+        return literal.pose
 
     def _reach(self, at: int, part: str, base: str, motion: Motion, begins: int) -> None:
         """A move to what an argument says."""
@@ -136,14 +140,14 @@ class _Reader(ProgramReader):
             frame, name = self._frame(*inner[0]), f"frame of line {line}"
             if len(inner) == 2 and frame is not None and base == _BASE:
                 known = inner[0][1] if re.fullmatch(r"\w+", inner[0][1]) else name
-                self.frames[known] = frame
+                self._describe(known, frame)
                 self._reach(*inner[1], known, motion, begins)
                 return
         literal = self._literal(at)
         if literal is not None:
             found = _Named(f"line {line}", [literal])
             self.inline.append(found)
-        elif part in self.computed or part not in self.named:
+        elif part in self.unknown or part not in self.named:
             self._leave(begins, f"{_shortened(part)} is computed")
             return
         else:
@@ -152,7 +156,7 @@ class _Reader(ProgramReader):
         found.moves.append((line, motion))
 
     def _targets(self) -> ProgramText:
-        known = [each for name, each in self.named.items() if name not in self.computed]
+        known = [each for name, each in self.named.items() if name not in self.unknown]
         moved = [(literal, each) for each in (*known, *self.inline) if each.moves for literal in each.literals]
         for literal, each in sorted(moved, key=lambda pair: pair[0].numbers[0].start):
             if literal.is_pose and len(each.frames) > 1:
@@ -163,7 +167,7 @@ class _Reader(ProgramReader):
                 ((tool, base),) = each.frames
                 target = TargetText(each.name, literal.line, literal.numbers, ROTATION_VECTOR, tool, base)
             self._add(target, each.moves)
-        return self._read(self.frames)
+        return self._read()
 
 
 def read_urscript(text: str, outside: Outside) -> ProgramText:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.limits import PROGRAM_FRAMES
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.reading.aggregate import numbers_in, read_value
@@ -30,9 +31,8 @@ from lab.formats.programs.reading.spelling import MOVING_XYZ
 
 __all__ = ["read_val3"]
 
-_DATA = re.compile(
-    r"<Data\b([^<>]*[^/<>])>(.*?)(?:</Data\s*>|(\Z))", re.DOTALL
-)  # one that ends with "/>" has no values
+# A <Data> that ends with "/>" has no values.
+_DATA = re.compile(r"<Data\b([^<>]*[^/<>])>(.*?)(?:</Data\s*>|(\Z))", re.DOTALL)
 _VALUE = re.compile(r"<Value\b([^<>]*?)/?>", re.DOTALL)
 _ATTRIBUTE = re.compile(r'(?<![\w:])([\w:]+)\s*=\s*"([^"]*)"')
 _CODE = re.compile(r"<Code\b[^<>]*>(.*?)(?:</Code\s*>|(\Z))", re.DOTALL)
@@ -55,20 +55,20 @@ class _Reader(ProgramReader):
     points: list[tuple[str, dict[str, str], dict[str, Number], int]] = field(default_factory=list)
 
     def read(self) -> ProgramText:
-        frames = {"world": np.eye(4), "flange": np.eye(4), **self.outside.posed(MOVING_XYZ)}
+        self.frames = {"world": np.eye(4), "flange": np.eye(4), **self.outside.posed(MOVING_XYZ)}
         for data in _DATA.finditer(self.code):
             if data[3] is None:
                 self._data(dict(_ATTRIBUTE.findall(data[1])), data)
-        self._chain(frames)
+        self._chain(self.frames)
         tool = self.outside.alias("tool")
-        if tool == "tool" and "tool" not in frames:
+        if tool == "tool" and "tool" not in self.frames:
             tool = self.tools[0] if len(self.tools) == 1 else "tool"
         for name, words, numbers, line in self.points:
             values = tuple(numbers[key] for key in _PLACE)
             base = self.outside.alias(_plain(words.get("fatherId", "world")))
             self._add(TargetText(name, line, values, MOVING_XYZ, tool, base, allowed=_allowed(words)), ())
         self._program()
-        return self._read(frames)
+        return self._read()
 
     def _data(self, head: dict[str, str], data: "re.Match[str]") -> None:
         """The values of a variable."""
@@ -97,6 +97,7 @@ class _Reader(ProgramReader):
                 T = MOVING_XYZ.pose(values_of([numbers[key] for key in _PLACE]))
                 self.fathers[name] = (_plain(words.get("fatherId", "world" if kind == "frame" else "flange")), T)
                 self.tools += [name] if kind == "tool" else []
+                PROGRAM_FRAMES("the program", self.fathers)
 
     def _chain(self, known: dict[str, Array]) -> None:
         """Add the tools in the flange and the frames in the world whose fathers are all known."""
@@ -150,7 +151,7 @@ def read_val3(text: str, outside: Outside) -> ProgramText:
     Raises:
         LabError: frames that are given have not the numbers of VAL 3's.
     """
-    comments = masked(text, r"<!--.*?-->|(?<!:)//[^\r\n]*", kept='"[^"\r\n]*"')
+    comments = masked(text, r"<!--[\s\S]*?(?:-->|\Z)|(?<!:)//[^\r\n]*", kept='"[^"\r\n]*"')
     return _Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
 
 
