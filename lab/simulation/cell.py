@@ -45,13 +45,9 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     """
     spec, T_robot_cell = robot.spec.copy(), se3.inverse(cell.robot.pose)
     spec.option.gravity = T_robot_cell[:3, :3] @ spec.option.gravity
-    shapes, world = _Shapes(spec, cell.path), spec.worldbody
-    bodies = {each.name for each in spec.bodies}
+    shapes, world = _Shapes(spec, cell.path), spec.worldbody  # with a body each, MuJoCo would hold all pairs of them
     for obstacle in cell.obstacle:
-        name = free_name(obstacle.name, bodies)
-        bodies.add(name)
-        T, clearance_m = T_robot_cell @ obstacle.pose, cell.clearance_m(obstacle)
-        shapes.add(world.add_body(name=name), T, obstacle, clearance_m, _OBSTACLE_RGBA)
+        shapes.add(world, T_robot_cell @ obstacle.pose, obstacle, cell.clearance_m(obstacle), _OBSTACLE_RGBA)
     tool = _carried(robot, shapes, cell)
     places = [T_robot_cell @ each.pose for each in cell.instrument_places]
     for station, T in list(zip(cell.station, places, strict=False))[1:]:
@@ -105,7 +101,7 @@ class _Shapes:
 
     def __init__(self, spec: mujoco.MjSpec, path: Path) -> None:
         geoms = list(spec.geoms)
-        self.spec, self._path, self._taken = spec, path, {each.name for each in geoms}
+        self.spec, self._path, self._taken = spec, path, {each.name for each in (*geoms, *spec.bodies)}
         self._group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in geoms) else 0  # so that it is drawn
 
     def add(self, body: mujoco.MjsBody, T: Array, shape: Obstacle, clearance_m: float, rgba: tuple[float, ...]) -> None:
