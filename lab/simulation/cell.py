@@ -97,10 +97,11 @@ def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> dict[str, Arra
 
 
 class _Shapes:
-    """Solid shapes that are added to a model, each under a free name; the model is searched for names once."""
+    """Solid shapes that are added to a model, each by a name of its own: the model is searched for its names once."""
 
     def __init__(self, spec: mujoco.MjSpec, path: Path) -> None:
         geoms = list(spec.geoms)
+        self._meshes = dict[tuple[Path, float], str]()
         self.spec, self._path, self._taken = spec, path, {each.name for each in (*geoms, *spec.bodies)}
         self._group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in geoms) else 0  # so that it is drawn
 
@@ -121,13 +122,14 @@ class _Shapes:
         )  # fmt: skip
 
     def _add_mesh(self, shape: Obstacle) -> str:
-        """Add the mesh of a shape to the model; its name there."""
+        """The name of a shape's mesh in the model, to which each file is added once."""
         file = (self._path.parent / shape.file).resolve()
         if file.suffix.lower() not in _MESHES or not file.is_file():
             raise LabError(f"{self._path}: mesh '{shape.name}': {file} is no file of {' or '.join(_MESHES)}; give one")
-        name = f"cell {shape.name}"
-        self.spec.add_mesh(name=name, file=str(file), scale=[shape.scale] * 3)
-        return name
+        if (file, shape.scale) not in self._meshes:
+            self._meshes[file, shape.scale] = f"cell {shape.name}"
+            self.spec.add_mesh(name=f"cell {shape.name}", file=str(file), scale=[shape.scale] * 3)
+        return self._meshes[file, shape.scale]
 
 
 def _place_tracker(robot: RobotModel, spec: mujoco.MjSpec, T_world_tracker: Array) -> None:

@@ -3,9 +3,9 @@
 import re
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,9 +21,8 @@ _NOTHING = 1e-9  # m, mm, rad, degrees or pulses: a change that is none
 _ALIGNED = "  "  # before a number that is aligned to the right
 
 
-@dataclass(frozen=True)
-class Number:
-    """A number as a text has it.
+class Number(NamedTuple):
+    """A number as a text has it; a program has some hundred thousand.
 
     Attributes:
         start: of its first character in the text.

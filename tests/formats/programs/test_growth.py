@@ -1,0 +1,150 @@
+# ruff: noqa: E501 (lines of programs are as long as they are)
+"""Reading a program takes work that grows with its length: long texts of every kind are read, or refused in a line.
+
+No clock is read. A reader whose work grows with the square of the length takes hours for these texts.
+"""
+
+import sys
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120
+
+from lab.core.errors import LabError
+from lab.core.limits import PROGRAM_FRAMES, PROGRAM_MOVES
+from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.registry import read_program
+
+LENGTH = 60_000
+END = {"rapid": ".mod", "krl": ".src", "fanuc": ".ls", "val3": ".pgx", "urscript": ".script", "jbi": ".jbi"}
+TARGET = "[[100,0,500],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+POINT = '<Data name="p{}" type="pointRx"><Value key="0" x="1" y="0" z="500" rx="0" ry="0" rz="0" fatherId="f{}[0]"/></Data>\n'
+FRAME = (
+    '<Data name="f{}" type="frame"><Value key="0" x="0" y="0" z="0.5" rx="0" ry="0" rz="0" fatherId="f{}[0]"/></Data>\n'
+)
+TOOL = (
+    '<Data name="t" type="tool"><Value key="0" x="0" y="0" z="0" rx="0" ry="0" rz="0" fatherId="flange[0]"/></Data>\n'
+)
+LISTED = "P[{}]{{\n GP1:\n UF : 0, UT : 0, CONFIG : '{}N U T, 0, 0, 0',\n X = 1 mm, Y = 0 mm, Z = 500 mm, W = 0 deg, P = 0 deg, R = 0 deg\n}};\n"
+# A program with one target in each language; filler takes the place of the @.
+PROGRAMS = {
+    "rapid": f"MODULE M\nCONST robtarget p1:={TARGET};\nPROC main()\n@\nMoveJ p1,v100,fine,tool0;\nENDPROC\n",
+    "krl": "DEF m()\n$TOOL=$NULLFRAME\n$BASE=$WORLD\n@\nPTP {X 1,Y 0,Z 500,A 0,B 0,C 0}\nEND\n",
+    "fanuc": "/PROG A\n/MN\n@\n 1:J P[1] 100% FINE ;\n/POS\n" + LISTED.format(1, "") + "/END\n",
+    "val3": '<Program><Locals><Local name="a" type="jointRx"/></Locals><Code>begin\na={1,2,3,4,5,6}\n@\nmovej(a,t,m)\nend</Code></Program>\n',
+    "urscript": "def prog():\n  set_tcp(p[0,0,0.1,0,0,0])\n@\n  movej(p[0.1,0,0.5,0,0,0])\nend\n",
+    "jbi": "/JOB\n//POS\n///TOOL 0\n///POSTYPE ROBOT\n///RECTAN\nC0=1,0,500,0,0,0\n//INST\n@\nMOVJ C0 VJ=1\nEND\n",
+}  # fmt: skip
+COMMENT = {
+    "rapid": "! MoveJ",
+    "krl": "; PTP",
+    "fanuc": " 2:  !J P[1]",
+    "val3": "// movej(",
+    "urscript": "# movej(",
+    "jbi": "'MOVJ",
+}
+# What begins and does not end, and what a search could begin at every character.
+OPEN = {
+    "rapid": ("MoveJ Offs(p1", "CONST robtarget p{", "x{", ":=", "IF a THEN", "a   ", ".a", "\\"),
+    "krl": ("PTP {X 1", "{", "DECL ", "a   ", "X 1", "A="),
+    "fanuc": ("2:J P[2", "P[2]{", "1", ":", "2:J P[1] Offset"),
+    "val3": ("<Data ", "<Data>", "<Value ", "<Code>", "<!--", "movej(a ", ".a", 'a="', "movej(", "b ={"),
+    "urscript": ("movej(", "movej(p[", "a[", "a=[", "def  ", "movej(get_inverse_kin("),
+    "jbi": ("MOVJ P[", "///TOOL 1  ", "C2=", "C2=1,", "///RCONF 1,"),
+}  # fmt: skip
+
+
+def read(language: str, text: str) -> ProgramText:
+    return read_program(Path("a" + END[language]), text, IRB120.chain, None, Outside())[1]
+
+
+def filled(language: str, filler: str, separator: str) -> str:
+    piece = filler + separator
+    return PROGRAMS[language].replace("@", piece * (LENGTH // len(piece)))
+
+
+@pytest.mark.parametrize("language", PROGRAMS)
+def test_long_comments_and_blank_lines_change_nothing(language: str) -> None:
+    plain = read(language, PROGRAMS[language].replace("@", ""))
+    assert len(plain.targets) == len(plain.moves) == 1
+    for filler, end in ((COMMENT[language], "\n"), (COMMENT[language], " "), ("", "\n"), ("  ", "\r\n"), ("", "\r")):
+        text = filled(language, filler, end) if (filler, end) != ("", "\r") else filled(language, "", "\r") + "\n"
+        found = read(language, text)
+        assert len(found.targets) == len(found.moves) == 1
+        np.testing.assert_array_equal(found.targets[0].values, plain.targets[0].values)
+
+
+@pytest.mark.parametrize("language", PROGRAMS)
+def test_long_nonsense_is_read_or_refused_in_a_line(language: str) -> None:
+    for filler in (*OPEN[language], "a", "1", "[", "(", '"', "=", "a,", '"a'):
+        for separator in ("", "\n"):
+            try:
+                read(language, filled(language, filler, separator))
+            except LabError as error:
+                assert "\n" not in str(error) and len(str(error)) < 1_000
+
+
+def moves(language: str, count: int) -> str:
+    """A program of moves to as many targets, or one in which each line could be looked for in all others."""
+    each = range(count)
+    if language == "rapid":
+        declared = "".join(f"CONST robtarget p{i}:={TARGET};\n" for i in each)
+        return f"MODULE M\n{declared}PROC main()\n{''.join(f'MoveJ p{i},v100,fine,tool0;' for i in each)}\nENDPROC\n"
+    if language == "krl":
+        lines = [
+            f"XP{i}={{X {i},Y 0,Z 5,A 0,B 0,C 0}}\nDECL FDAT FP{i}={{TOOL_NO 0,BASE_NO 0}}\nPTP XP{i}\n" for i in each
+        ]
+        return f"DEF m()\n{''.join(lines)}END\n"
+    if language == "fanuc":
+        listed = "".join(LISTED.format(i, "N   " * 3) for i in each)
+        return f"/PROG A\n/MN\n{''.join(f' {i}:J P[{i}] 100% FINE ;' + chr(10) for i in each)}/POS\n{listed}/END\n"
+    if language == "val3":
+        return (
+            TOOL
+            + "".join(POINT.format(i, i) + FRAME.format(i, i + 1) for i in each)
+            + FRAME.format(count, "world").replace("fworld", "world")
+        )
+    if language == "urscript":
+        return "set_tcp(p[0,0,0,0,0,0])\n" + "".join(f"a{i}=p[0.1,0,0.5,0,0,0]\nmovej(a{i})\n" for i in each)
+    places = "".join(f"C{i}={i},0,500,0,0,0\n" for i in each)
+    return f"//POS\n///TOOL 0\n///POSTYPE ROBOT\n///RECTAN\n{places}//INST\n{''.join(f'MOVJ C{i}' + chr(10) for i in each)}"
+
+
+def calls(language: str, count: int) -> int:
+    """How many functions are called to read a program of so many targets, built-in ones too."""
+    text, made = moves(language, count), 0
+
+    def counted(_frame: FrameType, event: str, _argument: object) -> None:
+        nonlocal made
+        made += event in ("call", "c_call")
+
+    before = sys.getprofile()
+    sys.setprofile(counted)
+    try:
+        found = read(language, text)
+    finally:
+        sys.setprofile(before)
+    assert len(found.targets) == count
+    return made
+
+
+@pytest.mark.parametrize("language", PROGRAMS)
+def test_twice_the_targets_take_twice_the_calls(language: str) -> None:
+    calls(language, 10)  # what is only done once
+    assert calls(language, 200) < 2.2 * calls(language, 100)
+
+
+def test_a_name_that_stands_for_many_poses_is_refused_before_its_moves_fill_the_memory() -> None:
+    text = "a=p[0.1,0,0.5,0,0,0]\nmovej(a)\n" * 5_000
+    with pytest.raises(
+        LabError, match=rf"moves of a program that is read are too many; give at most {PROGRAM_MOVES.shown}"
+    ):
+        read("urscript", f"set_tcp(p[0,0,0,0,0,0])\n{text}")
+
+
+def test_more_frames_than_a_controller_keeps_are_refused() -> None:
+    lines = "".join(f"TOOL_DATA[{i}]={{X 0,Y 0,Z {i},A 0,B 0,C 0}}\n" for i in range(PROGRAM_FRAMES.most + 1))
+    with pytest.raises(LabError, match="tools and bases of a program are too many"):
+        read("krl", f"DEF m()\n{lines}END\n")
