@@ -38,12 +38,16 @@ from lab.commands.calibrate.run import calibrate
 from lab.commands.import_measurements.matching import matched
 from lab.commands.import_measurements.options import ImportOptions
 from lab.core.instruments import instrument
+from lab.core.limits import PROGRAM_BYTES
 from lab.core.load_samples import Mounting
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.experiments.closed_loop import compensator_of
 from lab.experiments.script import Answer, paragraphs
+from lab.formats.cell_toml import read_cell
 from lab.formats.joint_log import JointLog
+from lab.formats.programs.reading.program_text import Outside
+from lab.formats.programs.registry import read_program
 from lab.formats.tracker_export import TrackerPoints
 from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.effects.conditions import HOUR_S
@@ -57,6 +61,7 @@ from lab.payload_identification.from_torques import from_torques
 from lab.pose_selection.certificate import certify
 from lab.render.document import Document
 from lab.simulation.candidate_poses import draw_candidates
+from lab.simulation.cell import in_cell
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_conditions
 from lab.simulation.observations.points import track
@@ -85,6 +90,10 @@ BUDGET_MS = {
     "10,000 targets corrected, by all three schemes": 2000,
     "payload from 2 x 10 s of torques at 1 kHz": 2000,
     "20,000 points matched to poses by time": 2000,
+    "4 MiB of RAPID comments read": 5000,
+    "4 MiB of RAPID moves read": 5000,
+    "4 MiB of RAPID without a line end read": 5000,
+    "a cell of 2,000 obstacles read and built": 10_000,
     "lab --help": 500,
     "lab calibrate": 8000,
 }
@@ -331,6 +340,27 @@ def measuring() -> dict[str, float]:
     }
 
 
+def inputs() -> dict[str, float]:
+    """Milliseconds of reading programs as long as they may be, and a cell with very many obstacles."""
+    robot, place = load_robot("irb120"), "[[100,0,500],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    move = f"MoveJ {place},v100,fine,tool0;\n"
+
+    def read(line: str) -> None:
+        text = line * ((PROGRAM_BYTES.most - len(move)) // len(line)) + f"\n{move}"
+        read_program(Path("a.mod"), text, robot.chain, None, Outside())
+
+    def build(path: Path) -> None:
+        in_cell(robot.model, read_cell(path))
+
+    lines = {"comments": "! a comment\n", "moves": move, "without a line end": "a b,"}
+    found = {f"4 MiB of RAPID {name} read": median_ms(partial(read, line), 1) for name, line in lines.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "cell.toml"
+        box = '[[obstacle]]\nname = "o{}"\nshape = "box"\nsize_mm = [20, 20, 20]\nposition_mm = [{}, {}, 0]\n'
+        path.write_text("".join(box.format(i, 1500 + 40 * (i % 40), 40 * (i // 40)) for i in range(2000)))
+        return found | {"a cell of 2,000 obstacles read and built": median_ms(partial(build, path), 1)}
+
+
 def processes() -> dict[str, float]:
     """Milliseconds of whole commands."""
     with tempfile.TemporaryDirectory() as folder:
@@ -347,7 +377,7 @@ def processes() -> dict[str, float]:
 
 def answer(options: Options) -> Answer:
     """Measure everything, and set it beside its budget and the yardstick."""
-    parts = (kernels, mechanisms, planning, effects, stacked, compensation, measuring, processes)
+    parts = (kernels, mechanisms, planning, effects, stacked, compensation, measuring, inputs, processes)
     results, ratios = over_yardstick(parts)
     ratio = results["that fit by scipy, finite differences"] / results["its fit alone"]
     lines = [f"{machine()}; processor time of medians, and how many yardsticks that is"]
