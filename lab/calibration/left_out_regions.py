@@ -93,11 +93,11 @@ def growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.boo
         joints: ``(n, joints)`` the positions of the poses.
         turning: ``(joints,)`` which joints turn.
     """
-    if len(joints) < _LEAST_POSES:
+    if len(PoseCover.of(joints, turning).poses) < _LEAST_POSES:
         return 0.0
     columns, scale = unit_columns(rows.columns.reshape(-1, rows.columns.shape[2]))
     scaled = replace(rows, columns=columns.reshape(rows.columns.shape), known=rows.known / scale)
-    labels = joint_regions(joints, _REGIONS, 0)
+    labels = joint_regions(joints, turning, _REGIONS, 0)
     tried = [_left_out(scaled, joints, turning, labels == region) for region in range(_REGIONS)]
     parts = [part for part in tried if part is not None]
     if len(parts) < _LEAST_FAR or _together([part.p for part in parts]) >= EXTRAPOLATION:

@@ -27,6 +27,7 @@ from lab.kinematics.serial.axes_to_dh import Truth
 
 __all__ = [
     "ROWS_PER_PARAMETER",
+    "SAME_CONFIGURATION",
     "Errors",
     "Identify",
     "JudgedBy",

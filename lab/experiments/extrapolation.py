@@ -66,13 +66,13 @@ class Options:
     """Print one JSON object."""
 
 
-def splits(joints: Array, kind: Split, count: int, share: float) -> list[NDArray[np.bool_]]:
-    """Which poses ``(n,)`` each part holds out, of joint positions ``(n, joints)``."""
+def splits(joints: Array, turning: NDArray[np.bool_], kind: Split, count: int, share: float) -> list[NDArray[np.bool_]]:
+    """Which poses ``(n,)`` each part holds out, of joint positions ``(n, joints)``, of which some turn."""
     if kind == "random":
         parts = folds(configurations(joints), 0)
         return [parts == part for part in range(int(parts.max()) + 1)]
     if kind == "regions":
-        labels = joint_regions(joints, count, 0)
+        labels = joint_regions(joints, turning, count, 0)
         return [labels == label for label in range(count)]
     found = []
     for positions in joints[:, :3].T:
@@ -124,9 +124,11 @@ def answer(options: Options) -> Answer:
     data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
     if len(data) > options.most_poses:
         data = data.take(np.sort(np.random.default_rng(0).permutation(len(data))[: options.most_poses]))
+    turning = ~np.array(robot.chain.prismatic, dtype=np.bool_)
+    parts = {kind: splits(data.joints, turning, kind, options.count, options.share) for kind in options.kinds}
     values = {
-        f"{kind}, {model}": cross_validated(robot, data, model, splits(data.joints, kind, options.count, options.share))
-        for kind in options.kinds
+        f"{kind}, {model}": cross_validated(robot, data, model, held)
+        for kind, held in parts.items()
         for model in options.models
     }
     columns = (

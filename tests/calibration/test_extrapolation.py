@@ -10,7 +10,7 @@ from helpers.robots import IRB120
 from lab.calibration.extrapolation import MeasuredRange, measured_range
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import WEAK, Identification, identify
-from lab.calibration.pose_cover import PoseCover
+from lab.calibration.pose_cover import PoseCover, distinct_poses, joint_regions
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.useful_parameters import TELLING, largest_useful_std
 from lab.calibration.validation import Errors, Validation
@@ -249,3 +249,57 @@ def test_effects_that_fail_in_left_out_regions_count_as_unknown_elsewhere() -> N
     points = arm.points(rows.joints, truth) + SIGMA * np.random.default_rng(1).standard_normal(rows.points.shape)
     own = ranged_with(arm, measured(IRB120.chain.joint_names, rows.joints, ("p1",), points))
     assert own.growth == 0.0 and own.unsure == 0.0
+
+
+def test_repeats_of_poses_cover_nothing_more() -> None:
+    """Twelve visits of each pose cover what one visit covers, with or without what the encoders read beside it."""
+    rng, turning = np.random.default_rng(3), np.ones(6, dtype=bool)
+    joints, apart = np.split(IRB120.chain.random_joints(120, rng), 2)
+    once, away = PoseCover.of(joints, turning), PoseCover.of(joints, turning).beyond(apart)
+    assert (once.poses == joints).all() and (away > 0).any()
+    visits = np.tile(joints, (12, 1))
+    np.testing.assert_array_equal(PoseCover.of(visits, turning).beyond(apart), away)
+    turned = visits + 2 * np.pi * rng.integers(-1, 2, visits.shape)  # a whole turn leads back to where it was
+    np.testing.assert_allclose(PoseCover.of(turned, turning).beyond(apart), away, atol=1e-9)
+    read = PoseCover.of(visits + 1e-5 * rng.standard_normal(visits.shape), turning)
+    np.testing.assert_allclose(read.beyond(apart), away, atol=1e-4)
+    rows, which = distinct_poses(visits, turning)
+    assert (rows == np.arange(60)).all() and (which == np.tile(np.arange(60), 12)).all()
+
+
+def test_a_dense_path_is_more_than_one_pose() -> None:
+    """Each of its poses is as near to the next as a repeat is, and its ends are far apart."""
+    path = np.linspace(0, 1, 1001)[:, None] * np.ones(3)
+    rows, which = distinct_poses(path, np.ones(3, dtype=bool))
+    assert 60 < len(rows) < 120 and rows[0] == 0
+    assert np.abs(path - path[rows[which]]).max() < 0.02
+    assert PoseCover.of(path, np.ones(3, dtype=bool)).beyond(path).max() < 1
+
+
+def visited(rows: Measurements, visits: np.ndarray) -> Measurements:
+    """The same poses, each measured so many times, with new noise."""
+    which = np.repeat(np.arange(len(rows)), visits)
+    points = rows.points[which] + SIGMA * np.random.default_rng(1).standard_normal((len(which), 1, 3))
+    return measured(rows.joint_names, rows.joints[which], ("p1",), points)
+
+
+def test_regions_of_repeated_poses_show_what_the_model_lacks_there() -> None:
+    """The same arm, visited once a pose and five times: what regions lack is of the arm, not of the visits."""
+    rows, _ = hidden_region(2, 1e-3)
+    once, said = ranged(rows)[1], ranged(visited(rows, np.full(200, 5)))[1]
+    assert said.cover is not None and len(said.cover.poses) == len(rows)
+    assert once.growth > 0 and said.growth == pytest.approx(once.growth, rel=0.3)
+
+
+def test_regions_are_of_as_many_poses_however_often_some_are_visited() -> None:
+    """One pose in five is visited nine times: all its visits are in one region, and regions are as before."""
+    rows, turning = hidden_region(2, 1e-3)[0], np.ones(6, dtype=bool)
+    which = np.repeat(np.arange(200), np.where(np.arange(200) % 5, 1, 9))
+    labels = joint_regions(rows.joints[which], turning, 8, 0)
+    assert (labels == joint_regions(rows.joints, turning, 8, 0)[which]).all() and labels.max() == 7
+
+
+def test_a_few_poses_visited_often_are_few() -> None:
+    """Regions need poses, not rows: of 34 poses by 10 nothing is said of regions, as of 34 rows."""
+    rows = hidden_region(0, 1e-3)[0].take(np.linspace(0, 199, 34).astype(int))
+    assert ranged(visited(rows, np.full(34, 10)))[1].growth == 0

@@ -110,7 +110,7 @@ def said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
 
 
 def write_cover(path: Path, cover: PoseCover, chain: JointSpec) -> None:
-    """A row a fitted pose, of very many so many that they tell as well: joint positions, deg (mm of a slide)."""
+    """A row a distinct fitted pose, of very many some: joint positions, deg (mm of a slide)."""
     columns = {}
     for name, slides, positions in zip(chain.joint_names, chain.prismatic, cover.poses.T, strict=True):
         unit, factor = _unit(slides)
@@ -133,7 +133,7 @@ def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
         if table.texts(column := f"{name}_{unit}") is None:
             raise LabError(f"{path}: has no column {column}; run lab calibrate or lab identify again")
         columns.append(factor * table.numbers(column))
-    return PoseCover(np.stack(columns, axis=1), ~np.array(chain.prismatic, dtype=np.bool_))
+    return PoseCover.of(np.stack(columns, axis=1), ~np.array(chain.prismatic, dtype=np.bool_))
 
 
 def _size(content: Mapping[str, Any] | None, key: str) -> float:
