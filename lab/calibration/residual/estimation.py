@@ -153,11 +153,11 @@ def with_residual(found: Identification, data: Measurements) -> Identification:
     model = found.model
     assert isinstance(model, SerialArm | ArmWithEffects)
     numbers = 3 * max(int(data.seen.sum(axis=1).max()), 1)
-    spare = 3 * int(data.seen.sum()) - len(found.fit.free)
-    if spare < _LEAST_SPARE:
-        raise LabError(f"{len(data)} poses are too few for the group residual; measure more, or leave it out")
     support = thinned(data, _MOST_NUMBERS // numbers)
     few = thinned(support, _MOST_ESTIMATING // numbers)
+    if 3 * int(_seen_at_poses(few).sum()) - len(found.fit.free) < _LEAST_SPARE:
+        count = len(_seen_at_poses(data))
+        raise LabError(f"{count} distinct poses are too few for the group residual; measure more, or leave it out")
     turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)
     known = found.sigma_m**2 if found.sigma_known else None
     variances, upper, p = _variances(_Rows.of(found, found.values, few, turning), known)
@@ -169,6 +169,14 @@ def with_residual(found: Identification, data: Measurements) -> Identification:
     weights = np.einsum("nki,nkij->nj", spread, slopes)
     process = JointProcess(inputs, support.seen, variances, upper, weights, turning, p)
     return _replaced(found, data, process, values, covariance)
+
+
+def _seen_at_poses(data: Measurements) -> NDArray[np.bool_]:
+    """``(m, k)`` whether a target was seen at each distinct pose: the joints' offsets come back with its repeats."""
+    labels = configurations(data.joints)
+    seen = np.zeros((labels.max() + 1, len(data.targets)), dtype=np.bool_)
+    np.logical_or.at(seen, labels, data.seen)
+    return seen
 
 
 def _beside(

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from helpers.robots import IRB120
 
 import lab
-from lab.calibration.residual.estimation import _left_out, expected_gain
+from lab.calibration.identify import identify
+from lab.calibration.residual.estimation import _left_out, expected_gain, with_residual
+from lab.core.errors import LabError
+from lab.core.measurements import measured
 
 
 def test_the_errors_of_poses_left_out_are_those_of_leaving_them_out() -> None:
@@ -47,3 +51,14 @@ def test_what_is_told_is_what_comes() -> None:
     gain = lab.identify(day.take(np.arange(100)), robot="irb120").fit.gain
     said = lab.identify(day, robot="irb120", model="residual", holdout=1 / 3).to_dict()["after_mm"]["mean"]
     assert gain is not None and 0.5 < said / (1e3 * gain.after_m) < 1.3  # by one ratio for all parts: rather too much
+
+
+def test_a_few_poses_visited_often_tell_no_offsets_of_the_joints() -> None:
+    """Repeats have the same offsets: parameters that follow every pose leave nothing to tell these by."""
+    rng = np.random.default_rng(0)
+    arm, joints = IRB120.arm(("p1",)), np.repeat(IRB120.chain.random_joints(9, rng), 8, axis=0)
+    points = arm.points(joints, arm.nominal(IRB120.tool)) + 1e-5 * rng.standard_normal((72, 1, 3))
+    rows = measured(IRB120.chain.joint_names, joints, ("p1",), points)
+    found = identify(arm, rows, arm.nominal(IRB120.tool))
+    with pytest.raises(LabError, match="^9 distinct poses are too few for the group residual"):
+        with_residual(found, rows)
