@@ -77,17 +77,23 @@ class Selection:
         identification: of that model.
         groups: geometry alone, the chosen ones in their order, then the others.
         alternatives: other explanations of what loads do, which these measurements cannot tell from the chosen ones.
+        searched: whether the groups were searched for, or were given.
     """
 
     chosen: tuple[str, ...]
     identification: Identification
     groups: tuple[GroupTrial, ...]
     alternatives: tuple[Alternative, ...] = ()
+    searched: bool = True
 
     @property
     def held(self) -> tuple[str, ...]:
         """Parameters of the chosen groups that are not fitted: to be fixed wherever this model is fitted again."""
-        return tuple(name for group in self.groups if group.chosen for name in group.held)
+        return self.held_of(self.chosen)
+
+    def held_of(self, groups: Sequence[str]) -> tuple[str, ...]:
+        """Those of some of the chosen groups alone."""
+        return tuple(name for group in self.groups if group.name in groups for name in group.held)
 
 
 def select(
@@ -170,7 +176,7 @@ def follow(
         rows.append(replace(_trial(large, table, found, name, small), chosen=True, held=()))
         found = task.identified(groups[:count])
         table = large.around(found)
-    return Selection(tuple(groups), found, tuple(rows))
+    return Selection(tuple(groups), found, tuple(rows), searched=False)
 
 
 @dataclass

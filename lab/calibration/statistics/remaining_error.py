@@ -57,6 +57,7 @@ class RemainingError:
         over_joints: of neighbours in joint positions; None where poses are few.
         over_time: of poses one after the other; None where poses are few.
         nearly: groups that were tried, seen at 5 % and not taken.
+        searched: whether the groups were searched for (``--model auto``).
     """
 
     total_m: float
@@ -66,6 +67,7 @@ class RemainingError:
     over_joints: Likeness | None
     over_time: Likeness | None
     nearly: tuple[str, ...] = ()
+    searched: bool = False
 
     @property
     def is_explained(self) -> bool:
@@ -96,9 +98,10 @@ class RemainingError:
         if self.over_time is not None and self.over_time.is_shown and not self.shared_m:
             return "measure a reference pose again and again, and write down time_s: the residuals follow the time"
         if self.over_joints is not None and self.over_joints.is_shown:
+            model = "auto+residual" if self.searched else "auto, then residual"
             return (
-                "measure more poses where the robot is to work, and try --model auto, then residual: the residuals "
-                "are alike at neighbouring joint positions, so the arm makes them"
+                f"measure more poses where the robot is to work, and try --model {model}: the residuals are alike at "
+                "neighbouring joint positions, so the arm makes them"
             )
         if not np.isfinite(self.instrument_m):
             return "measure some poses twice, or say --instrument: nothing tells the instrument's part from the arm's"
@@ -119,6 +122,7 @@ def remaining_error(
     shared: SharedErrors | None,
     scatter_slopes: Array,
     nearly: tuple[str, ...] = (),
+    searched: bool = False,
 ) -> RemainingError | None:
     """Take the residuals of a fit apart; None where nothing is left over.
 
@@ -131,6 +135,7 @@ def remaining_error(
         shared: errors that poses share.
         scatter_slopes: ``(n, k, 3, joints)`` derivatives by the joints' positions.
         nearly: groups that were seen and not taken.
+        searched: whether the groups were searched for.
     """
     mask = seen_mask(residuals)
     numbers = 3 * int(mask.sum())
@@ -153,7 +158,7 @@ def remaining_error(
         in_time = _likeness(filled, np.stack([ordered[:-1], ordered[1:]], axis=1))
     sizes = (float(np.sqrt(each)) for each in (total, common, rest))
     found, common_m, rest_m = sizes
-    return RemainingError(found, instrument_m, common_m, rest_m, joints_apart, in_time, nearly)
+    return RemainingError(found, instrument_m, common_m, rest_m, joints_apart, in_time, nearly, searched)
 
 
 def _neighbours(joints: Array) -> NDArray[np.int_]:

@@ -190,7 +190,7 @@ class Fitter:
         if selection is None or not (doubted := self._doubted_by_time(selection)):
             return fitter, selection, search
         rest = tuple(name for name in selection.chosen if name not in doubted)
-        without = noise_of(_OneModel(self, rest, selection.held), rows)
+        without = noise_of(_OneModel(self, rest, selection.held_of(rest)), rows)
         if without.shared is None or not without.shared.wandering_m:
             return fitter, selection, search
         again = self.knowing(without.shared)._selected(rows)
@@ -241,7 +241,7 @@ class Fitter:
     ) -> FitReport:
         groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
         found, clean, outliers = self.identified(rows, groups, unshown)
-        observation, robust = observation_of(found.model), self.options.robust
+        observation, robust, model = observation_of(found.model), self.options.robust, self.options.parametric
         observations, known = weighed(observation, clean, self.noise)
         outliers = outliers or self.outliers_of(found, rows)
         off, tail = named_poses(rows, outliers), tail_of(found, clean, self.noise)
@@ -250,18 +250,18 @@ class Fitter:
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = adequacy_of(found, clean, judged_by, self.noise, self._shape)
         warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
-        warnings += [] if robust else of_outliers(found, observations, outliers, self.options.parametric)
+        warnings += [] if robust else of_outliers(found, observations, outliers, model)
         trusted = search.corrected(found)
         by_joints = [judged.words] if judged.by == "joints" else []
         if warnings in ([], by_joints) and only_positions(observation) and search.shared is None:
-            trusted, uneven = with_own_intervals(found, observations, self.noise, believed=known or self.options.prior)
+            trusted, uneven = with_own_intervals(found, observations, self.noise, model, known or self.options.prior)
             warnings += uneven
         if search.undecided and trusted is found and not self.options.prior and not self.options.residual:
-            trusted, cause = with_intervals_of_poses(found, observations, self.options.parametric)
+            trusted, cause = with_intervals_of_poses(found, observations, model)
             warnings += cause
         warnings += of_held_out(off)
         warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
-        if self.options.parametric == "auto":
+        if model == "auto":
             refused = {name: self.unanswerable(name) for name in CANDIDATES}
             warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in refused.items() if why]
             if len(rows) > _MOST_CHOSEN_BY:

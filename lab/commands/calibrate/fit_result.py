@@ -131,6 +131,7 @@ def _remaining(report: FitReport) -> RemainingError | None:
         shared=shared,
         scatter_slopes=by_joint_positions(found.model, rows.inputs(found.model.conditions), found.values, size),
         nearly=tuple(group.name for group in groups if not group.chosen and group.f_p < NEARLY),
+        searched=report.selection is not None and report.selection.searched,
     )
 
 

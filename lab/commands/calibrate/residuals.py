@@ -77,7 +77,7 @@ def _by_distances(found: Identification, observations: Observations, rows: Measu
 
 
 def with_own_intervals(
-    found: Identification, observations: Observations, noise: Noise, *, believed: bool
+    found: Identification, observations: Observations, noise: Noise, model: str, believed: bool
 ) -> tuple[Identification, list[str]]:
     """The identification with the poses' own intervals, and what is to be said, where directions are uneven.
 
@@ -85,6 +85,7 @@ def with_own_intervals(
     the arm may be the cause, and the intervals are those of whole poses (cluster-robust).
 
     Args:
+        model: as it was asked for.
         believed: whether the weights stand on a known sigma or on a prior.
     """
     device = noise.instrument
@@ -95,7 +96,7 @@ def with_own_intervals(
         return found, []
     words = (
         f"residuals across the line of sight are {seen.ratio:.2g} times those along it (F test, p = {seen.p:.1g}), "
-        "which the arm may cause as well as the instrument: --model auto tries what the arm may have"
+        f"which the arm may cause as well as the instrument{_search_advice(model, ': ')}"
     )
     if _is_of_the_instrument(found, observations):
         words = seen.words
@@ -119,8 +120,12 @@ def with_intervals_of_poses(
         "the numbers of a pose err together, and what is left comes back with the joints: scatter and what the model "
         "lacks cannot be told apart, so the intervals are those of whole poses (cluster-robust)"
     )
-    advice = "" if model == "auto" else "; --model auto tries what the arm may have"
-    return _of_whole_poses(found, observations), [words + advice]
+    return _of_whole_poses(found, observations), [words + _search_advice(model, "; ")]
+
+
+def _search_advice(model: str, before: str) -> str:
+    """Propose to search effects of the arm, after a punctuation mark; nothing where they were searched."""
+    return "" if model == "auto" else f"{before}--model auto tries what the arm may have"
 
 
 def _of_whole_poses(found: Identification, observations: Observations) -> Identification:
@@ -165,7 +170,7 @@ def adequacy_of(
     """Whether a model fits its rows, by the best test that there is something for.
 
     Args:
-        held: poses that were not fitted; None where there are none to test by.
+        held: poses that were not fitted; None, or without rows, where there are none to test by.
         shape: of the instrument's noise.
     """
     observation = observation_of(found.model)
@@ -179,6 +184,7 @@ def adequacy_of(
         return _beside_shared_errors(found, observations, rows, shared, instrument)
     if unrepeated and (judged := _by_distances(found, observations, rows)) is not None:
         return judged
+    judging = held if held is not None and len(held) and observation.positions else None
     return goodness_of_fit(
         found.model,
         observations,
@@ -186,6 +192,6 @@ def adequacy_of(
         known=known and shared is None,
         shape=shape,
         labels=labels,
-        held=weighed(observation, held, noise)[0] if held is not None and observation.positions else None,
+        held=None if judging is None else weighed(observation, judging, noise)[0],
         extra_residuals=found.extra_residuals,
     )

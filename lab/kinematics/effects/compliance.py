@@ -79,7 +79,7 @@ def _fitted(name: str, arm: ArmFacts) -> Effect:
     if arm.loads is None:
         raise LabError(
             f"--model {name}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF, "
-            "or fit what gives way to unknown masses: --model auto, or joint2.gravity2 and its like"
+            "or fit what gives way to unknown masses: joint2.gravity2 and its like"
         )
     return compliance(arm.loads, payload=name == "payload", moving=arm.moving)
 

@@ -1,5 +1,7 @@
 """The remaining error taken apart, where it is known who made it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,7 +48,8 @@ def test_a_rest_that_follows_the_joints_is_the_arms() -> None:
     assert found.over_joints is not None and found.over_joints.is_shown and found.over_joints.correlation > 0.4
     assert found.over_time is not None and not found.over_time.is_shown
     assert found.rest_m == pytest.approx(np.sqrt((arm**2).mean()), rel=0.1)
-    assert "--model auto" in found.measure_next and "neighbouring joint positions" in found.words
+    assert "--model auto, then residual" in found.measure_next and "neighbouring joint positions" in found.words
+    assert "try --model auto+residual:" in replace(found, searched=True).measure_next
 
 
 def test_a_rest_that_follows_the_time_is_told() -> None:

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observations.points import PointsKind
+from lab.calibration.statistics.candidate_models import FullModel
+from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.fit import Fitter
+from lab.commands.calibrate.residuals import adequacy_of, with_intervals_of_poses
 from lab.commands.calibrate.warnings import of_stuck_search
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
@@ -151,3 +156,46 @@ def test_a_search_for_outliers_that_does_not_converge_is_told() -> None:
     assert of_stuck_search(outliers) == []
     (said,) = of_stuck_search(replace(outliers, fit=replace(outliers.fit, status="not converged")))
     assert "without outliers did not converge" in said
+
+
+@pytest.mark.thorough
+def test_what_stays_fixed_of_a_doubted_group_is_no_wish_of_the_model_without_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A drift of which these poses show a part is put aside to see whether errors wander without it."""
+    data = simulated(("drift",), {"drift.x": 2e-4}, random_joints(60, 3), {"time_s": 60.0 * np.arange(60)}, 3)
+    shown = FullModel.added
+
+    def added(large: FullModel, *of: object) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        new, fitted = shown(large, *of)
+        hidden = [i for i, name in enumerate(large.observation.model.names) if name == "drift.y"]
+        return new, tuple(i for i in fitted if i not in hidden)
+
+    monkeypatch.setattr(FullModel, "added", added)
+    fit = fitter(data, Noise(sigma_m=SIGMA), model="auto")(data)
+    assert fit.groups == ("drift",) and fit.unshown == ("drift.y",)
+
+
+@pytest.mark.thorough
+def test_where_groups_were_searched_nobody_is_told_to_search_them() -> None:
+    """Waves of the residuals that no group has are alike at neighbouring poses, whatever was asked for."""
+    joints = random_joints(80, 4)
+    data = replace(simulated((), {}, joints + 1e-4 * np.sin(2 * joints[:, ::-1]), {}, 4), joints=joints)
+    for model in ("geometric", "gear", "auto"):
+        fit = fitter(data, model=model)(data)
+        assert fit.remaining is not None and fit.remaining.searched == (model == "auto")
+        told = with_intervals_of_poses(fit.identification, Observations.unweighted(data), model)[1]
+        assert all(
+            ("--model auto" in words) == (model != "auto") for words in (*told, *fit.warnings) if "auto" in words
+        )
+
+
+def test_where_all_poses_held_out_are_off_none_is_left_to_test_by() -> None:
+    """Errors that the repeats of a pose share make no difference to that."""
+    joints = np.repeat(random_joints(20, 2), 2, axis=0)
+    data = simulated((), {}, joints, {}, 2)
+    shared = SharedErrors(SIGMA, 1.0, 1e-5, 0.0, 0.0, 0.0, None, {})
+    for noise in (Noise(), Noise(shared=shared), Noise(sigma_m=SIGMA, shared=shared)):
+        found = fitter(data, noise).identified_with(data, (), ())
+        judged = [adequacy_of(found, data, held, noise, NoiseDistribution()) for held in (None, data.take([]))]
+        assert str(judged[0]) == str(judged[1])
