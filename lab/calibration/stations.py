@@ -52,12 +52,16 @@ def few_points_of_a_station(model: Model, data: Measurements) -> str:
     if not further:
         return ""
     labels, points = np.array(data.stations), data.seen.sum(axis=1)
-    counts = {name: int(points[labels == name].sum()) for name in dict.fromkeys([*data.stations, *further])}
+    counts = {
+        f"station '{name}'": int(points[labels == name].sum()) for name in dict.fromkeys([*data.stations, *further])
+    }
+    if set(data.stations) <= set(further):
+        counts["the first station"] = 0
     least, name = min((count, name) for name, count in counts.items())
     if least >= STATION_POINTS:
         return ""
     return (
-        f"station '{name}' measured {least} points, too few to place it: measure {STATION_POINTS} or more from there, "
+        f"{name} measured {least} points, too few to place it: measure {STATION_POINTS} or more from there, "
         "or leave its rows out (use = skip)"
     )
 

@@ -251,7 +251,10 @@ def validate_folds(
     stuck = 0
     for fold in range(count):
         test = np.flatnonzero(rows == fold)
-        part = identify(data.take(np.flatnonzero(rows != fold)))
+        try:
+            part = identify(data.take(np.flatnonzero(rows != fold)))
+        except LabError as error:  # the other poses are too few for what all of them are enough for
+            return Validation(None, None, (f"not validated: without a fold, {error}",))
         stuck += part.status != "converged"
         unobservable = {part.model.names[i] for i in part.unobservable}
         lost = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]

@@ -11,6 +11,7 @@ from helpers.recordings import column, statics
 
 import lab
 from lab.calibration.identify import identify
+from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.validation import compare_with_truth
 from lab.calibration.weights import Noise
 from lab.campaign.robot import load_virtual
@@ -169,6 +170,17 @@ def test_too_few_points_of_a_station_and_rows_of_none_are_refused_in_one_line(tm
     assert "station 'B' measured 2 points" in refused(seen_from(day.measurements, T, ("A",) * 38 + ("B",) * 2))
     assert "station 'A' measured 2 points" in refused(seen_from(day.measurements, T, ("A",) * 2 + ("B",) * 38))
     assert "column station: empty" in refused(seen_from(day.measurements, T, ("A",) * 39 + ("",)))
+
+
+def test_a_first_station_without_any_point_is_told() -> None:
+    """As where a hold-out takes all of its rows: the frame of the others is where it stood."""
+    day = lab.simulate("irb120", poses=40, seed=3, instrument="exact")
+    model = day.robot.arm_with(("p1",), (), SessionInfo(stations=("A", "B", "C")))
+    T = {name: se3.pose(np.eye(3), np.array([1.0, 0.0, 0.0])) for name in "BC"}
+    data = seen_from(day.measurements, T, ("A",) * 10 + ("B",) * 15 + ("C",) * 15)
+    assert few_points_of_a_station(model, data) == ""
+    assert "the first station measured 0 points" in few_points_of_a_station(model, data.take(range(10, 40)))
+    assert "station 'B' measured 0 points" in few_points_of_a_station(model, data.take([*range(10), *range(25, 40)]))
 
 
 def test_rows_of_unknown_stations_are_not_judged_by(tmp_path: Path) -> None:

@@ -60,5 +60,5 @@ def test_a_few_poses_visited_often_tell_no_offsets_of_the_joints() -> None:
     points = arm.points(joints, arm.nominal(IRB120.tool)) + 1e-5 * rng.standard_normal((72, 1, 3))
     rows = measured(IRB120.chain.joint_names, joints, ("p1",), points)
     found = identify(arm, rows, arm.nominal(IRB120.tool))
-    with pytest.raises(LabError, match="^9 distinct poses are too few for the group residual"):
+    with pytest.raises(LabError, match=r"^9 distinct poses are too few for the group residual"):
         with_residual(found, rows)
