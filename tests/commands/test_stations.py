@@ -194,6 +194,15 @@ def test_rows_of_unknown_stations_are_not_judged_by(tmp_path: Path) -> None:
     assert any("station C was not fitted" in each for each in result.warnings)
 
 
+def test_where_only_rows_of_unknown_stations_are_held_out_nothing_is_validated(tmp_path: Path) -> None:
+    day = lab.simulate("irb120", poses=40, seed=3, instrument="exact")
+    data = replace(day.measurements, other={"station": ("A",) * 35 + ("C",) * 5}, marked=True)
+    result = lab.identify(replace(data, use=("calibrate",) * 35 + ("test",) * 5), robot="irb120")
+    found = result.to_dict()
+    assert found["judged_by"] is None and found["after_mm"] is None and result.validation.errors is None
+    assert any("station C was not fitted" in each for each in result.warnings)
+
+
 @pytest.mark.thorough
 def test_other_files_are_validated_from_known_stations_or_with_a_base_placed_anew(tmp_path: Path) -> None:
     day = lab.simulate("irb120", poses=80, seed=3, instrument="exact")

@@ -251,6 +251,8 @@ def _judged_by_rows(
                 f"{what} {name} was not fitted, so the place of its frame is unknown: not used for validation"
                 for name in set(names) - set(known)
             ]
+        if not judged.any():
+            return Validation(None, None, tuple(sorted(said)))
         validation = validate_rows(fit.identification, held.take(np.flatnonzero(judged)))
         validation = replace(validation, warnings=(*validation.warnings, *sorted(said)))
         return validation.naming([pose.id for pose in fit.outliers if pose.held_out])
