@@ -51,6 +51,7 @@ __all__ = [
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
 _MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
 _CREEPING = "the errors at their poses may be too large; --prior helps where the measurements say too little"
+_UNIDENTIFIED = "not validated: without a fold, the other poses do not identify all parameters"
 FOLDS, LEAST_FOLDS = 5, 3
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
 UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
@@ -259,12 +260,13 @@ def validate_folds(
         unobservable = {part.model.names[i] for i in part.unobservable}
         lost = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
         if len(unobservable) > 3 * len(lost):
-            why = "not validated: without a fold, the other poses do not identify all parameters"
-            return Validation(None, None, (why,))
+            return Validation(None, None, (_UNIDENTIFIED,))
         errors = errors_of(part, data.take(test))
         errors.before[:, lost] = errors.after[:, lost] = np.nan  # targets that only this fold's poses measured
         before[test], after[test] = errors.before, errors.after
         progress(fold + 1, count)
+    if np.isnan(after).all():
+        return Validation(None, None, (_UNIDENTIFIED,))
     said = (f"{stuck} of the {count} fits of the cross-validation did not converge: {_CREEPING}",) if stuck else ()
     return Validation("cross-validation", Errors(before, after), said, rows=data)
 

@@ -210,3 +210,21 @@ def test_the_gate() -> None:
     validation = Validation("fresh", Errors(np.full((3, 1), 2e-3), np.full((3, 1), 1e-3)))
     assert verdict(found, validation, 0.9e-3).word == "bad"
     assert verdict(found, validation, 1.1e-3).word == "good"
+
+
+def test_folds_that_cannot_be_fitted_or_lose_the_only_target_validate_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, arm = np.random.default_rng(1), IRB120.arm(("p1",))
+    joints = IRB120.chain.random_joints(40, rng)
+    points = arm.points(joints, arm.nominal(IRB120.tool)) + 1e-5 * rng.standard_normal((40, 1, 3))
+    rows = measured(IRB120.chain.joint_names, joints, ("p1",), points)
+    found = identify(arm, rows, arm.nominal(IRB120.tool))
+    tool = tuple(arm.names.index(f"tool.p1.{axis}") for axis in "xyz")
+
+    def refused(part: Measurements) -> Identification:
+        raise LabError(f"{len(part)} poses are too few")
+
+    nothing = validate_folds(refused, found, rows, 0)
+    assert nothing.errors is None and nothing.warnings == ("not validated: without a fold, 32 poses are too few",)
+    monkeypatch.setattr(Identification, "unobservable", tool)
+    nothing = validate_folds(lambda _: found, found, rows, 0)
+    assert nothing.errors is None and "do not identify all parameters" in nothing.warnings[0]
