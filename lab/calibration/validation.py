@@ -156,6 +156,10 @@ def configurations(joints: Array) -> Rows:
         _, one, cell = np.unique(_row_numbers(corners), return_index=True, return_inverse=True)
         if len(one) < len(joints):
             return configurations((corners[one] + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell]
+    _, first, same = np.unique(joints, axis=0, return_index=True, return_inverse=True)
+    if len(first) < len(joints):  # the pairs of many visits of one pose would be too many
+        order = np.argsort(first)
+        return configurations(joints[first[order]])[np.argsort(order)[same]]
     pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
     labels: Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)

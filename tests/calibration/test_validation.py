@@ -1,5 +1,6 @@
 """The assessment: splits, folds, sessions, and the verdict."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -39,6 +40,18 @@ def campaign(poses: int, seed: int, noise: float = 5e-6) -> tuple[Measurements, 
 
 def fitted(data: Measurements):
     return identify(ARM, data, ARM.nominal())
+
+
+def test_visits_of_one_pose_are_one_configuration_without_their_pairs() -> None:
+    """5 poses by 4,000 are 40 million pairs, of 0.6 GB; labels are in the order of the first visits."""
+    which = np.random.default_rng(0).permutation(np.repeat(np.arange(5), 4_000))
+    joints = np.random.default_rng(1).uniform(-2, 2, (5, 6))[which]
+    tracemalloc.start()
+    labels = configurations(joints)
+    largest = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert largest < 2e7 and (np.diff([np.argmax(labels == label) for label in range(5)]) > 0).all()
+    assert all(len(set(which[labels == label])) == 1 for label in range(5))
 
 
 def test_configurations_are_grouped_transitively() -> None:
